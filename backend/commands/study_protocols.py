@@ -21,7 +21,7 @@ def register() -> None:
 @plain_errors
 def validate(file: Path, as_json: JsonFlag = False) -> None:
     """Check a protocol file; exit code 1 if it is not valid."""
-    from backend.study.grammar.source import Problem
+    from backend.grammar.source import Problem
     from backend.study.protocol.freezing import validate_protocol_file
 
     result = validate_protocol_file(file, query_sets())
@@ -118,7 +118,7 @@ def schema_command(
     """Print the JSON Schema of protocols, for editors that complete and check while you write."""
     import json
 
-    from backend.study.grammar.questionnaires import Questionnaire
+    from backend.grammar.questionnaires import Questionnaire
     from backend.study.protocol.schema import Protocol, json_schema
 
     typer.echo(json.dumps(json_schema(Questionnaire if questionnaire else Protocol), indent=0, ensure_ascii=False))

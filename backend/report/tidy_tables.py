@@ -16,6 +16,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.analysis.scales import Scale, frozen_items, frozen_scale
+from backend.grammar.questionnaires import MARKS
 from backend.report.study_data import (
     Choice,
     Comparison,
@@ -33,7 +34,7 @@ from backend.report.study_data import (
 from backend.store.artefacts import ArtefactStore, load_trajectory
 from backend.store.dataset.reading import read_dataset
 from backend.store.dataset.writing import answers_of
-from backend.store.models import MARKS, ProtocolVersion, Study
+from backend.store.models import ProtocolVersion, Study
 from backend.store.sides import SIDES, chosen_and_rejected, is_side, shown_on
 from backend.store.who_counts import FURTHER
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
+from backend.grammar.source import ProtocolError
 from backend.report.tidy_tables import read_study
 from backend.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial
 from backend.store.snapshots import load_snapshot
-from backend.study.grammar.source import ProtocolError
 from backend.study.personalising import next_query
 from backend.study.protocol.outline import expected_minutes
 from backend.study.session import machine

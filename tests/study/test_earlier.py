@@ -6,9 +6,9 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
+from backend.grammar.source import ProtocolError
 from backend.store.erasure import erase_participant
 from backend.store.models import Event, Job, Participant, Session, utc_now
-from backend.study.grammar.source import ProtocolError
 from backend.study.personalising.earlier import earlier_snapshots
 from backend.study.protocol.freezing import freeze_text
 from backend.study.studies import create_study

@@ -6,8 +6,8 @@ import csv
 
 import pytest
 
+from backend.grammar.source import ProtocolError
 from backend.store.dataset.writing import export_study
-from backend.study.grammar.source import ProtocolError
 from backend.study.refusals import Refused
 from backend.study.simulated.in_process import walk_in_process
 from backend.study.simulated.participant import Character

@@ -13,10 +13,10 @@ from scipy.stats import kendalltau
 from sqlalchemy import select
 
 from backend.explain.shown_explanation import simulated_ranking
+from backend.grammar.source import ProtocolError
 from backend.store.dataset.writing import export_study
 from backend.store.erasure import erase_participant
 from backend.store.models import Participant, Response, Trial
-from backend.study.grammar.source import ProtocolError
 from backend.study.kinds.base import Moment
 from backend.study.kinds.importance_ranking import KIND
 from backend.study.protocol.freezing import thaw

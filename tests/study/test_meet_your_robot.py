@@ -10,6 +10,7 @@ import yaml
 from sqlalchemy import select
 
 from backend.api.core.catalogues import Texts
+from backend.grammar.source import ProtocolError
 from backend.learning.measures.named import NAMED
 from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import analyse
@@ -19,7 +20,6 @@ from backend.report.study_data import Meeting
 from backend.report.tidy_tables import read_study
 from backend.store.models import Job, Study
 from backend.store.snapshots import take_snapshot
-from backend.study.grammar.source import ProtocolError
 from backend.study.kinds.live import distance
 from backend.study.personalising.believed import beyond_nine
 from backend.study.personalising.live_rollouts import conditioned_on, looks_at, rolled_out, scenes_of

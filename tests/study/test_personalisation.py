@@ -7,6 +7,7 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import select
 
+from backend.grammar.source import ProtocolError
 from backend.jobs.kinds import InstantParams
 from backend.report.tidy_tables import read_study
 from backend.store.models import (
@@ -20,7 +21,6 @@ from backend.store.models import (
     Trial,
     utc_now,
 )
-from backend.study.grammar.source import ProtocolError
 from backend.study.kinds import read_step
 from backend.study.personalising.alignment_jobs import progress_of
 from backend.study.personalising.lending import policy_key

@@ -13,7 +13,7 @@ import yaml
 
 from backend.analysis.scale_wordings import SCALES
 from backend.analysis.scales import frozen_scale
-from backend.study.grammar.questionnaires import Questionnaire
+from backend.grammar.questionnaires import Questionnaire
 from backend.study.kinds import kind_of, read_step
 from backend.study.kinds.base import Page
 from backend.study.kinds.wait import TrainStage

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from backend.study.grammar.source import ProtocolError, Source
+from backend.grammar.source import ProtocolError, Source
 from backend.study.protocol.freezing import PROTOCOLS, freeze_text
 
 QUICK = (PROTOCOLS / "quick_preference_study.yaml").read_text()

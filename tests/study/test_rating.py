@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
+from backend.grammar.source import ProtocolError
 from backend.jobs.answers import preferences_of
 from backend.jobs.context import JobContext
 from backend.learning.preferences.oracles import ORACLE_PREFERENCES
@@ -29,7 +30,6 @@ from backend.store.snapshots import (
     load_snapshot,
     take_snapshot,
 )
-from backend.study.grammar.source import ProtocolError
 from backend.study.protocol.planning import example_queries, make_plan
 from backend.study.refusals import Refused
 from backend.study.session import machine

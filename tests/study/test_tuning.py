@@ -7,9 +7,9 @@ import re
 
 import pytest
 
+from backend.grammar.source import ProtocolError
 from backend.learning.preferences.objectives import NAMES, OPPOSITES
 from backend.store.dataset.writing import export_study
-from backend.study.grammar.source import ProtocolError
 from backend.study.kinds.live import CONTROLS, OBJECTIVES, distance, in_triangle, replayed
 from backend.study.kinds.tuning import STARTED_RANDOMLY
 from backend.study.personalising.live_rollouts import PLACES, conditioned_on, path_of, rolled_out, scenes_of

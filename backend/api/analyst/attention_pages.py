@@ -22,9 +22,9 @@ from backend.api.core.permits import may_with, seen_artefacts
 from backend.api.core.roles import Right
 from backend.api.stage.replay_stages import Replay
 from backend.explain.shown_explanation import ShownAttention, ShownExplanation
+from backend.grammar.words import View
 from backend.store.artefact_upkeep import offered
 from backend.store.models import Artefact
-from backend.study.grammar.words import View
 
 if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
     from backend.simulation.trajectory import Trajectory

@@ -29,10 +29,10 @@ from backend.api.core.auth import checked_csrf
 from backend.api.core.catalogues import Catalogue
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
+from backend.grammar.words import View
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore
 from backend.store.shipped_policies import shipped_as
-from backend.study.grammar.words import View
 from backend.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, SETUPS, in_triangle, three_corners
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, model_validator
 from starlette.responses import Response
 
-from backend.study.grammar.error_words import wanted_in_json
+from backend.grammar.error_words import wanted_in_json
 
 DEEPEST = 16  # arrays and objects inside each other (ours); answers need three, flow charts and bots' scenes eight
 LARGEST_EXACT = 2**53  # beyond, no browser and no spreadsheet keeps an integer

@@ -22,8 +22,8 @@ from backend.api.lab import power_runs
 from backend.api.lab.new_study import TheDraft
 from backend.api.lab.power_runs import NUMBERS, PowerAsked, PowerAskedError, TooManyError
 from backend.api.lab.study_tabs import the_study
+from backend.grammar.conditions import Ordered
 from backend.store.query_sets import query_sets_here
-from backend.study.grammar.conditions import Ordered
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.importance_ranking import ImportanceRankingStage
 from backend.study.kinds.rating import RATING, RatingStage

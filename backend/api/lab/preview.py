@@ -18,13 +18,13 @@ from backend.api.core.roles import Right
 from backend.api.lab.drafts import find_draft
 from backend.api.participant.session_view import leads_to, next_kind
 from backend.explain.shown_explanation import Scores, ShownAttention, ShownExplanation, is_of_people
+from backend.grammar.words import LABEL_S
 from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from backend.store.models import Study
 from backend.store.payment_codes import REMOVED
 from backend.store.query_sets import query_sets_here
 from backend.store.sides import Side, is_side
-from backend.study.grammar.words import LABEL_S
 from backend.study.kinds import kind_of
 from backend.study.kinds.base import Page
 from backend.study.protocol.freezing import FrozenProtocol, ProtocolError

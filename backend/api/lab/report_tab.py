@@ -18,7 +18,8 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.api.lab import people_rows
 from backend.api.lab.answer_rows import Answer, AnswerFilter, agreement, answers
 from backend.api.lab.people_rows import PersonRow
-from backend.store.models import MARKS, Study
+from backend.grammar.questionnaires import MARKS
+from backend.store.models import Study
 from backend.study.kinds.rating import RATING, RatingStage
 from backend.study.protocol.freezing import thaw
 

@@ -24,8 +24,8 @@ from backend.api.participant.device_check import remember
 from backend.api.participant.replies import Joined
 from backend.api.participant.requests import too_many
 from backend.api.participant.sent import Joining
+from backend.grammar.texts import local
 from backend.store.models import RecruitingId, Session, Study, utc_now
-from backend.study.grammar.texts import local
 from backend.study.links import as_issued, token_hash
 from backend.study.protocol.schema import DeviceGate
 from backend.study.protocol.stages import STAGES

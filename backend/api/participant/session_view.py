@@ -12,8 +12,8 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.api.core.addresses import public_url
 from backend.api.core.dependencies import Services, contact, stage_origin
 from backend.api.stage.admission import stage_token
+from backend.grammar.texts import local
 from backend.store.models import Participant, Session, utc_now
-from backend.study.grammar.texts import local
 from backend.study.kinds import KINDS, Step, kind_of, read_plan
 from backend.study.refusals import Refused, log_refusal
 from backend.study.session import machine

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import httpx
 
 from backend.experiments.browser.hand import BrowserHand
-from backend.study.grammar.words import PLAYING
+from backend.grammar.words import PLAYING
 from backend.study.simulated.http import HttpSessionClient
 from backend.study.simulated.participant import Character, SimulationError, State, walk_all
 

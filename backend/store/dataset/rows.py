@@ -16,9 +16,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.analysis.scales import frozen_items
+from backend.grammar.questionnaires import MARKS
 from backend.store.events import FORBIDDEN_KEYS
 from backend.store.models import (
-    MARKS,
     Event,
     Participant,
     ProtocolVersion,

@@ -7,7 +7,7 @@ shape is documented beside them and in docs/data-dictionary.md. After a change h
 
 from __future__ import annotations
 
-from backend.store.models.asked import MARKS, Event, ProblemReport, Response, StrokeRow, TrajectoryRow, Trial
+from backend.store.models.asked import Event, ProblemReport, Response, StrokeRow, TrajectoryRow, Trial
 from backend.store.models.base import Base, UtcDateTime, new_id, utc_now
 from backend.store.models.coding import CodebookCode, Coding
 from backend.store.models.lab import (
@@ -37,7 +37,6 @@ from backend.store.models.studies import (
 )
 
 __all__ = [
-    "MARKS",
     "Artefact",
     "ArtefactAnswer",
     "ArtefactParent",

@@ -52,9 +52,6 @@ class Trial(Base):
     )
 
 
-MARKS = ("timed_out", "passed")  # in a questionnaire's value beside the items' answers
-
-
 class Response(Base):
     """One answer. One per step of a session, so one per trial, by constraint; never updated.
 

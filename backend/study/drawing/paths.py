@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
+from backend.grammar.words import View
 from backend.store.models import Session, StrokeRow, TrajectoryRow
 from backend.study.drawing import walks
-from backend.study.grammar.words import View
 
 if TYPE_CHECKING:
     from backend.simulation.scene import Scene

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
+from backend.grammar.words import TOLERANCE_S
 from backend.store.artefacts import ArtefactStore, save_trajectory
 from backend.store.events import log_event
 from backend.store.models import Session, StrokeRow, TrajectoryRow
@@ -23,7 +24,6 @@ from backend.study.clock import elapsed_s
 from backend.study.drawing import walks
 from backend.study.drawing.paths import is_walked, latest_stroke, met, playback_id, scene_of
 from backend.study.drawing.walks import Walked
-from backend.study.grammar.words import TOLERANCE_S
 from backend.study.refusals import Refused
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from backend.study.grammar.words import View
+from backend.grammar.words import View
 from backend.study.refusals import Refused
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 from sqlalchemy import select
 
+from backend.grammar.parts import FileName
 from backend.store.events import log_event
 from backend.store.models import Session
-from backend.study.grammar.parts import FileName
 from backend.study.kinds.base import Acting, Ending, Moment, Planning, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
 from backend.study.kinds.wire import Confirmed

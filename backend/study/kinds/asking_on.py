@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
-from backend.study.grammar.parts import Part
-from backend.study.grammar.words import View
+from backend.grammar.parts import Part
+from backend.grammar.words import View
 from backend.study.kinds.base import Kind, Moment, Pace, Page, Step
 from backend.study.kinds.trial import ChooseBy, TrialStep
 from backend.study.kinds.wire import Confirmed

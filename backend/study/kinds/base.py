@@ -16,14 +16,14 @@ from pydantic import BaseModel, ConfigDict
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
+from backend.grammar.conditions import Condition
+from backend.grammar.parts import Part
+from backend.grammar.skipping import Earlier, When
+from backend.grammar.source import Path, Problem, Source
+from backend.grammar.words import View
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Response, Session, Trial
 from backend.store.sides import Side
-from backend.study.grammar.conditions import Condition
-from backend.study.grammar.parts import Part
-from backend.study.grammar.skipping import Earlier, When
-from backend.study.grammar.source import Path, Problem, Source
-from backend.study.grammar.words import View
 from backend.study.kinds.wire import Answer, Besides, Confirmed, Progress, TrialState
 from backend.study.plan.asked_queries import DrawnQueries, Needs
 from backend.study.refusals import Refused

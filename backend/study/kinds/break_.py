@@ -7,8 +7,8 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from backend.study.grammar.conditions import Condition
-from backend.study.grammar.parts import FileName
+from backend.grammar.conditions import Condition
+from backend.grammar.parts import FileName
 from backend.study.kinds.base import BlockPart, Pace, Page, Planning, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
 from backend.study.kinds.wire import Confirmed

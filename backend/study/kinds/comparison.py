@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from pydantic import AliasChoices, Field, field_validator
 
-from backend.study.grammar.words import View
+from backend.grammar.words import View
 from backend.study.kinds.base import Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step
 from backend.study.kinds.guess import GuessStep
 from backend.study.kinds.trial import Viewing

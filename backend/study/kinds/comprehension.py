@@ -8,11 +8,11 @@ from typing import Any, Literal
 from pydantic import Field
 from sqlalchemy import select
 
+from backend.grammar.parts import FileName, Slug
+from backend.grammar.questionnaires import Questionnaire
+from backend.grammar.skipping import Earlier, is_asked
+from backend.grammar.source import Path
 from backend.store.models import Response
-from backend.study.grammar.parts import FileName, Slug
-from backend.study.grammar.questionnaires import Questionnaire
-from backend.study.grammar.skipping import Earlier, is_asked
-from backend.study.grammar.source import Path
 from backend.study.kinds.base import Moment, Page, Planning, Stage, Step
 from backend.study.kinds.questionnaire import Asking, AskingStep
 

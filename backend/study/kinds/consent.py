@@ -8,10 +8,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator
 
+from backend.grammar.parts import FileName, Localized, Version
+from backend.grammar.source import Path
+from backend.grammar.texts import local
 from backend.store.models import Participant
-from backend.study.grammar.parts import FileName, Localized, Version
-from backend.study.grammar.source import Path
-from backend.study.grammar.texts import local
 from backend.study.kinds.base import Acting, Moment, Page, Planning, Simulated, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
 from backend.study.kinds.wire import Answer, BadValue, Besides, Flag

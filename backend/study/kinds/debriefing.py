@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from backend.study.grammar.parts import Address, Code, FileName
+from backend.grammar.parts import Address, Code, FileName
 from backend.study.kinds.base import Acting, Ending, Moment, Page, Planning, Stage, Step
 from backend.study.kinds.text_page import TextPage, TextStep
 from backend.study.kinds.wire import Confirmed

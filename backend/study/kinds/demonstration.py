@@ -13,10 +13,10 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from sqlalchemy.orm import Session as DatabaseSession
 
+from backend.grammar.words import PersonMode, View
 from backend.simulation.scene import Scene
 from backend.store.models import Session
 from backend.study.drawing import paths, strokes, walks
-from backend.study.grammar.words import PersonMode, View
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step
 from backend.study.kinds.wire import Answer, BadValue, Besides, Flag, Progress
 from backend.study.refusals import Refused

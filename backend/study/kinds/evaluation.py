@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
 
-from backend.study.grammar.conditions import Condition
-from backend.study.grammar.parts import Slug
-from backend.study.grammar.source import Path
-from backend.study.grammar.words import View
+from backend.grammar.conditions import Condition
+from backend.grammar.parts import Slug
+from backend.grammar.source import Path
+from backend.grammar.words import View
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
 from backend.study.kinds.demonstration import DemonstrationsStage
 from backend.study.kinds.questionnaire import QuestionnaireStep

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
+from backend.grammar.parts import Part
+from backend.grammar.source import Path, Problem, Source
+from backend.grammar.words import View
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
-from backend.study.grammar.parts import Part
-from backend.study.grammar.source import Path, Problem, Source
-from backend.study.grammar.words import View
 from backend.study.kinds.base import Acting, Moment, Page, Simulated, Stage, Step
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.evaluation import EvaluationStage

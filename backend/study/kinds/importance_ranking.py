@@ -14,10 +14,10 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, model_validator
 
 from backend.explain.shown_explanation import ShownExplanation, is_of_people, simulated_ranking
+from backend.grammar.conditions import Condition, Crossed
+from backend.grammar.parts import FileName, Slug
+from backend.grammar.source import Path
 from backend.store.ranking_sets import StoredScores, scores_of
-from backend.study.grammar.conditions import Condition, Crossed
-from backend.study.grammar.parts import FileName, Slug
-from backend.study.grammar.source import Path
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
 from backend.study.kinds.break_ import BreakStep
 from backend.study.kinds.instruction import InstructionStep

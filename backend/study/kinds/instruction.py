@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from backend.study.grammar.conditions import Condition
-from backend.study.grammar.parts import FileName
+from backend.grammar.conditions import Condition
+from backend.grammar.parts import FileName
 from backend.study.kinds.base import BlockPart, Planning, Step
 from backend.study.kinds.text_page import TextPage, TextStage, TextStep
 from backend.study.kinds.wire import Confirmed

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 from sqlalchemy import select
 
+from backend.grammar.parts import Part
+from backend.grammar.words import View
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Event
-from backend.study.grammar.parts import Part
-from backend.study.grammar.words import View
 from backend.study.kinds.base import Kind, Moment, Page, Simulated, Step
 from backend.study.kinds.wire import Answer, BadValue, Besides
 from backend.study.personalising.live_rollouts import MOST_PLACES, conditioned_on

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
+from backend.grammar.source import Path, Problem, Source
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Artefact
-from backend.study.grammar.source import Path, Problem, Source
 from backend.study.kinds.appointment import AppointmentStage
 from backend.study.kinds.base import Acting, Moment, Pace, Page, Planning, Simulated, Stage
 from backend.study.kinds.comparison import ComparisonStage

@@ -12,11 +12,11 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from backend.grammar.source import Path, Problem, Source
+from backend.grammar.words import View
 from backend.store.artefacts import save_trajectories
 from backend.store.models import Participant
 from backend.store.who_counts import lets_us_learn
-from backend.study.grammar.source import Path, Problem, Source
-from backend.study.grammar.words import View
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
 from backend.study.kinds.trial import Viewing
 from backend.study.kinds.wire import AboutQuery, ChoiceAnswer

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 from sqlalchemy import select
 
+from backend.grammar.conditions import Condition
+from backend.grammar.parts import Slug
+from backend.grammar.questionnaires import Item, Questionnaire
+from backend.grammar.skipping import Earlier, ItemWhen, asks_anything, is_asked, may_ask, may_ask_something
+from backend.grammar.source import Path
+from backend.grammar.texts import local
 from backend.store.models import Participant, Response, Session, Study
-from backend.study.grammar.conditions import Condition
-from backend.study.grammar.parts import Slug
-from backend.study.grammar.questionnaires import Item, Questionnaire
-from backend.study.grammar.skipping import Earlier, ItemWhen, asks_anything, is_asked, may_ask, may_ask_something
-from backend.study.grammar.source import Path
-from backend.study.grammar.texts import local
 from backend.study.kinds.base import (
     BlockPart,
     Kind,

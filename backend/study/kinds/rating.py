@@ -7,10 +7,10 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from backend.study.grammar.conditions import Crossed
-from backend.study.grammar.parts import Localized, Part
-from backend.study.grammar.source import Path
-from backend.study.grammar.texts import local
+from backend.grammar.conditions import Crossed
+from backend.grammar.parts import Localized, Part
+from backend.grammar.source import Path
+from backend.grammar.texts import local
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
 from backend.study.kinds.questionnaire import within
 from backend.study.kinds.wire import Answer, Besides, WholeNumber

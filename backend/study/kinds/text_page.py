@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypeVar
 
-from backend.study.grammar.parts import FileName
+from backend.grammar.parts import FileName
 from backend.study.kinds.base import Kind, Page, Stage, Step
 from backend.study.kinds.wire import Answer
 

@@ -12,10 +12,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AliasChoices, BeforeValidator, Field
 
+from backend.grammar.parts import Part
 from backend.store.events import log_event
 from backend.store.sides import Side
 from backend.store.who_counts import FORMER_ROLES
-from backend.study.grammar.parts import Part
 from backend.study.kinds.base import (
     Acting,
     Kind,

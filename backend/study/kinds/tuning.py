@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from backend.grammar.parts import Localized
+from backend.grammar.source import Path, Problem, Source
+from backend.grammar.texts import local
 from backend.store.events import log_event
-from backend.study.grammar.parts import Localized
-from backend.study.grammar.source import Path, Problem, Source
-from backend.study.grammar.texts import local
 from backend.study.kinds.base import Acting, Moment, Pace, Page, Planning, Simulated, Stage
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.live import (

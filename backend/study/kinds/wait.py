@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from backend.grammar.parts import Part, Slug
+from backend.grammar.source import Path, Problem, Source
 from backend.store.events import log_event
-from backend.study.grammar.parts import Part, Slug
-from backend.study.grammar.source import Path, Problem, Source
 from backend.study.kinds.asking_on import AskingOnStep, AskOn
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Stage, Step
 from backend.study.kinds.comparison import ComparisonStage, ComparisonStep

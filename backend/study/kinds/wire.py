@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from backend.grammar.error_words import wanted_in_json
 from backend.store.sides import Side
-from backend.study.grammar.error_words import wanted_in_json
 from backend.study.refusals import Refused
 
 PairPhase = Literal["ready", "playing_a", "playing_b", "choosing", "answered"]

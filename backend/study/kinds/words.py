@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+from backend.grammar.parts import Localized
+from backend.grammar.source import Path, Problem, Source
+from backend.grammar.texts import local
 from backend.learning.words.clauses import LONGEST
 from backend.learning.words.phrases import Language
-from backend.study.grammar.parts import Localized
-from backend.study.grammar.source import Path, Problem, Source
-from backend.study.grammar.texts import local
 from backend.study.kinds.base import Moment, Pace, Page, Planning, Simulated, Stage
 from backend.study.kinds.live import (
     CONTROLS,

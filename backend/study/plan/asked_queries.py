@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from pydantic import Field
 
-from backend.study.grammar.parts import Part
+from backend.grammar.parts import Part
 
 PREVIEW_DURATION_S = 9.0  # a usual trajectory of the study room, ch. 7
 

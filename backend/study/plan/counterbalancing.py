@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from backend.study.grammar.conditions import Condition, Ordered
+from backend.grammar.conditions import Condition, Ordered
 
 if TYPE_CHECKING:
     from backend.study.protocol.schema import Protocol

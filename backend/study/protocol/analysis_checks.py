@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from backend.grammar.conditions import Ordered
+from backend.grammar.error_words import meant
+from backend.grammar.questionnaires import Questionnaire
+from backend.grammar.source import Problem, Source
+from backend.grammar.words import VIEWS
 from backend.report.analysis_plan import AnalysisPlan
-from backend.study.grammar.conditions import Ordered
-from backend.study.grammar.error_words import meant
-from backend.study.grammar.questionnaires import Questionnaire
-from backend.study.grammar.source import Problem, Source
-from backend.study.grammar.words import VIEWS
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.rating import RatingStage
 from backend.study.protocol.block import BlockStage

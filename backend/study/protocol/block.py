@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field, model_validator
 
-from backend.study.grammar.conditions import Condition, Crossed
-from backend.study.grammar.source import Path, Problem, Source
+from backend.grammar.conditions import Condition, Crossed
+from backend.grammar.source import Path, Problem, Source
 from backend.study.kinds import Stage, Step
 from backend.study.kinds.attention import AttentionStep
 from backend.study.kinds.base import Pace, Planning

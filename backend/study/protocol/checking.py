@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from backend.study.grammar import source as yaml_source
-from backend.study.grammar.error_words import meant
-from backend.study.grammar.questionnaires import Questionnaire
-from backend.study.grammar.skipping import ItemWhen, When, problems_with
-from backend.study.grammar.source import Path, Problem, Source
+from backend.grammar import source as yaml_source
+from backend.grammar.error_words import meant
+from backend.grammar.questionnaires import Questionnaire
+from backend.grammar.skipping import ItemWhen, When, problems_with
+from backend.grammar.source import Path, Problem, Source
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.comprehension import ComprehensionStage
 from backend.study.kinds.consent import ConsentStage

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from backend.grammar.error_words import meant, parsed
+from backend.grammar.questionnaires import Questionnaire
+from backend.grammar.source import Problem, ProtocolError, Source
+from backend.grammar.texts import local, variant
 from backend.store.models import ProtocolVersion, Study, protocol_digest
-from backend.study.grammar.error_words import meant, parsed
-from backend.study.grammar.questionnaires import Questionnaire
-from backend.study.grammar.source import Problem, ProtocolError, Source
-from backend.study.grammar.texts import local, variant
 from backend.study.kinds.comparison import ComparisonStage
 from backend.study.kinds.consent import ConsentStage
 from backend.study.kinds.demonstration import DemonstrationsStage

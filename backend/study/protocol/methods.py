@@ -12,10 +12,10 @@ from typing import Any, ClassVar
 
 from pydantic import Field, field_validator
 
-from backend.study.grammar.conditions import Condition
-from backend.study.grammar.parts import Part
-from backend.study.grammar.source import Path, Problem, Source
-from backend.study.grammar.words import View
+from backend.grammar.conditions import Condition
+from backend.grammar.parts import Part
+from backend.grammar.source import Path, Problem, Source
+from backend.grammar.words import View
 from backend.study.kinds import Stage, Step
 from backend.study.kinds.base import Pace, Planning
 from backend.study.kinds.demonstration import SECONDS_PER_PATH, DemonstrationStep

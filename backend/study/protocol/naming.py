@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from backend.study.grammar.source import Path
+from backend.grammar.source import Path
 from backend.study.protocol.schema import Protocol
 
 

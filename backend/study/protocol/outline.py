@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from backend.study.grammar.texts import local, variant
+from backend.grammar.texts import local, variant
 from backend.study.kinds import Step
 from backend.study.kinds.base import PAGE_S, Pace
 from backend.study.plan.counterbalancing import design_of

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
-from backend.study.grammar.conditions import Condition
-from backend.study.grammar.one_of import OneOf, with_keys
-from backend.study.grammar.source import Path
+from backend.grammar.conditions import Condition
+from backend.grammar.one_of import OneOf, with_keys
+from backend.grammar.source import Path
 from backend.study.kinds import BlockPart, Stage, Step, block_parts
 from backend.study.kinds.base import Planning
 

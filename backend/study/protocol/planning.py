@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from backend.study.grammar.conditions import Ordered
+from backend.grammar.conditions import Ordered
 from backend.study.kinds import Step
 from backend.study.kinds.base import Planning
 from backend.study.plan.asked_queries import AnyQuery, Placeholder, PlanError, draw, placeholders

@@ -11,13 +11,13 @@ from pathlib import Path
 
 from backend.analysis.scale_wordings import SCALES
 from backend.analysis.scales import Scale, ScaleItem, frozen_items, wording_digest
-from backend.study.grammar import source as yaml_source
-from backend.study.grammar.conditions import Crossed
-from backend.study.grammar.error_words import meant, parsed
-from backend.study.grammar.questionnaires import Item, ItemBlock, Questionnaire
-from backend.study.grammar.skipping import problems_within
-from backend.study.grammar.source import Problem, ProtocolError, Source
-from backend.study.grammar.texts import variant
+from backend.grammar import source as yaml_source
+from backend.grammar.conditions import Crossed
+from backend.grammar.error_words import meant, parsed
+from backend.grammar.questionnaires import Item, ItemBlock, Questionnaire
+from backend.grammar.skipping import problems_within
+from backend.grammar.source import Problem, ProtocolError, Source
+from backend.grammar.texts import variant
 from backend.study.protocol.naming import all_texts
 from backend.study.protocol.numbers_in_texts import text_numbers
 from backend.study.protocol.schema import Protocol

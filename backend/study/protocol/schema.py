@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from backend.grammar.parts import Address, Code, FileName, Language, Localized, Part, Slug, Value
 from backend.report.analysis_plan import AnalysisPlan
-from backend.study.grammar.parts import Address, Code, FileName, Language, Localized, Part, Slug, Value
 from backend.study.kinds import Stage
 from backend.study.plan.asked_queries import Needs, Sample
 from backend.study.protocol.stages import StageEntry, T, stage_keys

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, TypeVar
 
-from backend.study.grammar.one_of import OneOf, with_keys
-from backend.study.grammar.skipping import When
+from backend.grammar.one_of import OneOf, with_keys
+from backend.grammar.skipping import When
 from backend.study.kinds import Stage, stage_kinds
 from backend.study.protocol.block import BlockStage
 from backend.study.protocol.methods import MethodsStage

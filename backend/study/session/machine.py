@@ -15,12 +15,12 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
+from backend.grammar.words import TOLERANCE_S
 from backend.store.artefacts import ArtefactStore
 from backend.store.events import log_event
 from backend.store.models import Response, Session, Trial
 from backend.store.sides import Side
 from backend.study.clock import elapsed_s
-from backend.study.grammar.words import TOLERANCE_S
 from backend.study.kinds import KINDS, Step, begin, kind_of
 from backend.study.kinds.base import Acting, Moment, Page, timed_out
 from backend.study.kinds.wire import BadValue

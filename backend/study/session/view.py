@@ -14,9 +14,9 @@ from typing import Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
+from backend.grammar.words import LABEL_S, PLAYING
 from backend.store.models import Response, Session, TrajectoryRow, Trial, utc_now
 from backend.store.sides import Side, shown_on
-from backend.study.grammar.words import LABEL_S, PLAYING
 from backend.study.kinds import KINDS, Step, kind_of, read_step
 from backend.study.kinds.base import Moment, Page
 from backend.study.links import code_and_way_back, window_of

@@ -9,11 +9,11 @@ from datetime import datetime
 
 from sqlalchemy.orm import Session as DatabaseSession
 
+from backend.grammar.words import PLAYING, TOLERANCE_S
 from backend.store.events import log_event
 from backend.store.models import Session, Trial
 from backend.store.sides import Side
 from backend.study.clock import elapsed_s
-from backend.study.grammar.words import PLAYING, TOLERANCE_S
 from backend.study.kinds import kind_of
 from backend.study.kinds.trial import Viewing
 from backend.study.session.states import set_phase

@@ -11,8 +11,8 @@ from typing import Annotated, Literal, Protocol, Self, runtime_checkable
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from backend.study.grammar.parts import Part, Slug
-from backend.study.grammar.words import VIEWS, View
+from backend.grammar.parts import Part, Slug
+from backend.grammar.words import VIEWS, View
 
 Levels = Annotated[list[Slug], Field(min_length=2, max_length=8)]
 

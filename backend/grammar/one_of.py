@@ -8,7 +8,7 @@ from typing import Any, ClassVar, TypeVar
 
 from pydantic import Field, create_model, model_validator
 
-from backend.study.grammar.parts import Part
+from backend.grammar.parts import Part
 
 P = TypeVar("P", bound="OneOf")
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field, model_validator
 
-from backend.study.grammar.error_words import meant
-from backend.study.grammar.parts import Part, Slug, Value
-from backend.study.grammar.source import Path, Problem, Source
+from backend.grammar.error_words import meant
+from backend.grammar.parts import Part, Slug, Value
+from backend.grammar.source import Path, Problem, Source
 
 if TYPE_CHECKING:
-    from backend.study.grammar.questionnaires import Item, Questionnaire
+    from backend.grammar.questionnaires import Item, Questionnaire
 
 Earlier = Callable[[str], Mapping[str, Any] | None]
 """The participant's newest answers to the questionnaire of that name, None where it was not answered."""

@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from backend.study.grammar import source as yaml_source
-from backend.study.grammar.parts import PATTERNS
-from backend.study.grammar.source import ProtocolError, Source
+from backend.grammar import source as yaml_source
+from backend.grammar.parts import PATTERNS
+from backend.grammar.source import ProtocolError, Source
 
 M = TypeVar("M", bound=BaseModel)
 

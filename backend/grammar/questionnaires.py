@@ -6,9 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
-from backend.store.models import MARKS
-from backend.study.grammar.parts import Localized, Part, Slug, Value
-from backend.study.grammar.skipping import ItemWhen
+from backend.grammar.parts import Localized, Part, Slug, Value
+from backend.grammar.skipping import ItemWhen
+
+MARKS = ("timed_out", "passed")  # in a questionnaire's value beside the items' answers
 
 
 class Option(Part):

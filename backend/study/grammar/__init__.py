@@ -1,1 +1,0 @@
-"""What protocol files are written with: strict models, YAML with lines, questionnaires, skip logic; knows no stage."""
