@@ -100,7 +100,7 @@ def test_never_more_than_the_protocol_says_and_then_nothing_is_compared(walker):
     end_job(walker, sure=False)
     settle(walker)
     assert walker.view.kind == "debriefing"
-    assert walker.view.payload["unsure"] is True
+    assert walker.view.payload["learning"] == "not_surely_better"
     further = rows(walker, Trial, Trial.role == "further")
     assert len(further) == 5
     assert len({trial.query_id for trial in rows(walker, Trial)}) == 8, "no pair is asked twice"

@@ -135,6 +135,7 @@ def test_without_a_policy_to_show_the_session_ends_kindly_and_says_why(database,
     assert waiting.view.kind == "debriefing"
     ended = state(database, waiting)
     assert (ended.state, ended.personalisation) == ("completed", outcome)
+    assert waiting.view.payload["learning"] == outcome  # and they are told so
     with database.session() as s:
         event = s.scalars(select(Event).where(Event.kind == "personalisation")).one()
         data, _ = read_study(s, files, s.get_one(Study, study.id))
@@ -277,7 +278,7 @@ def test_who_is_not_surely_served_better_waits_no_longer(database, instant):
         assert progress_of(s, session) == 0
     assert settle(instant)
     assert state(database, instant).personalisation == "not_surely_better"
-    assert (instant.view.key, instant.view.payload["unsure"]) == ("debriefing", True)  # and they are told so
+    assert (instant.view.key, instant.view.payload["learning"]) == ("debriefing", "not_surely_better")
 
 
 def test_the_verdict_that_is_kept_is_of_the_policy_that_is_shown(database, instant):

@@ -35,11 +35,10 @@ class Debriefing(TextPage[DebriefingStep, Confirmed]):
     stages = {"debriefing": DebriefingStage}
 
     def payload(self, step: DebriefingStep, page: Page) -> dict[str, Any]:
-        unsure = {"unsure": True} if page.personalisation == "not_surely_better" else {}
         return (
             super().payload(step, page)
             | code_and_way_back(page.completion_code, page.frozen.stage(DebriefingStage).return_url)
-            | unsure
+            | {"learning": page.personalisation}
         )
 
     def check_time(self, step: DebriefingStep, moment: Moment, value: Mapping[str, Any]) -> None:
