@@ -45,13 +45,12 @@ def rm_anova(design: Factorial, *, about: str, intervals: bool = True) -> list[T
 def _one(design: Factorial, effect: tuple[str, ...], *, about: str, intervals: bool) -> Tested:
     statistic, df, df_error, p = f_test(design, effect)
     low, high = partial_eta_squared(statistic, df, df_error) if intervals else UNKNOWN
-    n = len(design.values)
-    share = statistic * df / (statistic * df + df_error) if math.isfinite(statistic) else 1.0
+    n, untestable = len(design.values), math.isnan(statistic)
     return Tested(
         test="Repeated-measures ANOVA" if design.within else "ANOVA", about=f"{about}, {' × '.join(effect)}",
         symbol="F", statistic=statistic, df=df, df_error=df_error, p=p, p_corrected=p, correction="uncorrected",
-        effect_name="partial η²", effect=share, n=n, used=n, direction=_direction(design, effect), effect_low=low,
-        effect_high=high,
+        effect_name="partial η²", effect=statistic * df / (statistic * df + df_error), n=n, used=n, direction=_direction(design, effect), effect_low=low,
+        effect_high=high, least_p=1.0 if untestable else 0.0, no_spread=untestable,
     )  # fmt: skip
 
 

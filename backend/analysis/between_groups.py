@@ -33,9 +33,10 @@ def mann_whitney(
     ranks = stats.rankdata(np.concatenate([a, b]))
     total = float(ranks[: len(a)].sum())
     u = total - len(a) * (len(a) + 1) / 2
-    p, least, method = (1.0, 1.0, "exact") if np.ptp(ranks) == 0 else rank_sum(ranks, len(a), total)
+    tied = bool(np.ptp(ranks) == 0)
+    p, least, method = (1.0, 1.0, "exact") if tied else rank_sum(ranks, len(a), total)
     effect = 2 * u / (len(a) * len(b)) - 1
-    low, high = _interval(a, b, effect) if intervals else UNKNOWN
+    low, high = _interval(a, b, effect) if intervals and not tied else UNKNOWN
     shift, (shift_low, shift_high) = rank_sum_shift(a, b) if intervals else (None, UNKNOWN)
     higher, lower = names if effect >= 0 else names[::-1]
     n = len(a) + len(b)
@@ -43,7 +44,7 @@ def mann_whitney(
         test="Mann-Whitney", about=about, symbol="U", statistic=u, df=None, p=p, p_corrected=p,
         correction="uncorrected", effect_name="rank-biserial r", effect=effect, n=n, used=n,
         direction=f"higher for {higher} than for {lower}", method=method, least_p=least, least_p_corrected=least,
-        effect_low=low, effect_high=high, shift=shift, shift_low=shift_low, shift_high=shift_high,
+        effect_low=low, effect_high=high, shift=shift, shift_low=shift_low, shift_high=shift_high, no_spread=tied,
     )  # fmt: skip
 
 
@@ -74,12 +75,12 @@ def kruskal_wallis(groups: Sequence[ArrayLike], *, about: str, intervals: bool =
         statistic = float((n - 1) * about_mean / spread)
         p, least, method = group_ranks(ranks, sizes)
     df = len(samples) - 1
-    low, high = share_of_chi_square(statistic, df, n - 1) if intervals else UNKNOWN
+    low, high = share_of_chi_square(statistic, df, n - 1) if intervals and spread > 0 else UNKNOWN
     return Tested(
         test="Kruskal-Wallis", about=about, symbol="H", statistic=statistic, df=df, p=p, p_corrected=p,
         correction="uncorrected", effect_name="epsilon²", effect=statistic / (n - 1), n=n, used=n,
         direction="the groups differ", method=method, least_p=least, least_p_corrected=least, effect_low=low,
-        effect_high=high,
+        effect_high=high, no_spread=spread == 0,
     )  # fmt: skip
 
 

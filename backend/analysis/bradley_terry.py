@@ -10,13 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import optimize, stats
 
+from backend.analysis.tested import has_spread
+
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Worth:
     """log_worth: against the mean of all. share: worth over the sum of worths, the chance of being the best of all by
-    the model. low, high: 95 % interval of log_worth, from how people differ; NaN for one person."""
+    the model. low, high: 95 % interval of log_worth, from how people differ; NaN where they do not, as one person does not."""
 
     name: str
     log_worth: float
@@ -59,6 +61,7 @@ def bradley_terry(wins: ArrayLike, names: Sequence[str], *, shared: float = 0.5)
     if n > 1:
         spread = inverse @ (scores.T @ scores) @ inverse * n / (n - 1)
         half = float(stats.t.ppf(0.975, n - 1)) * np.sqrt(np.maximum(np.diag(spread), 0.0))
+        half[[not has_spread(of) for of in (scores @ inverse).T]] = math.nan
     shares = np.exp(beta) / np.exp(beta).sum()
     return [
         Worth(name, float(b), float(share), float(b - h), float(b + h))

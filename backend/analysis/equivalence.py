@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import integrate, special, stats
 
-from backend.analysis.tested import Tested
+from backend.analysis.tested import Tested, has_spread
 
 PRIOR_SCALE = math.sqrt(2) / 2  # of the Cauchy prior on effect sizes, the default of R's BayesFactor
 
@@ -21,22 +21,23 @@ def equivalence(differences: ArrayLike, margin: float, *, about: str) -> Tested:
 
     Effect: the mean difference, with the 90 % interval that lies within the margin exactly where p is at most 0.05.
     Raises ValueError for fewer than two or numbers that are not finite.
+    Everybody's difference the same is no evidence about others: not testable, without an interval.
     """
     data = np.asarray(differences, dtype=float)
     if data.ndim != 1 or len(data) < 2 or not np.isfinite(data).all() or margin <= 0:
         raise ValueError(f"differences: shape {data.shape}, margin = {margin}; needs at least 2 numbers and a margin")
     n, mean, se = len(data), float(data.mean()), float(data.std(ddof=1) / math.sqrt(len(data)))
     df = n - 1
-    if se > 0:
+    t, p, half, spread = math.nan, 1.0, math.nan, has_spread(data)
+    if spread:
         t = (abs(mean) - margin) / se
         p = float(stats.t.cdf(t, df))
-    else:
-        t, p = (-math.inf, 0.0) if abs(mean) < margin else (math.inf, 1.0)
-    half = float(stats.t.ppf(0.95, df)) * se
+        half = float(stats.t.ppf(0.95, df)) * se
     return Tested(
         test="Equivalence (TOST)", about=f"{about}, within ±{margin:g}", symbol="t", statistic=t, df=df, p=p,
         p_corrected=p, correction="uncorrected", effect_name="mean difference", effect=mean, n=n, used=n,
         direction=f"the difference is smaller than {margin:g}", effect_low=mean - half, effect_high=mean + half,
+        least_p=0.0 if spread else 1.0, no_spread=not spread,
     )  # fmt: skip
 
 
@@ -44,9 +45,9 @@ def bayes_factor(differences: ArrayLike) -> float:
     """How much likelier the differences (n,) are if their mean is not 0 than if it is: Jeffreys, Zellner and Siow's
     Bayes factor of a t-test (Rouder et al. 2009, equation 1, with its Cauchy prior). NaN without spread."""
     data = np.asarray(differences, dtype=float)
-    n, deviation = len(data), float(data.std(ddof=1)) if len(data) > 1 else 0.0
-    if not deviation > 0:
+    if not has_spread(data):
         return math.nan
+    n, deviation = len(data), float(data.std(ddof=1))
     df, square = n - 1, (data.mean() / deviation) ** 2 * n
 
     def likelihood(g: float) -> float:

@@ -101,19 +101,20 @@ def aligned_ranks(design: Factorial, effect: tuple[str, ...], *, about: str, int
     ranks = stats.rankdata(np.round(aligned, 10)).reshape(aligned.shape)
     statistic, df, df_error, p = f_test(replace(design, values=ranks), effect)
     low, high = partial_eta_squared(statistic, df, df_error) if intervals else UNKNOWN
-    n = len(design.values)
+    n, untestable = len(design.values), bool(np.isnan(statistic))
     direction = f"the levels of {effect[0]} differ" if len(effect) == 1 else _depends(effect)
     return Tested(
         test="Aligned ranks", about=f"{about}, {' × '.join(effect)}", symbol="F", statistic=statistic, df=df,
         df_error=df_error, p=p, p_corrected=p, correction="uncorrected", effect_name="partial η²",
         effect=statistic * df / (statistic * df + df_error), n=n, used=n, direction=direction, effect_low=low,
-        effect_high=high,
+        effect_high=high, least_p=1.0 if untestable else 0.0, no_spread=untestable,
     )  # fmt: skip
 
 
 def f_test(design: Factorial, effect: tuple[str, ...]) -> tuple[float, float, float, float]:
     """F, its degrees of freedom and p of one effect: repeated measures with groups, unweighted means (type III), the
-    error of the effect's own contrasts; Greenhouse and Geisser's correction where they are several."""
+    error of the effect's own contrasts; Greenhouse and Geisser's correction where they are several. Where nobody's
+    contrasts differ from the others' F is NaN and p is 1: not testable."""
     outer = [f for f in effect if f in design.between]
     scores = contrast_scores(design, effect)
     groups, d = _groups(design), scores.shape[1]
@@ -126,7 +127,7 @@ def f_test(design: Factorial, effect: tuple[str, ...]) -> tuple[float, float, fl
     df, df_error = len(between) * d, (len(design.values) - groups) * d
     error = float((left**2).sum())
     if error <= 1e-12:
-        return (0.0, df, df_error, 1.0) if hypothesis <= 1e-12 else (float("inf"), df, df_error, 0.0)
+        return float("nan"), df, df_error, 1.0
     statistic = hypothesis / df / (error / df_error)
     covariance = left.T @ left
     epsilon = float(np.trace(covariance) ** 2 / (d * (covariance**2).sum())) if d > 1 else 1.0

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from scipy import optimize, stats
 
 from backend.analysis.exact import FEW, rank_sum, signed_ranks
-from backend.analysis.tested import Mean
+from backend.analysis.tested import Mean, has_spread
 
 Interval = tuple[float, float]
 UNKNOWN: Interval = (math.nan, math.nan)
@@ -119,10 +119,11 @@ def rank_sum_shift(first: ArrayLike, second: ArrayLike) -> tuple[float, Interval
 
 
 def _inverted(sorted_values: np.ndarray, out: int) -> Interval:
-    """The interval that leaves out `out` of the sorted values at each end."""
+    """The interval that leaves out `out` of the sorted values at each end; unknown where that leaves a single value."""
     if out < 1:
         return -math.inf, math.inf
-    return float(sorted_values[out - 1]), float(sorted_values[-out])
+    low, high = float(sorted_values[out - 1]), float(sorted_values[-out])
+    return (low, high) if has_spread([low, high]) else UNKNOWN
 
 
 @lru_cache(maxsize=128)
@@ -149,7 +150,7 @@ def _least_sum(n: int, m: int) -> int:
 
 
 def within(mean: Mean, lowest: float, highest: float) -> Mean:
-    """A mean of ratings with its interval ended at the ends of the scale; none where everybody said the same."""
-    if not mean.sd > 0:
-        return Mean(mean.n, mean.mean, mean.sd, mean.se, *UNKNOWN)
+    """A mean of ratings with its interval, where it has one, ended at the ends of the scale."""
+    if math.isnan(mean.low):
+        return mean
     return Mean(mean.n, mean.mean, mean.sd, mean.se, max(lowest, mean.low), min(highest, mean.high))

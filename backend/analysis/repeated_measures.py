@@ -23,7 +23,7 @@ def friedman(ratings: ArrayLike, *, about: str, intervals: bool = True) -> Teste
     """Friedman's test of ratings (people, conditions), ties corrected; effect: Kendall's W, 0 to 1.
 
     p is exact, or by permutations, for up to 50 people, ties or not (`exact.rank_totals`); beyond, chi-square.
-    Everybody rating all conditions alike is no difference: p = 1. intervals: of the effect, which take time. Raises
+    Everybody rating all conditions alike is no spread, not testable. intervals: of the effect, which take time. Raises
     ValueError for fewer than 2 people or 3 conditions, or numbers that are not finite.
     """
     data = _table("ratings", ratings, conditions=3)
@@ -35,12 +35,12 @@ def friedman(ratings: ArrayLike, *, about: str, intervals: bool = True) -> Teste
     else:
         statistic = float((k - 1) * ((ranks.sum(axis=0) - n * (k + 1) / 2) ** 2).sum() / spread)
         p, least, method = rank_totals(ranks)
-    low, high = share_of_chi_square(statistic, k - 1, n * (k - 1)) if intervals else UNKNOWN
+    low, high = share_of_chi_square(statistic, k - 1, n * (k - 1)) if intervals and spread else UNKNOWN
     return Tested(
         test="Friedman", about=about, symbol="χ²", statistic=statistic, df=k - 1, p=p, p_corrected=p,
         correction="uncorrected", effect_name="Kendall's W", effect=statistic / (n * (k - 1)), n=n, used=n,
         direction="the conditions differ", method=method, least_p=least, least_p_corrected=least, effect_low=low,
-        effect_high=high,
+        effect_high=high, no_spread=bool(spread == 0),
     )  # fmt: skip
 
 
@@ -53,7 +53,7 @@ def wilcoxon(
     normal approximation with the ties' correction. Effect: the matched-pairs rank-biserial correlation (R+ - R-) /
     (R+ + R-), positive where `first` is higher; shift: Hodges and Lehmann's median difference with the test's interval.
     z: W's normal approximation with the ties' correction and none for continuity, never above 0, as in the thesis's
-    table 2.2. Raises ValueError as `friedman` does.
+    table 2.2. Nobody with a difference is no spread, not testable. Raises ValueError as `friedman` does.
     """
     data = _table("pairs", np.stack([np.asarray(first, float), np.asarray(second, float)], axis=1), conditions=2)
     differences = np.round(data[:, 0] - data[:, 1], 12)  # shares such as 2/3 - 1/3 and 1/3 - 0 are ties
@@ -74,6 +74,7 @@ def wilcoxon(
         correction="uncorrected", effect_name="rank-biserial r", effect=effect, n=len(data), used=len(used),
         direction=f"higher for {higher} than for {lower}", z=z, method=method, least_p=least, least_p_corrected=least,
         effect_low=low, effect_high=high, shift=shift, shift_low=shift_low, shift_high=shift_high,
+        no_spread=len(used) == 0,
     )  # fmt: skip
 
 

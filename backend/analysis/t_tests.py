@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
 
-from backend.analysis.tested import p_in_words, stars
+from backend.analysis.tested import NO_SPREAD, has_spread, p_in_words, stars
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,8 @@ class TTest:
     """Two-sided. difference: mean of the first sample minus mean of the second, or minus the fixed value.
 
     n: sizes of the samples, 1 for a fixed value. effect_size: Cohen's d, of the pooled standard deviation.
-    p_corrected: p itself until `holm` has corrected a family of tests.
+    p_corrected: p itself until `holm` has corrected a family of tests. no_spread: nothing varies, so nothing can be tested;
+    p is 1, statistic and effect size are NaN.
     """
 
     statistic: float
@@ -31,6 +32,7 @@ class TTest:
     effect_size: float
     difference: float
     n: tuple[int, int]
+    no_spread: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -44,6 +46,8 @@ class TTest:
         """The result in words: who differs from whom by how much, t, p and d."""
         direction = "higher than" if self.difference > 0 else "lower than"
         sentence = f"{first} is {abs(self.difference):.2f} {unit} {direction} {second}"
+        if self.no_spread:
+            return f"{sentence}; {NO_SPREAD}."
         return (
             f"{sentence}, t({self.df:g}) = {self.statistic:.2f}, {p_in_words(self.p_corrected)} (Holm), d = "
             f"{self.effect_size:.2f}."
@@ -63,23 +67,21 @@ def student_t(first: ArrayLike, second: ArrayLike) -> TTest:
     Raises ValueError for fewer than two numbers in a sample or numbers that are not finite.
     """
     (mean_a, var_a, n_a), (mean_b, var_b, n_b) = _sample("first", first), _sample("second", second)
+    difference, df = mean_a - mean_b, n_a + n_b - 2
+    if not (has_spread(first) or has_spread(second)):
+        return TTest(math.nan, df, 1.0, 1.0, math.nan, difference, (n_a, n_b), no_spread=True)
     result = stats.ttest_ind(first, second, equal_var=True)
-    pooled = math.sqrt(((n_a - 1) * var_a + (n_b - 1) * var_b) / (n_a + n_b - 2))
-    difference = mean_a - mean_b
+    pooled = math.sqrt(((n_a - 1) * var_a + (n_b - 1) * var_b) / df)
     p = float(result.pvalue)
-    return TTest(float(result.statistic), float(result.df), p, p, _ratio(difference, pooled), difference, (n_a, n_b))
+    return TTest(float(result.statistic), df, p, p, difference / pooled, difference, (n_a, n_b))
 
 
 def student_t_against(values: ArrayLike, fixed: float) -> TTest:
     """Student's t-test of one sample (n,) against a fixed value. Raises ValueError as `student_t` does."""
     mean, variance, n = _sample("values", values)
+    difference = mean - fixed
+    if not has_spread(values):
+        return TTest(math.nan, n - 1, 1.0, 1.0, math.nan, difference, (n, 1), no_spread=True)
     result = stats.ttest_1samp(values, fixed)
     p = float(result.pvalue)
-    difference = mean - fixed
-    return TTest(
-        float(result.statistic), float(result.df), p, p, _ratio(difference, math.sqrt(variance)), difference, (n, 1)
-    )
-
-
-def _ratio(difference: float, deviation: float) -> float:
-    return difference / deviation if deviation > 0 else math.copysign(math.inf, difference) if difference else 0.0
+    return TTest(float(result.statistic), n - 1, p, p, difference / math.sqrt(variance), difference, (n, 1))

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 Correction = Literal["holm", "bonferroni", "none"]
+NO_SPREAD = "no spread, not testable"
+ROUNDING = 1e-10  # of numbers around 1 (ratings, shares, metres, seconds): what differs less is the same
 CORRECTION_WORDS: dict[str, str] = {"holm": "Holm", "bonferroni": "Bonferroni", "none": "uncorrected"}
 
 
@@ -25,7 +27,8 @@ class Tested:
 
     method: how p was found: exact, by permutations (by lot), or approximate. least_p: the smallest p that so few people
     with such ties can give (0: as small as you like), least_p_corrected: the same after correction. effect_low,
-    effect_high: 95 % interval of the effect; shift, with its interval: in the unit of what was measured.
+    effect_high: 95 % interval of the effect; shift, with its interval: in the unit of what was measured. no_spread:
+    nobody differed from anybody, so there is nothing to test; p is 1, which no correction makes significant.
     """
 
     test: str
@@ -51,6 +54,7 @@ class Tested:
     shift: float | None = None
     shift_low: float = math.nan
     shift_high: float = math.nan
+    no_spread: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -69,6 +73,8 @@ class Tested:
 
     def sentence(self, alpha: float = 0.05) -> str:
         """The result in words, ready for a paper. Who could not have found anything is told so."""
+        if self.no_spread:
+            return f"{self.about[:1].upper()}{self.about[1:]}: {self.numbers()}."
         found = "no difference was found"
         if self.significant(alpha):
             found = self.direction
@@ -78,6 +84,8 @@ class Tested:
 
     def numbers(self) -> str:
         """`chi2(2, N = 31) = 12.34, p = 0.002 (Holm), Kendall's W = 0.20`."""
+        if self.no_spread:
+            return f"{NO_SPREAD} (N = {self.n})"
         df = "" if self.df is None else f"{self.df:.4g}, "
         df += "" if self.df_error is None else f"{self.df_error:.4g}, "
         n_in_words = f"N = {self.n}" if self.used == self.n else f"N = {self.n}, {self.used} used"
@@ -158,9 +166,16 @@ def corrected_pairs(tests: Sequence[Tested], over: int | None, gate: Tested | No
     ]
 
 
+def has_spread(values: ArrayLike) -> bool:
+    """Whether some of the numbers (n,) differ by more than rounding does."""
+    data = np.asarray(values, dtype=float)
+    return data.size > 1 and bool(np.ptp(data) > ROUNDING * max(1.0, float(np.abs(data).max())))
+
+
 @dataclass(frozen=True)
 class Mean:
-    """A mean of n numbers, standard deviation, standard error, 95 % interval (Student's t); NaN: unknown."""
+    """A mean of n numbers, standard deviation, standard error, 95 % interval (Student's t); NaN: unknown, as the
+    interval is where everybody said the same."""
 
     n: int
     mean: float
@@ -178,6 +193,8 @@ def mean_of(values: ArrayLike) -> Mean:
         return Mean(len(data), float(data[0]) if len(data) else math.nan, *[math.nan] * 4)
     mean, sd = float(data.mean()), float(data.std(ddof=1))
     se = sd / math.sqrt(len(data))
+    if not has_spread(data):
+        return Mean(len(data), mean, sd, se, math.nan, math.nan)
     from scipy import stats  # 0.6 s: reading a protocol and serving pages do without
 
     half = float(stats.t.ppf(0.975, len(data) - 1)) * se

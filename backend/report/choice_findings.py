@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from backend.analysis.choices import agreement, cohens_kappa
 from backend.analysis.intervals import clustered_share, within
 from backend.analysis.metrics import measure
-from backend.analysis.tested import Mean, mean_of
+from backend.analysis.tested import Mean, has_spread, mean_of
 from backend.analysis.triads import is_circular, whole_triads
 from backend.report.analysis_plan import AnalysisPlan, Metric
 from backend.report.study_data import PROBES, TRIAD, Choice, Load
@@ -186,8 +186,8 @@ def disagreement(
     for given in _by_person(regular).values():
         seen = {row_of[t] for one in given for t in (one.first, one.second)}
         of_person = values[sorted(seen)]
-        deviation = of_person.std(axis=0, ddof=1) if len(of_person) > 1 else np.zeros(len(metrics))
-        scored = values / np.where(deviation > 0, deviation, math.nan)  # the mean cancels in a difference
+        deviation = [float(of.std(ddof=1)) if has_spread(of) else math.nan for of in of_person.T]
+        scored = values / np.array(deviation)  # the mean cancels in a difference
         for pair in transitions:
             flips = [
                 scored[row_of[there.chosen]] - scored[row_of[here.chosen]]

@@ -95,7 +95,7 @@ def _tables(outcomes: Sequence[Outcome], found: Findings) -> list[Table]:
             *p_cells(test, found.plan.alpha)[:2],
             effect_cell(test),
             _p(check.shapiro_p),
-            f"{statistic_cell(check.ranks)}, {p_in_words(check.ranks.p)}",
+            statistic_cell(check.ranks) + ("" if check.ranks.no_spread else f", {p_in_words(check.ranks.p)}"),
             str(test.n),
         ]
         for one in outcomes

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from backend.analysis.tested import p_in_words
+from backend.analysis.tested import NO_SPREAD, p_in_words
 from backend.explain.printed import Section, Table
 from backend.report.findings import Findings
 from backend.report.report_cells import NONE, effect_cell, named, number_words, p_cells, statistic_cell
@@ -63,7 +63,7 @@ def _no_difference(found: Findings) -> Section:
         rows = [
             [
                 t.about,
-                f"{t.effect:.2f} [{t.effect_low:.2f}, {t.effect_high:.2f}]",
+                effect_cell(t),
                 *p_cells(t, found.plan.alpha)[:2],
                 str(t.n),
             ]
@@ -75,7 +75,7 @@ def _no_difference(found: Findings) -> Section:
             "Bayes factors: how much likelier the data are with a difference than without one; below 1 they speak for "
             "none. Ratings: Jeffreys, Zellner and Siow's (scale 0.71) of the differences; choices: binomial, uniform."
         )
-        rows = [[one.about, NONE if math.isnan(one.factor) else f"{one.factor:.3g}"] for one in of.weighed]
+        rows = [[one.about, NO_SPREAD if math.isnan(one.factor) else f"{one.factor:.3g}"] for one in of.weighed]
         tables.append(Table("Bayes factors.", ["of", "BF10"], rows))
     return Section(title, sentences, tables)
 

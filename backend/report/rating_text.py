@@ -104,7 +104,7 @@ def _tables(of: Sequence[ItemResult], found: Findings) -> list[Table]:
     pairs = [
         [
             test.about,
-            f"{test.symbol} = {test.statistic:.2f}",
+            statistic_cell(test),
             NONE if test.z is None else f"{test.z:.2f}",
             *p_cells(test, alpha),
             effect_cell(test),

@@ -20,12 +20,16 @@ def significant_points(tests: Sequence[Tested], pairs: Sequence[Tested], found: 
 
 def statistic_cell(test: Tested) -> str:
     """`χ²(2) = 12.34`, `F(2, 24) = 1.10`."""
+    if test.no_spread:
+        return NONE
     inner = ", ".join(f"{df:.4g}" for df in (test.df, test.df_error) if df is not None)
     return f"{test.symbol}{f'({inner})' if inner else ''} = {test.statistic:.2f}"
 
 
 def p_cells(test: Tested, alpha: float) -> list[str]:
-    """p as it is and corrected, the latter with its stars, and how it was found."""
+    """p as it is and corrected, the latter with its stars, and how it was found; that without spread there is none."""
+    if test.no_spread:
+        return ["not testable", NONE, "no spread"]
     stars = f" {test.stars(alpha)}" if test.stars(alpha) else ""
     p = [p_in_words(test.p).removeprefix("p "), p_in_words(test.p_corrected).removeprefix("p ") + stars]
     return [*(one.removeprefix("= ") for one in p), test.method]
@@ -33,6 +37,8 @@ def p_cells(test: Tested, alpha: float) -> list[str]:
 
 def effect_cell(test: Tested) -> str:
     """The effect with its 95 % interval, where there is one."""
+    if math.isnan(test.effect):
+        return NONE
     interval = "" if math.isnan(test.effect_low) else f" [{test.effect_low:.2f}, {test.effect_high:.2f}]"
     return f"{test.effect:.2f}{interval}"
 

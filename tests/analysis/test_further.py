@@ -41,8 +41,6 @@ def test_two_one_sided_tests_are_statsmodels() -> None:
         assert within == (test.p <= 0.05)
     assert test.effect == pytest.approx(-1.58)
     assert test.sentence().startswith("Sleep, within ±3: the difference is smaller than 3, t(9, N = 10)")
-    assert equivalence([0.25, 0.25, 0.25], 0.5, about="x").p == 0.0
-    assert equivalence([0.9, 0.9], 0.5, about="x").p == 1.0
     with pytest.raises(ValueError, match="margin = 0"):
         equivalence(differences, 0, about="x")
 
@@ -68,10 +66,17 @@ def test_a_difference_is_within_a_margin_where_both_one_sided_tests_say_so(margi
     assert (test.p_corrected, test.n, test.used, test.df) == (test.p, 10, 10, 9)
 
 
-def test_of_two_people_who_say_the_same_the_margin_decides() -> None:
-    assert equivalence([0.5, 0.5], 0.5, about="x").p == 1.0  # the margin itself is not within
-    assert equivalence([-0.4, -0.4], 0.5, about="x").statistic == -math.inf
-    assert equivalence([0.6, 0.6], 0.5, about="x").statistic == math.inf
+@pytest.mark.parametrize("same", [[0, 0], [0.25, 0.25, 0.25], [0.2, 0.2, 0.2], [0.9, 0.9], [0.3, 0.1 + 0.2]])
+def test_whoever_differs_alike_shows_neither_equivalence_nor_difference(same: list[float]) -> None:
+    test = equivalence(same, 0.5, about="ease")
+    assert (test.p, test.no_spread, test.significant(), test.possible()) == (1.0, True, False, True)
+    assert math.isnan(test.statistic)
+    assert math.isnan(test.effect_low)
+    assert test.sentence() == f"Ease, within ±0.5: no spread, not testable (N = {len(same)})."
+    assert math.isnan(bayes_factor(same))
+
+
+def test_two_people_and_two_numbers_are_enough_for_equivalence() -> None:
     assert equivalence([0.1, 0.3], 5.0, about="x").n == 2
     for bad in ([1.0], [[1.0, 2.0], [2.0, 1.0]], [1.0, math.nan]):
         with pytest.raises(ValueError, match="at least 2 numbers"):
@@ -215,6 +220,14 @@ def test_worths_of_three_and_their_intervals_are_those_of_a_clustered_logistic_m
     assert [one.log_worth - one.low for one in found[:2]] == pytest.approx(list(half), rel=1e-3)
     worths = np.exp([one.log_worth for one in found])
     assert [one.share for one in found] == pytest.approx(list(worths / worths.sum()))
+
+
+def test_worths_have_no_interval_where_nobody_differs() -> None:
+    wins = np.zeros((4, 3, 3))
+    wins[:, 0, 1] = wins[:, 0, 2] = wins[:, 1, 2] = 3
+    assert all(math.isnan(one.low) and math.isnan(one.high) for one in bradley_terry(wins, ["a", "b", "c"]))
+    wins[0, 1, 0] = 1  # one of them once chose otherwise
+    assert all(one.low < one.log_worth < one.high for one in bradley_terry(wins, ["a", "b", "c"]))
 
 
 def test_half_a_win_and_half_a_loss_are_shared_among_the_pairs_that_were_compared() -> None:

@@ -76,10 +76,20 @@ def test_samples_of_different_sizes_are_pooled_by_their_degrees_of_freedom() -> 
     assert "drug 1 is 1.58 h lower than drug 2" in student_t(FIRST, SECOND).sentence("drug 1", "drug 2", "h")
 
 
-def test_numbers_without_spread_differ_beyond_measure_or_not_at_all() -> None:
-    for values, fixed, effect in (([2.0, 2.0], 1.0, math.inf), ([2.0, 2.0], 3.0, -math.inf), ([2.0, 2.0], 2.0, 0.0)):
-        with np.errstate(all="ignore"):
-            assert student_t_against(values, fixed).effect_size == effect
+def test_numbers_without_spread_are_not_tested() -> None:
+    for test in (
+        student_t_against([2.0, 2.0], 1.0),
+        student_t_against([2.0, 2.0], 2.0),
+        student_t_against([0.3, 0.1 + 0.2], 1.0),  # the same but for rounding
+        student_t([1.0, 1.0], [2.0, 2.0, 2.0]),
+    ):
+        assert (test.no_spread, test.p, test.stars) == (True, 1.0, "")
+        assert math.isnan(test.effect_size)
+        assert test.sentence("ours", "theirs", "m").endswith("theirs; no spread, not testable.")
+    assert student_t([1.0, 1.0], [2.0, 2.5]).p < 1.0
+    everybody_same = mean_of([3.0, 3.0, 3.0])
+    assert (everybody_same.mean, everybody_same.sd) == (3.0, 0.0)
+    assert math.isnan(everybody_same.low)
 
 
 def test_of_two_numbers_there_is_an_interval_and_marks_follow_the_corrected_p() -> None:

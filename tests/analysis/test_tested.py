@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 from statsmodels.stats.multitest import multipletests
 
 from backend.analysis import tested as results
+from backend.analysis.anova import rm_anova
+from backend.analysis.between_groups import kruskal_wallis, mann_whitney
+from backend.analysis.equivalence import equivalence
+from backend.analysis.factorial import Factorial
+from backend.analysis.repeated_measures import friedman, wilcoxon
 from backend.analysis.tested import corrected, corrected_pairs, p_in_words, star_bounds, stars
+from backend.report.report_cells import p_cells, statistic_cell
 
 
 def result(p: float, *, least: float = 0.0) -> results.Tested:
@@ -103,3 +112,26 @@ def test_pairs_are_no_smaller_than_their_gate_and_least_p_neither() -> None:
     assert corrected_pairs([result(0.4, least=0.4)] * 3, 2, None)[0].least_p_corrected == 1.0
     assert corrected_pairs([result(0.01)] * 3, 1, gate)[0].correction == "Shaffer"
     assert corrected_pairs([], 2, None) == []
+
+
+def test_no_test_whatever_is_significant_without_spread() -> None:
+    """Everybody's answers the same, or (t and F) everybody's difference the same."""
+    names = ("a", "b")
+    alike, shifted = np.full(12, 4.0), np.tile([4.0, 4.2], (12, 1))
+    within = Factorial(shifted, np.zeros(12, dtype=int), {"view": names}, {})
+    between = Factorial(np.repeat([[4.0], [5.0]], 6, axis=0), np.repeat([0, 1], 6), {}, {"robot": names})
+    tests = [
+        wilcoxon(alike, alike, about="ease", names=names),
+        friedman(np.full((12, 3), 4.0), about="ease"),
+        mann_whitney(alike, alike, about="ease", names=names),
+        kruskal_wallis([alike, alike, alike], about="ease"),
+        equivalence(shifted[:, 1] - shifted[:, 0], 0.5, about="ease"),
+        *rm_anova(within, about="ease"),
+        *rm_anova(between, about="ease"),
+    ]
+    for test in corrected(tests, "none"):
+        assert (test.no_spread, test.significant(), test.stars()) == (True, False, ""), test.test
+        assert "no spread, not testable" in test.sentence()
+        assert p_cells(test, 0.05) == ["not testable", "–", "no spread"]
+        assert statistic_cell(test) == "–"
+        assert math.isnan(test.effect_low), test.test
