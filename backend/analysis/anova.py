@@ -49,8 +49,9 @@ def _one(design: Factorial, effect: tuple[str, ...], *, about: str, intervals: b
     return Tested(
         test="Repeated-measures ANOVA" if design.within else "ANOVA", about=f"{about}, {' × '.join(effect)}",
         symbol="F", statistic=statistic, df=df, df_error=df_error, p=p, p_corrected=p, correction="uncorrected",
-        effect_name="partial η²", effect=statistic * df / (statistic * df + df_error), n=n, used=n, direction=_direction(design, effect), effect_low=low,
-        effect_high=high, least_p=1.0 if untestable else 0.0, no_spread=untestable,
+        effect_name="partial η²", effect=statistic * df / (statistic * df + df_error), n=n, used=n,
+        direction=_direction(design, effect), effect_low=low, effect_high=high, least_p=1.0 if untestable else 0.0,
+        no_spread=untestable,
     )  # fmt: skip
 
 

@@ -18,7 +18,8 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Worth:
     """log_worth: against the mean of all. share: worth over the sum of worths, the chance of being the best of all by
-    the model. low, high: 95 % interval of log_worth, from how people differ; NaN where they do not, as one person does not."""
+    the model. low, high: 95 % interval of log_worth, from how people differ; NaN where they do not, as one
+    person does not."""
 
     name: str
     log_worth: float

@@ -21,8 +21,8 @@ class TTest:
     """Two-sided. difference: mean of the first sample minus mean of the second, or minus the fixed value.
 
     n: sizes of the samples, 1 for a fixed value. effect_size: Cohen's d, of the pooled standard deviation.
-    p_corrected: p itself until `holm` has corrected a family of tests. no_spread: nothing varies, so nothing can be tested;
-    p is 1, statistic and effect size are NaN.
+    p_corrected: p itself until `holm` has corrected a family of tests. no_spread: nothing varies, so nothing can be
+    tested; p is 1, statistic and effect size are NaN.
     """
 
     statistic: float

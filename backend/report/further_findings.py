@@ -24,7 +24,7 @@ from backend.report.analysis_plan import AnalysisPlan
 from backend.report.choice_findings import Pair, people_s_agreement
 from backend.report.own_findings import ARMS, own_shares
 from backend.report.rating_findings import Measure
-from backend.report.study_data import Choice, StudyData
+from backend.report.study_data import Choice, StudyData, asked_about, askings
 from backend.report.study_design import StudyDesign
 
 UNBOUNDED = 30.0  # log odds: likelier than a million millions to one
@@ -40,7 +40,7 @@ class Weighed:
 
 @dataclass(frozen=True)
 class ScaleReliability:
-    """Of a scale's items about one condition ("": asked once)."""
+    """Of a scale's items about one condition, or of one asking outside blocks ("": asked once)."""
 
     scale: str
     condition: str
@@ -182,12 +182,14 @@ def _weighed(data: StudyData, rated: Sequence[Measure], designs: Sequence[StudyD
 
 def _reliabilities(data: StudyData) -> list[ScaleReliability]:
     found = []
+    asked = askings(data.ratings)
     for questionnaire, scale in data.scales:
         keys = [item.key for item in scale.items]
         answers: dict[str, dict[str, dict[str, int]]] = {}
         for one in data.ratings:
             if one.questionnaire == questionnaire and one.item in keys:
-                answers.setdefault(one.condition or "", {}).setdefault(one.person, {})[one.item] = one.value
+                about = asked_about(one, asked)
+                answers.setdefault(about, {}).setdefault(one.person, {})[one.item] = one.value
         for condition, by_person in sorted(answers.items()):
             turned = [
                 [scale.points + 1 - of[item.key] if item.reversed else of[item.key] for item in scale.items]

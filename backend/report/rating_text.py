@@ -21,6 +21,7 @@ from backend.report.report_cells import (
     significant_points,
     statistic_cell,
 )
+from backend.report.study_data import ItemText
 from backend.report.study_design import StudyDesign
 
 TESTS = {
@@ -122,6 +123,11 @@ def _tables(of: Sequence[ItemResult], found: Findings) -> list[Table]:
     return tables
 
 
+def asked_words(item: ItemText, asking: str) -> str:
+    """An item's words, with which asking it was where there were several."""
+    return f"{item.text} ({named(asking)})" if asking else item.text
+
+
 def _text(one: ItemResult) -> str:
     return f"{one.item.text}{' (as answered: low is good)' if one.item.reversed else ''}"
 
@@ -134,7 +140,7 @@ def rankings_section(found: Findings) -> Section:
     options = list(dict.fromkeys(name for one in found.rankings for name in one.places))
     rows = [
         [
-            one.item.text,
+            asked_words(one.item, one.about),
             *("/".join(map(str, one.places.get(name, ()))) or NONE for name in options),
             statistic_cell(one.test),
             *p_cells(one.test, found.plan.alpha),

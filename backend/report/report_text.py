@@ -24,7 +24,7 @@ from backend.report.findings import Findings
 from backend.report.further_text import further_sections
 from backend.report.meeting_text import meeting_section
 from backend.report.method_text import methods_section, methods_sentence
-from backend.report.rating_text import items_section, rankings_section, scales_section
+from backend.report.rating_text import asked_words, items_section, rankings_section, scales_section
 from backend.report.report_cells import (
     NONE,
     effect_cell,
@@ -143,7 +143,7 @@ def _people(found: Findings) -> Section:
     if found.demographics:
         rows = [
             [
-                one.item.text,
+                asked_words(one.item, one.asking),
                 str(one.n),
                 f"{one.numbers.mean:.1f} ({number_words(one.numbers.sd, '{:.1f}')})"
                 if one.numbers
@@ -151,7 +151,7 @@ def _people(found: Findings) -> Section:
             ]
             for one in found.demographics
         ]
-        tables.append(Table("What was asked once: mean (SD), or how many.", ["question", "answers", ""], rows))
+        tables.append(Table("What was asked outside blocks: mean (SD), or how many.", ["question", "people", ""], rows))
     return Section("Who took part", [EVALUATED_SENTENCE] if set(found.conditions) == EVALUATED else [], tables)
 
 

@@ -5,7 +5,8 @@ Where the rows come from (a data set on disk, this installation's tables) is `ti
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -64,7 +65,7 @@ class Choice:
 @dataclass(frozen=True)
 class Rating:
     """One item of a questionnaire. condition: the block that it was about, None outside blocks. value: as answered; a
-    ranking's is the list of options, best first.
+    ranking's is the list of options, best first. asking: the stage that asked, which tells before from after.
     """
 
     person: str
@@ -72,6 +73,23 @@ class Rating:
     questionnaire: str
     item: str
     value: Any
+    asking: str = ""
+
+
+def askings(ratings: Iterable[Rating]) -> dict[str, set[str]]:
+    """Questionnaire -> the stages outside blocks that asked it: two where it was asked before and after."""
+    found: dict[str, set[str]] = defaultdict(set)
+    for one in ratings:
+        if one.condition is None:
+            found[one.questionnaire].add(one.asking)
+    return found
+
+
+def asked_about(one: Rating, asked: Mapping[str, set[str]]) -> str:
+    """What a rating is about: its condition; outside blocks "", or its asking where there are several."""
+    if one.condition is not None:
+        return one.condition
+    return one.asking if len(asked[one.questionnaire]) > 1 else ""
 
 
 @dataclass(frozen=True)

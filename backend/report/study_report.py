@@ -124,6 +124,7 @@ def scale_rows(found: Findings) -> list[dict[str, object]]:
             "questionnaire": of.questionnaire,
             "scale": of.scale.name,
             "condition": one.condition or "",
+            "asking": one.asking,
             "score": one.score,
         }
         for of in found.scales

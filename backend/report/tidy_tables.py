@@ -254,9 +254,11 @@ def _ratings(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> It
         if row["kind"] == "questionnaire":
             for name, value in row["value"].items():
                 if name not in MARKS:
-                    yield Rating(row["participant"], step.get("block"), step["questionnaire"], name, value)
+                    yield Rating(
+                        row["participant"], step.get("block"), step["questionnaire"], name, value, step["stage"]
+                    )
     for (person, condition, stage, item), values in shown.items():
-        yield Rating(person, condition, stage, item, sum(values) / len(values))
+        yield Rating(person, condition, stage, item, sum(values) / len(values), stage)
 
 
 def _blocks(files: Mapping[str, str]) -> Iterator[tuple[str, Row, str | None]]:

@@ -204,6 +204,33 @@ def test_a_validated_scale_is_scored_per_participant_by_its_own_scoring() -> Non
     assert "Brooke" in part.sentences[0]
 
 
+def test_what_is_asked_before_and_after_is_a_row_each_of_so_many_people() -> None:
+    """An item, a validated scale and a ranking, asked by two stages of four people: nothing is pooled."""
+    sus, people = SCALES["sus"], [replace(PERSON, code=f"P-{k}") for k in range(4)]
+    given = []
+    for k, one in enumerate(people):
+        for stage, more in (("mood", 0), ("mood_2", 1)):
+            given += [Rating(one.code, None, "mood", "mood", 2 + k + more, stage)]
+            order = [HERE, THERE] if more else [THERE, HERE]
+            given += [Rating(one.code, None, "best", "best", order, f"best_{more}")]
+            given += [Rating(one.code, None, "usability", item.key, 3 + more, f"sus_{more}") for item in sus.items]
+    answers = [choice(one.code, HERE, 0, "a") for one in people]
+    found = analyse(study(answers, people, ratings=given, scales=[("usability", sus)]), nothing, plan=PLAN)
+    assert [(one.asking, one.n, one.numbers.mean) for one in found.demographics] == [
+        ("mood", 4, 3.5),
+        ("mood_2", 4, 4.5),
+    ]
+    (scale,) = found.scales
+    assert {name: mean.n for name, mean in scale.means.items()} == {"sus_0": 4, "sus_1": 4}
+    assert [row["asking"] for row in scale_rows(found)] == ["sus_0", "sus_1"] * 4
+    assert [(one.about, one.test.n, one.places[HERE]) for one in found.rankings] == [
+        ("best_0", 4, [0, 4]), ("best_1", 4, [4, 0]),
+    ]  # fmt: skip
+    assert [(one.condition, one.of.n) for one in found.further.reliabilities] == [("sus_0", 4), ("sus_1", 4)]
+    (who,) = (part for part in sections(found, [], Path()) if part.title == "Who took part")
+    assert [row[:2] for row in who.tables[-1].rows] == [["mood (mood)", "4"], ["mood (mood 2)", "4"]]
+
+
 def test_view_and_device_stand_beside_every_answer() -> None:
     data = study([choice("P-1", HERE, 0, "a"), choice("P-1", HERE, 1, "b", "learning")])
     rows = answer_rows(data, analyse(data, nothing, plan=PLAN))

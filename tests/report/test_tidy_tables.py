@@ -24,7 +24,7 @@ SESSION = {
     "participant": "P-1",
     "created_at": datetime(2026, 1, 1, tzinfo=UTC),
     "state": "completed",
-    "plan": [{"key": "usability", "kind": "questionnaire", "questionnaire": "usability"}],
+    "plan": [{"key": "usability", "kind": "questionnaire", "stage": "usability", "questionnaire": "usability"}],
 }
 
 
@@ -81,6 +81,13 @@ def test_a_choice_whose_time_was_over_is_none_and_its_mark_no_rating() -> None:
     assert {one.points for one in scale} == {5}
     assert any(one.reversed for one in scale)
     assert data.scales == [("usability", SCALES["sus"])]
+
+
+def test_what_was_asked_before_and_after_says_which_it_was() -> None:
+    plan = [{**SESSION["plan"][0], "key": key, "stage": key} for key in ("usability", "usability_2")]
+    given = [{**response(None, None, {"sus_1": k}), "step": step["key"]} for k, step in enumerate(plan, 4)]
+    found = tidied([], given, session={"plan": plan}).ratings
+    assert [(one.asking, one.value) for one in found] == [("usability", 4), ("usability_2", 5)]
 
 
 def comparison(name: str, **arms: object) -> dict:
@@ -147,7 +154,15 @@ def test_a_person_is_what_the_last_appointment_says() -> None:
 
 
 def test_ratings_in_a_block_are_about_its_condition() -> None:
-    plan = [{"key": "block.fun", "kind": "questionnaire", "questionnaire": "usability", "block": "immersive"}]
+    plan = [
+        {
+            "key": "block.fun",
+            "kind": "questionnaire",
+            "stage": "block",
+            "questionnaire": "usability",
+            "block": "immersive",
+        }
+    ]
     given = {**response(None, None, {"sus_1": 4}), "step": "block.fun"}
     (rating,) = tidied([], [given], session={"plan": plan}).ratings
     assert (rating.condition, rating.questionnaire, rating.item, rating.value) == ("immersive", "usability", "sus_1", 4)
