@@ -12,7 +12,6 @@ from app.shapes import Colour, Shape, ball, box, disc, flat, limb, merged, turne
 from backend.simulation.setups import ROBOT_RADIUS_M
 
 PERSON_DISC_RADIUS_M = 0.25  # ch. 7
-_EYE_SHARE = 0.93  # eyes at this share of body height
 
 _GRAPHITE: Colour = (58, 60, 64)
 _GRAPHITE_LIGHT: Colour = (92, 95, 100)
@@ -36,11 +35,6 @@ class RobotColours:
 NEUTRAL = RobotColours(top=(240, 240, 236), lamp=_LAMP)
 LEFT = RobotColours(top=(88, 150, 222), lamp=(226, 240, 255))
 RIGHT = RobotColours(top=(232, 150, 66), lamp=(255, 240, 216))
-
-
-def eye_height_m(person_height: float) -> float:
-    """Height of the eyes above the floor."""
-    return _EYE_SHARE * person_height
 
 
 def robot(colours: RobotColours = NEUTRAL) -> Shape:

@@ -12,7 +12,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from app.bodies import PERSON_DISC_RADIUS_M, eye_height_m
+from app.bodies import PERSON_DISC_RADIUS_M
 from app.orders import CameraOrder
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Trajectory
@@ -90,7 +90,7 @@ def camera_for(scene: Scene, view: View, trajectories: Iterable[Trajectory] = ()
     """The camera of a view in a scene. `trajectories`: whatever will be played there, so that A and B share a frame."""
     frame = frame_of(scene, trajectories)
     person, start = scene.person.pose, scene.start
-    eye = (person.x, person.y, eye_height_m(scene.person.height))
+    eye = (person.x, person.y, scene.person.eye_height_m)
     target = (start.x, start.y, TRACKED_HEIGHT_M)
     if view == "top_down":
         middle = ((frame[0] + frame[2]) / 2, (frame[1] + frame[3]) / 2)

@@ -6,14 +6,17 @@ how rankings are compared the report's.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from backend.explain.attribution import Actor, explain
+from backend.explain.in_sight import halts_in_sight
 from backend.explain.methods import AttributionError, Command, Method
 from backend.explain.sight import sight_of, thing_names
 from backend.simulation.acting import ActFunction, EpisodicPolicy
@@ -144,7 +147,6 @@ def explained_rollout(
     *,
     method: Method = "saliency",
     command: Command = "speed",
-    practice: bool = False,
     drive_s: float = DRIVE_S,
 ) -> ExplainedRollout:
     """Roll a policy out in a scene and explain every moment until it halts. actor: what `act` usually acts by.
@@ -161,7 +163,7 @@ def explained_rollout(
     explained = explain(actor, sight_of(whole), method=method, command=command)
     things = tuple(thing_names(scene)[: len(scene.obstacles)])
     scores = explained.scores[:, : len(things)].astype(np.float32)
-    return ExplainedRollout(_cut(whole, steps), things, scores, practice)
+    return ExplainedRollout(_cut(whole, steps), things, scores)
 
 
 def ranking_set(
@@ -170,21 +172,37 @@ def ranking_set(
     scenes: Iterable[Scene],
     practice: Iterable[Scene],
     *,
+    count: int,
+    practised: int,
     policy: str,
     method: Method = "saliency",
     command: Command = "speed",
 ) -> RankingSet:
-    """Explained rollouts of a policy in scenes and in others for practice. Raises AttributionError as
-    `explained_rollout`, or for no scene at all.
+    """Explained rollouts of a policy in the first `count` of the scenes in which it halts in sight of the person, and
+    in the first `practised` of others for practice. Raises AttributionError where there are fewer such scenes.
     """
-    rollouts = tuple(
-        explained_rollout(actor, act, scene, method=method, command=command, practice=practised)
-        for practised, some in ((False, scenes), (True, practice))
-        for scene in some
-    )
-    if not rollouts:
-        raise AttributionError("scenes: there is none; a ranking set needs at least one")
-    return RankingSet(rollouts[0].trajectory.scene.setup, rollouts, policy, method, command)
+    rollouts: list[ExplainedRollout] = []
+    for some, wanted, practising in ((scenes, count, False), (practice, practised, True)):
+        found = _in_sight(actor, act, some, method, command)
+        kept = [replace(one, practice=practising) for one in islice(found, wanted)]
+        if len(kept) < wanted:
+            raise AttributionError(
+                f"scenes: the robot still drives after {DRIVE_S:g} s and halts in sight in {len(kept)} of them; a "
+                f"ranking set of {wanted} needs more scenes"
+            )
+        rollouts += kept
+    return RankingSet(rollouts[0].trajectory.scene.setup, tuple(rollouts), policy, method, command)
+
+
+def _in_sight(
+    actor: Actor, act: ActFunction | EpisodicPolicy, scenes: Iterable[Scene], method: Method, command: Command
+) -> Iterator[ExplainedRollout]:
+    """Rollouts that halt where the person sees the robot; others say nothing to whoever ranks."""
+    for scene in scenes:
+        with suppress(AttributionError):  # it was over before
+            one = explained_rollout(actor, act, scene, method=method, command=command)
+            if halts_in_sight(one.trajectory):
+                yield one
 
 
 def _cut(whole: Trajectory, steps: int) -> Trajectory:

@@ -1,16 +1,16 @@
-"""The scenarios of chapter 8, in which people say what mattered to the robot: 48 rooms of five objects, and practice.
+"""Rooms for the scenarios of chapter 8, in which people say what mattered to the robot: five objects each.
 
-Which rooms these are, by rules that know no policy. How a room is drawn is `kernels.draw_explained_room`'s; what a
-policy looked at in it, `attribution.py`'s.
+Which rooms may be asked about, by rules that know no policy; of these `ranking_sets.py` takes the first ones in which
+the robot halts in sight. How a room is drawn is `kernels.draw_explained_room`'s.
 """
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Iterator
 
 import numpy as np
 
-from backend.explain.sight import Sight, sight_of, thing_names
+from backend.explain.sight import Sight, sight_of
 from backend.simulation.fast import rollout
 from backend.simulation.scene import Scene
 from backend.simulation.scenes import draw_scene
@@ -23,30 +23,17 @@ FIRST_SEED, FIRST_PRACTICE_SEED = 2_000_000_000, 2_000_010_000
 """Where `scene_sets.Purpose.QUERIES` begins: nothing is trained, chosen or reported on these."""
 
 
-def object_names(scene: Scene) -> tuple[str, ...]:
-    """The things that can be ranked, in the order of `scene.obstacles`; as `Explanation.things` calls them."""
-    return tuple(thing_names(scene)[: len(scene.obstacles)])
-
-
-def scenarios() -> tuple[Scene, ...]:
-    """The 48 scenarios, always the same: seed after seed, where four of five objects are seen from the start."""
-    return _first(FIRST_SEED, SCENARIOS)
-
-
-def practice_scenarios() -> tuple[Scene, ...]:
-    """The two that people practise in, none of the 48."""
-    return _first(FIRST_PRACTICE_SEED, PRACTICE)
-
-
-@cache
-def _first(seed: int, count: int) -> tuple[Scene, ...]:
-    kept: list[Scene] = []
-    while len(kept) < count:
-        scene = draw_scene(EXPLAINED_ROOM, seed)
-        seed += 1
+def rooms(seed: int = FIRST_SEED) -> Iterator[Scene]:
+    """Seed after seed, always the same: rooms in which four of five objects are seen from the start."""
+    for number in range(seed, seed + FIRST_PRACTICE_SEED - FIRST_SEED):
+        scene = draw_scene(EXPLAINED_ROOM, number)
         if _at_start(scene).seen[0, :OBJECTS].sum() >= LEAST_SEEN:
-            kept.append(scene)
-    return tuple(kept)
+            yield scene
+
+
+def practice_rooms() -> Iterator[Scene]:
+    """Rooms to practise in, none of the others."""
+    return rooms(FIRST_PRACTICE_SEED)
 
 
 def _at_start(scene: Scene) -> Sight:

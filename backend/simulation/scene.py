@@ -19,6 +19,7 @@ from backend.simulation.pedestrians import Crowd, PedestrianError
 from backend.simulation.walks import Walk, WalkError
 
 OBSTACLE_KINDS = ("cube", "box", "pillar", "wall", "couch", "table", "cupboard", "sofa", "chair", "bed", "lamp")
+EYE_SHARE = 0.93  # of a body's height
 
 
 class SceneError(ValueError):
@@ -45,6 +46,11 @@ class Person:
     pose: Pose
     radius: float = 0.3
     height: float = 1.7
+
+    @property
+    def eye_height_m(self) -> float:
+        """Height of the eyes above the floor."""
+        return EYE_SHARE * self.height
 
 
 @dataclass(frozen=True)

@@ -154,7 +154,7 @@ def test_cameras_stand_where_the_view_says() -> None:
     person = scene.person.pose
     for view in ("first_person", "immersive"):
         camera = camera_for(scene, require_view(view))
-        assert camera.eye == (person.x, person.y, bodies.eye_height_m(scene.person.height))
+        assert camera.eye == (person.x, person.y, scene.person.eye_height_m)
     assert camera_for(scene, "first_person").fov_rad == pytest.approx(math.radians(60))
     with pytest.raises(ViewError, match=r"'vr'.*top_down, first_person, immersive"):
         require_view("vr")

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from backend.explain.attribution import explain
+from backend.explain.in_sight import halts_in_sight
 from backend.explain.methods import AttributionError
 from backend.explain.ranking_sets import RankingSet, explained_rollout, is_ranking_set, ranking_set
 from backend.explain.sight import sight_of
 from backend.learning.policies.shipped import load_policy
 from backend.learning.policies.torch_actor import actor_of
 from backend.simulation.fast import rollout
+from backend.simulation.scene import Obstacle, Person, Pose
 from backend.simulation.setups import get_setup
 from tests.explain.ranking_rooms import five_things, small_ranking_set
 
@@ -68,5 +70,24 @@ def test_a_rollout_that_is_over_before_the_halt_is_refused_by_its_scene() -> Non
     policy, scene = load_policy("study_room/base"), next(five_things())
     with pytest.raises(AttributionError, match=f"scene {scene.seed}: the rollout is over"):
         explained_rollout(actor_of(policy), policy.rollout_policy, scene, drive_s=60.0)
-    with pytest.raises(AttributionError, match="there is none"):
-        ranking_set(actor_of(policy), policy.rollout_policy, [], [], policy="study_room/base")
+    with pytest.raises(AttributionError, match="in 0 of them; a ranking set of 1 needs more"):
+        ranking_set(actor_of(policy), policy.rollout_policy, [], [], count=1, practised=0, policy="study_room/base")
+
+
+def test_a_set_takes_the_first_scenes_in_which_the_person_sees_the_robot_halt() -> None:
+    policy, scenes = load_policy("study_room/base"), list(islice(five_things(), 12))
+    made = ranking_set(
+        actor_of(policy), policy.rollout_policy, scenes, scenes[9:], count=3, practised=1, policy="study_room/base"
+    )
+    assert [one.practice for one in made.rollouts] == [False] * 3 + [True]
+    assert all(halts_in_sight(one.trajectory) for one in made.rollouts)
+    walled = [replace(scene, obstacles=cupboards_around(scene.person)) for scene in scenes[:3]]
+    with pytest.raises(AttributionError, match="in 0 of them"):
+        ranking_set(actor_of(policy), policy.rollout_policy, walled, [], count=1, practised=0, policy="study_room/base")
+
+
+def cupboards_around(person: Person) -> tuple[Obstacle, ...]:
+    """Four, taller than the person, so that nothing but them is seen."""
+    x, y = person.pose.x, person.pose.y
+    around = ((0.6, 0.0, 0.1, 1.1), (-0.6, 0.0, 0.1, 1.1), (0.0, 0.6, 1.3, 0.1), (0.0, -0.6, 1.3, 0.1))
+    return tuple(Obstacle("box", Pose(x + dx, y + dy), length, width, 2.0) for dx, dy, length, width in around)

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import islice
+
 import numpy as np
 import pytest
 import torch
 
 from backend.explain.attribution import attribute, baseline, explain
+from backend.explain.in_sight import LEAST_IN_SIGHT, share_in_sight
 from backend.explain.methods import METHODS
-from backend.explain.ranking_sets import RankingSet, explained_rollout
-from backend.explain.scenarios import OBJECTS, PRACTICE, SCENARIOS, object_names, practice_scenarios, scenarios
+from backend.explain.ranking_sets import DRIVE_S, RankingSet, explained_rollout
+from backend.explain.scenarios import OBJECTS, PRACTICE, SCENARIOS, practice_rooms, rooms
 from backend.explain.sight import sight_of
 from backend.explain.slowing import slowing
 from backend.learning.cards import file_sha256
@@ -21,27 +25,52 @@ from backend.learning.preferences.features import obstacle_clearance_m
 from backend.learning.scene_sets import Purpose, first_seed, scene_set
 from backend.learning.shipped_files import load_card, resolve
 from backend.simulation.fast import rollout
+from backend.simulation.scene import Obstacle, Person, Pose
 from backend.simulation.scenes import check_scene
 from backend.simulation.setups import EXPLAINED_ROOM, SetupError
 from backend.simulation.trajectory import Outcome
 from tests.simulation.simple_policies import towards_goal
 
 
-def test_there_are_48_scenarios_of_five_named_objects_and_two_to_practise_in() -> None:
-    every = [*scenarios(), *practice_scenarios()]
-    assert len(scenarios()) == SCENARIOS == 48
+@pytest.fixture(scope="module")
+def stored() -> RankingSet:
+    return RankingSet.load(resolve("explained_room/scenarios_48"))
+
+
+def test_there_are_48_scenarios_of_five_named_objects_and_two_to_practise_in(stored: RankingSet) -> None:
+    every = [one.trajectory.scene for one in stored.rollouts]
+    assert [one.practice for one in stored.rollouts] == [False] * SCENARIOS + [True] * PRACTICE
     assert len({scene.seed for scene in every}) == SCENARIOS + PRACTICE
-    for scene in every:
-        check_scene(scene)
-        assert object_names(scene) == ("couch", "table", "cupboard", "box", "pillar")
-    assert len(object_names(every[0])) == OBJECTS
+    for one in stored.rollouts:
+        check_scene(one.trajectory.scene)
+        assert one.things == ("couch", "table", "cupboard", "box", "pillar")
+        assert len(one.things) == OBJECTS
 
 
-def test_scenarios_are_queries_so_nothing_was_trained_or_chosen_on_them() -> None:
-    assert min(scene.seed for scene in scenarios()) >= first_seed(Purpose.QUERIES, 0)
-    assert max(scene.seed for scene in scenarios()) < first_seed(Purpose.QUERIES, 1)
-    assert min(scene.seed for scene in practice_scenarios()) >= first_seed(Purpose.QUERIES, 1)
-    assert [scene.seed - first_seed(Purpose.QUERIES, 0) for scene in scenarios()[:4]] == [2, 4, 7, 10]
+def test_scenarios_are_queries_so_nothing_was_trained_or_chosen_on_them(stored: RankingSet) -> None:
+    seeds = [one.trajectory.scene.seed for one in stored.rollouts]
+    assert min(seeds) >= first_seed(Purpose.QUERIES, 0)
+    assert max(seeds[:SCENARIOS]) < first_seed(Purpose.QUERIES, 1) <= min(seeds[SCENARIOS:])
+    assert [scene.seed - first_seed(Purpose.QUERIES, 0) for scene in islice(rooms(), 4)] == [2, 4, 7, 10]
+
+
+@pytest.mark.parametrize("name", ["explained_room/scenarios_48", "crowd_corridor/scenarios_24"])
+def test_who_ranks_sees_the_robot_where_it_halts_in_every_shipped_scenario(name: str) -> None:
+    for one in RankingSet.load(resolve(name)).rollouts:
+        scene, (x, y) = one.trajectory.scene, one.trajectory.poses[-1, :2]
+        assert share_in_sight(scene, float(x), float(y), DRIVE_S) >= LEAST_IN_SIGHT, f"{name}, scene {scene.seed}"
+
+
+def test_a_cupboard_between_eyes_and_robot_hides_it_and_a_low_table_does_not() -> None:
+    scene = next(rooms())
+    person = Person(Pose(0.0, 0.0))
+    for height, seen in ((1.8, 0.0), (0.4, 1.0)):
+        between = (Obstacle("box", Pose(1.0, 0.0), 0.4, 1.2, height),)
+        here = replace(scene, person=person, obstacles=between)
+        assert share_in_sight(here, 3.0, 0.0, 0.0) == pytest.approx(seen, abs=0.05)
+        assert share_in_sight(here, -3.0, 0.0, 0.0) == 1.0
+    half = replace(scene, person=person, obstacles=(Obstacle("box", Pose(1.0, 0.5), 0.4, 1.0, 1.8),))
+    assert 0.3 < share_in_sight(half, 3.0, 0.0, 0.0) < 0.7
 
 
 def test_the_robot_is_told_of_its_goal_and_15_rays_and_of_the_person_by_these_alone() -> None:
@@ -50,7 +79,7 @@ def test_the_robot_is_told_of_its_goal_and_15_rays_and_of_the_person_by_these_al
         "goal_bearing",
         *(f"lidar_{sector}" for sector in range(15)),
     ]
-    trajectory = rollout(EXPLAINED_ROOM, towards_goal(EXPLAINED_ROOM), scenarios()[:1])[0]
+    trajectory = rollout(EXPLAINED_ROOM, towards_goal(EXPLAINED_ROOM), [next(rooms())])[0]
     sight = sight_of(trajectory)
     nothing = np.zeros((len(sight.observations), len(sight.things)), dtype=bool)
     np.testing.assert_allclose(sight.without(nothing), sight.observations, atol=2e-6)
@@ -79,17 +108,17 @@ def test_the_shipped_policy_is_that_of_chapter_8_arrives_and_slows_down(policy: 
     )
 
 
-def test_the_shipped_ranking_set_is_the_shipped_policy_in_the_scenarios(policy: Policy) -> None:
-    stored = RankingSet.load(resolve("explained_room/scenarios_48"))
-    assert [one.trajectory.scene for one in stored.rollouts] == [*scenarios(), *practice_scenarios()]
+def test_the_shipped_ranking_set_is_the_shipped_policy_in_these_rooms(policy: Policy, stored: RankingSet) -> None:
+    drawn = {scene.seed for scene in [*islice(rooms(), 2 * SCENARIOS), *islice(practice_rooms(), 2 * PRACTICE)]}
+    assert drawn >= {one.trajectory.scene.seed for one in stored.rollouts}
     assert (stored.policy, stored.method, stored.command) == ("explained_room/base", "saliency", "speed")
     assert load_card("explained_room/scenarios_48").sha256 == file_sha256(resolve("explained_room/scenarios_48"))
-    first = explained_rollout(actor_of(policy), policy.act, scenarios()[0])
+    first = explained_rollout(actor_of(policy), policy.act, stored.rollouts[0].trajectory.scene)
     np.testing.assert_allclose(first.scores, stored.rollouts[0].scores, atol=1e-4)
 
 
 def test_the_new_policy_is_explained_by_gradients_that_add_up(policy: Policy) -> None:
-    sight = sight_of(rollout(EXPLAINED_ROOM, policy.act, scenarios()[:1])[0])
+    sight = sight_of(rollout(EXPLAINED_ROOM, policy.act, [next(rooms())])[0])
     actor, seen = actor_of(policy), sight.observations
     found = attribute(actor, seen, setup=EXPLAINED_ROOM, method="integrated_gradients", command="speed")
     with torch.no_grad():

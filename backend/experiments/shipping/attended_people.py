@@ -12,6 +12,7 @@ import numpy as np
 import torch
 
 from backend.experiments.shipping.ranking_set_files import store_ranking_set
+from backend.explain.in_sight import halts_in_sight
 from backend.explain.ranking_sets import DRIVE_S, ExplainedRollout, RankingSet
 from backend.explain.shown_explanation import people_of
 from backend.learning.cards import Card, card_path
@@ -54,14 +55,15 @@ def explained_among_people(policy: AttentionPolicy, scene: Scene, *, practice: b
 
 
 def attended_set(policy: AttentionPolicy, name: str, scenarios: int, practice: int) -> tuple[RankingSet, int]:
-    """So many rollouts, the first in which four of five people get attention; and how many scenes were left out."""
+    """So many rollouts, the first that halt in sight of the person where four of five people get attention; and how
+    many scenes were left out."""
     kept: list[ExplainedRollout] = []
     seed = first = first_seed(Purpose.QUERIES, 0)
     while len(kept) < scenarios + practice:
         scene = draw_crowd_scene(policy.setup, seed, FIVE)
         seed += 1
         one = explained_among_people(policy, scene, practice=len(kept) >= scenarios)
-        if one is not None and (one.scores[-1] > 0).sum() >= LEAST_SEEN:
+        if one is not None and (one.scores[-1] > 0).sum() >= LEAST_SEEN and halts_in_sight(one.trajectory):
             kept.append(one)
     return RankingSet(policy.setup, tuple(kept), name, "attention", "all"), seed - first - len(kept)
 
@@ -88,6 +90,7 @@ def ship_attended(folder: Path = DATASETS, scenarios: int = SCENARIOS) -> Card:
         notes=[
             "A score is how strongly the stage draws what the policy attends to at somebody: the mean of the strongest "
             "lidar sector and the strongest descriptor ray that meet them, each beside the moment's strongest.",
-            "Left out: scenes that are over within three seconds, and those where fewer than four get attention.",
+            "Left out: scenes that are over within three seconds, those where fewer than four get "
+            "attention, and those where the person does not see the robot halt.",
         ],
     )

@@ -11,7 +11,7 @@ from backend.experiments.shipping.policies import store_policy
 from backend.experiments.shipping.ranking_set_files import store_ranking_set
 from backend.explain.methods import Command, Method
 from backend.explain.ranking_sets import ranking_set
-from backend.explain.scenarios import SCENARIOS, object_names, practice_scenarios, scenarios
+from backend.explain.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
 from backend.explain.slowing import slowing
 from backend.learning.cards import DEPARTURES, Card
 from backend.learning.policies.policy import Policy
@@ -60,14 +60,14 @@ def ship_ranking_set(folder: Path = DATASETS, method: Method = "saliency", comma
     path = folder / f"{parent}.npz"
     policy = Policy.load(path)
     made = ranking_set(
-        actor_of(policy), policy.rollout_policy, scenarios(), practice_scenarios(), policy=parent, method=method,
-        command=command,
+        actor_of(policy), policy.rollout_policy, rooms(), practice_rooms(), count=SCENARIOS, practised=PRACTICE,
+        policy=parent, method=method, command=command,
     )  # fmt: skip
     return store_ranking_set(
         made,
         SET_NAME,
         folder,
-        config={"method": method, "command": command, "objects": list(object_names(scenarios()[0]))},
+        config={"method": method, "command": command, "objects": list(made.rollouts[0].things)},
         most_key="most_important",
         without_key="objects_without_score",
         parent=(parent, path),

@@ -16,7 +16,7 @@ from backend.analysis.metrics import collision_rate, success_rate, timeout_rate
 from backend.experiments.reproduction.explanations.published_numbers import NOISE_PLACES, RATED, TRUST
 from backend.experiments.reproduction.tasks import Function, TaskResult
 from backend.explain.ranking_sets import RankingSet, ranking_set
-from backend.explain.scenarios import practice_scenarios, scenarios
+from backend.explain.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
 from backend.explain.shown_explanation import simulated_ranking
 from backend.explain.slowing import slowing
 from backend.learning.policies.policy import Policy
@@ -65,8 +65,8 @@ def explained_scenarios(params: dict[str, Any], needs: Sequence[TaskResult]) -> 
     set. meta: scores of 0 and ties."""
     chosen = Policy.from_bytes(needs[0].arrays["content"].tobytes())
     made = ranking_set(
-        actor_of(chosen), chosen.rollout_policy, scenarios(), practice_scenarios(), policy=SHIPPED,
-        method=params["method"], command="speed",
+        actor_of(chosen), chosen.rollout_policy, rooms(), practice_rooms(), count=SCENARIOS, practised=PRACTICE,
+        policy=SHIPPED, method=params["method"], command="speed",
     )  # fmt: skip
     regular = [one.at_halt for one in made.rollouts if not one.practice]
     meta = {
