@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from backend.os_errors import in_words
 from backend.store.scrubbing import scrubbed
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
@@ -126,9 +127,10 @@ def plain_errors(command: Callable[P, None]) -> Callable[P, None]:
                 sys.stdout.write(json.dumps({"error": "not confirmed, nothing was done; --yes does not ask"}) + "\n")
             raise
         except (ValueError, LookupError, OSError, RuntimeError) as problem:
+            words = in_words(problem)
             if kwargs.get("as_json"):
-                sys.stdout.write(json.dumps({"error": str(problem)}) + "\n")
-            Console(stderr=True).print(f"[red]error:[/red] {problem}", highlight=False, soft_wrap=True)
+                sys.stdout.write(json.dumps({"error": words}) + "\n")
+            Console(stderr=True).print(f"[red]error:[/red] {escape(words)}", highlight=False, soft_wrap=True)
             raise typer.Exit(1) from None
 
     return guarded

@@ -27,6 +27,7 @@ from backend.jobs.context import JobContext, Progress
 from backend.jobs.kinds import TaskParams, get_kind
 from backend.jobs.leases import end_attempt, holds
 from backend.jobs.process import FINAL_STATES, ExitCode, finish, log_file, patiently
+from backend.os_errors import in_words
 from backend.settings import Settings, get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, DatabaseBusy, is_full
@@ -66,7 +67,7 @@ def do(settings: Settings, job_id: str, attempt: str = "") -> ExitCode:
         if not _passes(problem):
             raise
         with contextlib.suppress(OSError):  # the log's disk may be the full one
-            print(f"cannot work just now: {problem}", flush=True)
+            print(f"cannot work just now: {in_words(problem)}", flush=True)
         return ExitCode.AGAIN
 
 
@@ -164,7 +165,7 @@ def _fail(database: Database, job_id: str, attempt: str | None, problem: Excepti
     meant_for_people = isinstance(problem, ValueError | LookupError | OSError) and not isinstance(
         problem, ValidationError | KeyError | IndexError
     )
-    text = str(problem) if meant_for_people else f"{type(problem).__name__}: {problem}"
+    text = in_words(problem) if meant_for_people else f"{type(problem).__name__}: {problem}"
     with database.transaction() as s:
         job = s.get(Job, job_id, with_for_update=True)
         if job is not None and job.state not in FINAL_STATES and holds(job, attempt):

@@ -11,6 +11,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from backend.analysis.tested import Correction
+from backend.os_errors import in_words
 
 Metric = Literal["path_length", "time", "mean_speed", "accumulated_angle", "min_human_distance", "path_area"]
 METRICS: dict[Metric, tuple[str, str]] = {
@@ -111,7 +112,7 @@ def read_plan(file: Path) -> AnalysisPlan:
     try:
         return AnalysisPlan.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")) or {})
     except (OSError, yaml.YAMLError) as problem:
-        raise ValueError(f"plan = {file.name!r}: cannot be read ({problem})") from None
+        raise ValueError(f"plan = {file.name!r}: cannot be read ({in_words(problem)})") from None
     except ValidationError as wrong:
         message = "; ".join(f"{'.'.join(map(str, e['loc']))} = {e['input']!r}: {e['msg']}" for e in wrong.errors())
         raise ValueError(f"plan = {file.name!r}: {message}; known: {', '.join(AnalysisPlan.model_fields)}") from None

@@ -20,6 +20,7 @@ import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from backend.analysis.scales import Scale, ScaleItem
+from backend.os_errors import in_words
 from backend.report.study_data import Choice, Comparison, ParticipantRow, Rating, StudyData
 
 PERSONAL_SHARE = 0.4  # ours: share of a rating's variance that belongs to the person
@@ -271,7 +272,7 @@ def read_cohort(file: Path) -> Cohort:
             given["preferences"] = given.pop("tastes")
         return Cohort(**given)
     except (OSError, yaml.YAMLError) as problem:
-        raise CohortError(f"cohort = {file.name!r}: cannot be read ({problem})") from None
+        raise CohortError(f"cohort = {file.name!r}: cannot be read ({in_words(problem)})") from None
     except (TypeError, AttributeError):
         known = ", ".join(field.name for field in fields(Cohort))
         raise CohortError(f"cohort = {file.name!r}: must be a mapping with some of the keys {known}") from None

@@ -19,6 +19,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from backend.os_errors import in_words
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, StorageError
 from backend.store.demonstration_snapshots import programmed_files
@@ -110,7 +111,7 @@ def restore(
     except StorageError:
         raise
     except (OSError, tarfile.TarError, KeyError, json.JSONDecodeError) as problem:
-        raise BackupError(f"{source}: is no whole backup ({problem})") from problem
+        raise BackupError(f"{source}: is no whole backup ({in_words(problem)})") from problem
     finally:
         partial.unlink(missing_ok=True)
     return {"data": str(data), "artefacts": len(manifest["sha256"]) - 1, "made_at": manifest["made_at"]}

@@ -48,3 +48,27 @@ def test_what_is_logged_goes_to_the_stream_that_stands_now(monkeypatch):
     monkeypatch.setattr(sys, "stderr", now)
     structlog.get_logger().info("still heard")
     assert "still heard" in now.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("use", "said"),
+    [
+        (lambda folder: (folder / "nowhere" / "x").read_bytes(), "x: no such file or directory; check the path"),
+        (lambda folder: (folder / "file" / "x").mkdir(), "x: not a directory; a part of this path is a file"),
+        (lambda folder: folder.read_bytes(), ": is a directory; it is a folder; name a file"),
+        (lambda folder: (folder / ("x" * 300)).touch(), "x: file name too long; choose a shorter one"),
+    ],
+)
+def test_an_error_of_the_system_names_the_path_and_what_would_work(use, said, tmp_path, capsys):
+    (tmp_path / "file").touch()
+
+    @plain_errors
+    def export(as_json: bool = False) -> None:
+        use(tmp_path)
+
+    with pytest.raises(typer.Exit):
+        export(as_json=True)
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert "Errno" not in error
+    assert error.startswith(str(tmp_path))
+    assert said in error

@@ -102,3 +102,11 @@ def test_the_language_follows_the_browser_among_those_offered(texts: Texts) -> N
     assert texts.best("en;q=oops") == "en"
     assert texts.best(None) == "en"
     assert texts.get("fr").language == "en"
+
+
+def test_browsers_translate_no_code_link_or_command() -> None:
+    """Who translates a page still pastes the code that it showed."""
+    code = re.compile(r'<code\b[^>]*>|<\w+\b[^>]*id="(?:completion-code|return-code|own-link)"[^>]*>')
+    tags = [tag for page in (FRONTEND / "templates").rglob("*.html") for tag in code.findall(page.read_text("utf-8"))]
+    assert len(tags) > 30
+    assert [tag for tag in tags if 'translate="no"' not in tag] == []

@@ -38,6 +38,37 @@ def test_a_questionnaires_time_hands_in_what_is_there_but_not_before_it_is_over(
     assert answer(walker, "rating").value == {"ease": 3, "timed_out": True}
 
 
+def test_a_questionnaires_time_goes_on_through_reloads_and_pauses(walk):
+    walker = walk({"questionnaire": {"use": "rating", "time_limit_s": 60}}, BLOCK)
+    walker.later(20)
+    assert walker.view.payload["time_left_s"] == 40  # what a page that is loaded again is given
+    walker.do(machine.pause, now=walker.now)
+    walker.later(15)
+    walker.do(machine.resume, now=walker.now)
+    assert walker.view.payload["time_left_s"] == 25
+    walker.later(40)
+    assert walker.view.payload["time_left_s"] == 0
+    walker.submit("rating", {"ease": 3})  # from a page whose own clock stood still
+    assert answer(walker, "rating").value == {"ease": 3, "timed_out": True}
+
+
+def test_a_break_that_is_loaded_again_does_not_begin_anew(walk):
+    walker = walk({"break": {"text": "pause.md", "at_least_s": 30}}, BLOCK)
+    walker.later(12)
+    assert walker.view.payload["at_least_s"] == 18
+    walker.later(100)
+    assert walker.view.payload["at_least_s"] == 0
+
+
+def test_time_spent_on_the_page_before_counts_for_none_after_it(walk):
+    walker = walk(
+        {"questionnaire": {"use": "rating"}}, {"break": {"text": "pause.md", "at_least_s": 30}}, BLOCK,
+    )  # fmt: skip
+    walker.later(300)
+    walker.submit("rating", {"ease": 3, "dull": 2})
+    assert walker.view.payload["at_least_s"] == 30
+
+
 def test_a_break_takes_as_long_as_the_protocol_says(walk):
     walker = walk({"break": {"text": "pause.md", "at_least_s": 30}}, BLOCK)
     assert walker.view.payload == {"title": "pause", "text": "Words about pause.", "at_least_s": 30}

@@ -18,6 +18,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
+from backend.os_errors import in_words
 from backend.simulation.trajectory import Trajectory
 from backend.store.dataset.columns import (
     CHECKSUMS_FILE,
@@ -168,7 +169,7 @@ def frozen_in(folder: Path) -> tuple[str, Row]:
     try:
         return (folder / PROTOCOL_FOLDER / "protocol.yaml").read_bytes().decode(), frozen
     except (OSError, ValueError) as problem:
-        raise DatasetError(f"{PROTOCOL_FOLDER}/protocol.yaml: cannot be read ({problem})") from None
+        raise DatasetError(f"{PROTOCOL_FOLDER}/protocol.yaml: cannot be read ({in_words(problem)})") from None
 
 
 def version_in(folder: Path, number: int) -> Row:
@@ -192,7 +193,7 @@ def _read_json(path: Path) -> Any:
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as problem:
-        raise DatasetError(f"{path.name}: cannot be read ({problem})") from None
+        raise DatasetError(f"{path.name}: cannot be read ({in_words(problem)})") from None
     _check_depth(found, path.name)
     return found
 
@@ -262,7 +263,7 @@ def _unbounded_rows(folder: Path, table: Table) -> Iterator[Row]:
                 for row in part.to_pylist():
                     yield table.unpacked(row)
     except (OSError, pa.ArrowException) as problem:
-        raise DatasetError(f"{name}: cannot be read ({problem})") from None
+        raise DatasetError(f"{name}: cannot be read ({in_words(problem)})") from None
     except DatasetError:
         raise
     except ValueError as problem:

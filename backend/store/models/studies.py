@@ -118,6 +118,7 @@ class Session(Base):
     seed: Mapped[int] = mapped_column(Integer)
     plan: Mapped[list[Any]] = mapped_column(JSON)
     position: Mapped[int] = mapped_column(Integer, default=0)
+    step_since: Mapped[datetime | None]  # when the step was reached; None: nobody has come to this appointment yet
     device: Mapped[dict[str, Any]] = mapped_column(JSON, default=dict)
     completion_code: Mapped[str | None] = mapped_column(String(40))
     personalisation: Mapped[str | None] = mapped_column(String(40))  # why a comparison was or was not shown

@@ -24,6 +24,7 @@ from backend.grammar.words import View
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Response, Session, Trial
 from backend.store.sides import Side
+from backend.study.clock import elapsed_s
 from backend.study.kinds.wire import Answer, Besides, Confirmed, Progress, TrialState
 from backend.study.plan.asked_queries import DrawnQueries, Needs
 from backend.study.refusals import Refused
@@ -179,6 +180,11 @@ class Step(BaseModel):
         return 0
 
     @property
+    def most_s(self) -> int | None:
+        """How long it may be answered, if not for ever: what comes later counts as half filled."""
+        return None
+
+    @property
     def title_of(self) -> tuple[Literal["text", "questionnaire"], str] | None:
         """The text or questionnaire whose title names the step to experimenters, where there is one."""
         return None
@@ -224,6 +230,11 @@ class Moment:
     session: Session
     frozen: FrozenProtocol
     now: datetime
+
+    @property
+    def stood_s(self) -> float | None:
+        """Seconds since the step was reached, reloads and pauses included; None where the clock was set back."""
+        return elapsed_s(self.session.step_since or self.now, self.now)
 
     @property
     def plan(self) -> list[Step]:
@@ -288,6 +299,11 @@ class Moment:
     def refused(self, code: str, message: str, *, status: int = 409, **details: Any) -> Refused:
         """A refusal that names the session."""
         return Refused(status, code, message, session_id=self.session.id, study_id=self.session.study_id, **details)
+
+
+def seconds_left(of: int, moment: Moment) -> float:
+    """How many of so many seconds at the current step are left; all where the clock was set back."""
+    return round(max(0.0, of - (moment.stood_s or 0.0)), 1)
 
 
 @dataclass

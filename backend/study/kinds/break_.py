@@ -9,7 +9,7 @@ from pydantic import Field
 
 from backend.grammar.conditions import Condition
 from backend.grammar.parts import FileName
-from backend.study.kinds.base import BlockPart, Pace, Page, Planning, Stage, Step
+from backend.study.kinds.base import BlockPart, Moment, Pace, Page, Planning, Stage, Step, seconds_left
 from backend.study.kinds.text_page import TextPage, TextStep
 from backend.study.kinds.wire import Confirmed
 
@@ -54,6 +54,9 @@ class Break(TextPage[BreakStep, Confirmed]):
 
     def payload(self, step: BreakStep, page: Page) -> dict[str, Any]:
         return super().payload(step, page) | {"at_least_s": step.at_least_s}
+
+    def payload_now(self, step: BreakStep, moment: Moment) -> dict[str, Any]:
+        return {"at_least_s": seconds_left(step.at_least_s, moment)}
 
 
 KIND = Break()

@@ -24,6 +24,7 @@ from backend.study.kinds.base import (
     Simulated,
     Stage,
     Step,
+    seconds_left,
 )
 from backend.study.kinds.wire import Answer, BadValue, Besides, Flag, whole
 from backend.study.personalising.controller_rollouts import rollouts_for
@@ -76,6 +77,10 @@ class AskingStep(Step):
 
     def least_s(self, *, timed_out: bool) -> int:
         return self.time_limit_s or 0 if timed_out else 0
+
+    @property
+    def most_s(self) -> int | None:
+        return self.time_limit_s
 
     @property
     def title_of(self) -> tuple[Literal["text", "questionnaire"], str] | None:
@@ -152,6 +157,9 @@ class Asking(Kind[A, QuestionnaireAnswer]):
     def payload(self, step: A, page: Page) -> dict[str, Any]:
         asked = page.frozen.questionnaires[step.questionnaire]
         return shown_questionnaire(asked, page.language, page.earlier) | {"time_limit_s": step.time_limit_s}
+
+    def payload_now(self, step: A, moment: Moment) -> dict[str, Any]:
+        return {"time_left_s": seconds_left(step.time_limit_s, moment)} if step.time_limit_s else {}
 
     def is_asked(self, step: A, moment: Moment) -> bool:
         return asks_anything(moment.frozen.questionnaires[step.questionnaire], moment.answer_to)

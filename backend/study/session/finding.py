@@ -63,6 +63,8 @@ def acting(
         with db.transaction(durable=durable) as s:
             session = find_session(s, token, now=now)
             session.last_seen_at = now
+            if session.step_since is None and (session.opens_at is None or now >= session.opens_at):
+                session.step_since = now
             yield s, session
     except Refused as refused:
         if refused.code == "expired" and refused.session_id is not None:

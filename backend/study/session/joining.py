@@ -160,6 +160,7 @@ class _Door:
             assignment=assignment,
             protocol_number=self._number,
             created_at=self._now,
+            step_since=self._now,
             last_seen_at=self._now,
             expires_at=self._now + timedelta(days=protocol.link_valid_days),
         )

@@ -120,6 +120,8 @@ def submit(
     else:
         decision_s = None
         _check_can_be_answered(acting, step, value)
+    if step.most_s and not session.simulated and (acting.stood_s or 0.0) > step.most_s + TOLERANCE_S:
+        value = {**value, "timed_out": True}  # whatever the page's clock said
     stored = _checked(acting, step, value, named)
     stored |= kind.keep(step, acting, stored)
     response = Response(
@@ -194,14 +196,12 @@ def _decision_s(session: Session, trial: Trial, value: Mapping[str, Any], now: d
 
 def _check_can_be_answered(acting: Acting, step: Step, value: Mapping[str, Any]) -> None:
     """Raise Refused for steps that nobody answers, breaks that are not over, and half-filled pages before time."""
-    s, session = acting.s, acting.session
+    session = acting.session
     kind_of(step).check_time(step, acting, value)
     least = step.least_s(timed_out=timed_out(value))
     if not least or session.simulated:
         return
-    before = select(Response.created_at).where(Response.session_id == session.id)
-    since = s.scalars(before.order_by(Response.created_at.desc()).limit(1)).first() or session.created_at
-    elapsed = elapsed_s(since, acting.now)
+    elapsed = acting.stood_s
     if elapsed is not None and elapsed < least - TOLERANCE_S:
         message = f"This takes {least} s and began {elapsed:.0f} s ago."
         raise refused(session, 409, "too_early", message, elapsed_s=round(elapsed, 2), needed_s=least)
@@ -231,7 +231,7 @@ def _next_position(acting: Acting) -> int:
 def _move(acting: Acting, to: int) -> None:
     """Advance to step `to` if nobody else has moved the session, and do what arriving there means."""
     left = acting.plan[acting.session.position : to]
-    states.set_position(acting.s, acting.session, to)
+    states.set_position(acting.s, acting.session, to, acting.now)
     log_event(acting.s, "step_entered", session_id=acting.session.id, step=acting.step.key)
     begun = dict.fromkeys(step.then for step in left if step.then is not None)
     for what in begun:

@@ -126,14 +126,17 @@ def set_phase(s: DatabaseSession, trial: Trial, event: str, who: Who, now: datet
     set_committed_value(trial, "phase_since", now)
 
 
-def set_position(s: DatabaseSession, session: Session, to: int) -> None:
+def set_position(s: DatabaseSession, session: Session, to: int, now: datetime) -> None:
     """Advance to step `to` if nobody else has moved the session. Raises Refused 409 `moved`."""
     compare_and_set(
         s,
         session,
-        update(Session).where(Session.id == session.id, Session.position == session.position).values(position=to),
+        update(Session)
+        .where(Session.id == session.id, Session.position == session.position)
+        .values(position=to, step_since=now),
     )
     set_committed_value(session, "position", to)
+    set_committed_value(session, "step_since", now)
 
 
 def compare_and_set(s: DatabaseSession, row: Session | Trial, statement: Any) -> None:

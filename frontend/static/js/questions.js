@@ -35,9 +35,9 @@ export function readyForm(step, needs, made = (_, collected) => /** @type {A} */
 
   // resting until here: pressed before the scripts have come, it would only load the page again
   restFor(step, form, needs);
-  if (form.dataset.limit) limitTo(step, Number(form.dataset.limit), needs, () => collect(form));
   if (needs.kept) fill(form, needs.kept);
   showAsked(form, answerOf);
+  if (form.dataset.limit) limitTo(step, Number(form.dataset.limit), needs, () => collect(form)); // may be over already
   if (blocks.length && !askedOf(blocks[0]).length && near(1) > 0) turn(near(1));
   tellPage();
   for (const item of rankings(form)) readyRanking(item, needs.say);
@@ -125,7 +125,7 @@ export function readyForm(step, needs, made = (_, collected) => /** @type {A} */
   }
 }
 
-/** The button of a break rests as long as the protocol says. @param {HTMLElement} step @param {HTMLElement} form @param {FormNeeds} needs */
+/** The button of a break rests as long as the server says, which began to count on arrival. @param {HTMLElement} step @param {HTMLElement} form @param {FormNeeds} needs */
 function restFor(step, form, needs) {
   const button = step.querySelector(".bottombar .main");
   const left = step.querySelector("#rest-left");
@@ -142,7 +142,7 @@ function restFor(step, form, needs) {
 }
 
 /**
- * A page with a time limit: says how much is left, and sends what there is when the time is over.
+ * A page with a time limit: says how much is left by the server's clock, and sends what there is when it is over.
  * @param {HTMLElement} step @param {number} seconds @param {FormNeeds} needs @param {() => Record<string, unknown>} collected
  */
 function limitTo(step, seconds, needs, collected) {
