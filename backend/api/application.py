@@ -19,6 +19,7 @@ from backend.api.core.catalogues import Texts
 from backend.api.core.contract import trouble_in
 from backend.api.core.dependencies import Application, Services, route_of
 from backend.api.core.figure_process import FigureProcess
+from backend.api.core.heads import BoundedHeads
 from backend.api.core.health import CODES, Health, health_of
 from backend.api.core.lab_frame import lab_page
 from backend.api.core.media import PAGE
@@ -42,6 +43,7 @@ from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, DatabaseBusy, check_writable, is_full
 from backend.store.places import StoreAway
+from backend.store.plain_data import Unstorable
 from backend.study.refusals import Refused
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
@@ -145,6 +147,10 @@ def create_application(services: Services) -> Application:
         log.warning("a value fits into no column", route=route_of(request), problem=str(problem)[:300])
         return trouble(request, 422, "bad_value", "Something that was sent is too long or no text; nothing was stored.")
 
+    @application.exception_handler(Unstorable)
+    def too_deep(request: Request, problem: Exception) -> Response:
+        return trouble(request, 422, "bad_value", f"{problem}; nothing was stored", field="body")
+
     @application.exception_handler(TooLarge)
     def too_large(request: Request, problem: TooLarge) -> Response:
         return trouble(request, 413, "too_large", problem.detail)
@@ -171,6 +177,7 @@ def create_application(services: Services) -> Application:
         return trouble(request, 507, "disk_full", said, headers={"Retry-After": str(RETRY_AFTER_S)})
 
     application.add_middleware(Guard)
+    application.add_middleware(BoundedHeads)
     return application
 
 

@@ -17,7 +17,7 @@ import jinja2
 if TYPE_CHECKING:
     from backend.explain.pictures import Picture
 
-_BELONGS = re.compile(r" (?=[±%*])|(?<=[±<>=]) |(?<=\b\w|\)) (?=[=<>])")
+_BELONGS = re.compile(r" (?:(?=[±%*])|(?<=[±<>=] )|(?=[=<>])(?<=\b\w |\) ))")
 Shown = Mapping[str, str]
 """A figure as the template shows it: name, title, caption, svg in base64."""
 

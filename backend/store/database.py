@@ -20,12 +20,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection, create_engine, event, func, inspect, make_url, select, text
-from sqlalchemy.exc import DBAPIError, OperationalError
+from sqlalchemy.exc import DBAPIError, OperationalError, StatementError
 from sqlalchemy.orm import Session
 
 from backend.store.models import Setting, utc_now
 from backend.store.models.base import UtcDateTime
-from backend.store.plain_data import load_json
+from backend.store.plain_data import Unstorable, dump_json, load_json
 
 if TYPE_CHECKING:
     from alembic.config import Config
@@ -158,6 +158,7 @@ class Database:
                 pool_size=20,
                 max_overflow=40,
                 hide_parameters=True,  # an error goes to the log, what was to be stored must not
+                json_serializer=dump_json,
                 json_deserializer=load_json,
             )
             event.listen(engine, "connect", _set_up_sqlite)
@@ -167,7 +168,12 @@ class Database:
         elif parsed.get_backend_name() == "postgresql":
             self.file = None
             engine = create_engine(
-                parsed, pool_pre_ping=True, pool_size=20, hide_parameters=True, json_deserializer=load_json
+                parsed,
+                pool_pre_ping=True,
+                pool_size=20,
+                hide_parameters=True,
+                json_serializer=dump_json,
+                json_deserializer=load_json,
             )
             reading = {"postgresql_readonly": True, "isolation_level": "REPEATABLE READ"}
             passing = {}
@@ -308,7 +314,8 @@ class Database:
 
     @contextlib.contextmanager
     def explained(self) -> Iterator[None]:
-        """Turn what the disk or the connection did into a StorageError with a sentence; other errors pass."""
+        """Turn what the disk or the connection did into a StorageError with a sentence, what SQLAlchemy wraps of
+        `dump_json` back into Unstorable; other errors pass."""
         try:
             yield
         except DBAPIError as problem:
@@ -339,6 +346,10 @@ class Database:
             else:
                 raise
             raise StorageError(f"database {where}: {said} ({message})") from problem
+        except StatementError as problem:
+            if isinstance(problem.orig, Unstorable):
+                raise problem.orig from None
+            raise
 
 
 def shared_now(s: Session) -> datetime:

@@ -1,6 +1,8 @@
-"""Plain JSON data of any depth: reading it, looking for names in it, copying it in part. Nothing here recurses.
+"""Plain JSON data of any depth: bounding, reading and writing it, looking for names in it, copying it in part. Nothing
+here recurses.
 
-What browsers send is bounded where it enters; rows of before those bounds must be exported and erased all the same.
+What browsers send is bounded where it enters, and every column once more where it is written (`dump_json`). What stands
+deeper in a database all the same must be exported and erased.
 """
 
 from __future__ import annotations
@@ -10,10 +12,42 @@ import re
 from collections.abc import Callable, Collection, Iterator
 from typing import Any
 
-MOST_LEVELS = 64  # of what is exported; ours, nothing of the product nests deeper than ten
+import numpy as np
+
+MOST_LEVELS = 64  # of what is stored and exported; ours, nothing of the product nests deeper than ten
+LARGEST_JSON = 64 * 2**20  # bytes of one value; ours, the largest plans and job results have some hundred kB
 CUT = f"[nested deeper than {MOST_LEVELS} levels]"
 TOO_DEEP = "too_deep_to_read"  # key under which such a row's words stand
-_WORD = re.compile(r'"(?:[^"\\]|\\.)*"')
+_WORD = re.compile(r'"(?:[^"\\]++|\\.)*+"?', re.DOTALL)  # never fails once begun, so nothing is read twice
+_OPENS_AND_CLOSES = bytes.maketrans(b"[{]}", b"\x01\x01\xff\xff")  # +1 and -1 as signed bytes
+_NO_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
+
+
+class Unstorable(ValueError):
+    """JSON that could not be read again as plain data; the message says why. Nothing of its change was stored."""
+
+
+def is_deeper(written: bytes, limit: int) -> bool:
+    """Whether JSON in UTF-8 has more than `limit` arrays and objects inside each other. Linear in its bytes, whatever
+    they are, and parses nothing; of what is no JSON, only what comes before the first mistake counts."""
+    if written.count(b"[") + written.count(b"{") <= limit:
+        return False
+    parts = written.replace(b"\\\\", b"").replace(b'\\"', b"").split(b'"')  # every other one stands within quotes
+    signs = np.frombuffer(b"".join(parts[::2]).translate(_OPENS_AND_CLOSES, _NO_BRACKETS), np.int8)
+    return int(signs.cumsum(dtype=np.int32).max(initial=0)) > limit
+
+
+def dump_json(value: Any) -> str:
+    """Plain data as every JSON column is written. Raises Unstorable for what is too deep or too large to be read."""
+    try:
+        written = json.dumps(value)
+    except RecursionError:
+        raise Unstorable(f"has more than {MOST_LEVELS} arrays and objects inside each other") from None
+    if len(written) > LARGEST_JSON:
+        raise Unstorable(f"has {len(written)} bytes of JSON, at most {LARGEST_JSON} are stored")
+    if is_deeper(written.encode(), MOST_LEVELS):
+        raise Unstorable(f"has more than {MOST_LEVELS} arrays and objects inside each other")
+    return written
 
 
 def load_json(text: str | bytes) -> Any:

@@ -10,6 +10,7 @@ from collections.abc import MutableMapping
 from typing import Any
 
 TAKEN_OUT = "[taken out]"
+LONGEST = 64 * 1024  # characters of a text that a line keeps, ours: what is longer was never meant to be read
 KEYS = re.compile(
     r"(?i)(^|_)(tokens?|cookies?|passwords?|csrf|secrets?|authorization|verifier|nonce|completion_code|recovery_codes?)$"
 )
@@ -17,10 +18,10 @@ FORMS = (
     # links that let somebody in: a session, a study's door, a stage
     (re.compile(r"(/(?:p|join|stage|session|preview-stage)/)[A-Za-z0-9_-]{8,}"), r"\1" + TAKEN_OUT),
     (re.compile(r"(?i)\b(bearer|basic)\s+[A-Za-z0-9._~+/=-]{6,}"), r"\1 " + TAKEN_OUT),
-    (re.compile(r"([a-z][a-z0-9+.-]*://[^\s:/@]*:)[^\s@/]+@"), r"\1" + TAKEN_OUT + "@"),  # a password in an address
+    (re.compile(r"(://[^\s:/@]*:)[^\s@/]+@"), r"\1" + TAKEN_OUT + "@"),  # a password in an address
     (re.compile(r"(?i)\b(code|state|token|password|csrf|secret|X-Amz-Signature)=[^&\s'\"]+"), r"\1=" + TAKEN_OUT),
-    (re.compile(r"(desirepath_[a-z_]+=)[^;\s'\"]+"), r"\1" + TAKEN_OUT),  # our cookies
-    (re.compile(r"\beyJ[A-Za-z0-9_-]{8,}\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]*"), TAKEN_OUT),  # signed tokens (JWT)
+    (re.compile(r"(desirepath_[a-z0-9_]{1,40}=)[^;\s'\"]+"), r"\1" + TAKEN_OUT),  # our cookies
+    (re.compile(r"\beyJ[A-Za-z0-9_-]{8,}[A-Za-z0-9_.-]*"), TAKEN_OUT),  # signed tokens (JWT), and parts of one
 )
 
 
@@ -31,6 +32,7 @@ def scrubbed(_logger: Any, _method: str, line: MutableMapping[str, Any]) -> Muta
 
 def _value(value: Any) -> Any:
     if isinstance(value, str):
+        value = value[:LONGEST]
         for form, instead in FORMS:
             value = form.sub(instead, value)
         return value

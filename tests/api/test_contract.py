@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from backend.api.core.contract import DEEPEST
 from backend.api.core.published import types_now
 from backend.store.dataset.writing import export_study
 from backend.store.models import Session
+from backend.store.plain_data import is_deeper
 from backend.study.kinds import KINDS
 from backend.study.links import token_hash
 from tests.api.participant_services import submit, to_first_trial
@@ -63,6 +65,49 @@ def test_json_deeper_than_anything_we_ask_for_is_not_parsed(client, link, token,
     for path in (f"/api/session/{token}/events", f"/join/{link}", f"/api/session/{token}/steps/information"):
         error = refused(client.post(path, content=deep, headers=JSON))
         assert (error["field"], str(DEEPEST) in error["message"]) == ("body", True)
+
+
+@pytest.mark.parametrize(
+    "kind", ["application/JSON", "APPLICATION/json; charset=utf-16", "application/vnd.api+JSON", "application/x+json"]
+)
+def test_json_is_bounded_by_whatever_name_the_framework_takes_it_for_json(client, link, token, kind):
+    deep = b'{"kind": "viewed", "data": {"x": %b}}' % (b"[" * 450 + b"]" * 450)
+    headers = {"content-type": kind}
+    for path in (f"/api/session/{token}/events", f"/join/{link}", f"/api/session/{token}/steps/information"):
+        error = refused(client.post(path, content=deep, headers=headers))
+        assert (error["field"], str(DEEPEST) in error["message"]) == ("body", True)
+    flat = client.post(f"/api/session/{token}/events", content=b'{"kind": "viewed"}', headers=headers)
+    assert flat.status_code == 204
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-32", "utf-32-be"])
+def test_json_in_another_encoding_hides_no_brackets(client, token, encoding):
+    """In UTF-16 a letter may have the byte of a quotation mark, behind which brackets would count as text."""
+    hidden = '{"kind": "viewed", "data": {"\u2222": %s}}' % ("[" * 450 + "]" * 450)
+    error = refused(client.post(f"/api/session/{token}/events", content=hidden.encode(encoding), headers=JSON))
+    assert (error["field"], "UTF-8" in error["message"]) == ("body", True)
+
+
+@pytest.mark.parametrize(
+    "worst", [b'"' + b'\\"' * 2**19, b'""' * 2**19, b"[]" * 2**19, b'"["[' * 2**18, b"\\" * 2**20, b"[" * 2**20]
+)
+def test_a_megabyte_of_anything_is_looked_through_at_once(worst):
+    began = time.thread_time()
+    is_deeper(b"[]" * DEEPEST + worst, DEEPEST)
+    assert time.thread_time() - began < 0.2, "seconds per kB, before anybody was asked who they are"
+
+
+def test_depth_is_what_a_reader_finds():
+    for written, depth in (
+        ('[{"[[[": ["\\\\", "]", "\\"["]}]', 3),
+        ('["\\\\\\"[", [1]]', 2),
+        ('{"a": {"b": {}}, "c": [[[[1]]]]}', 5),
+        ("[] [] []", 1),
+        ('"[[["', 0),
+        ('["[[[', 1),
+    ):
+        assert not is_deeper(written.encode(), depth), written
+        assert depth == 0 or is_deeper(written.encode(), depth - 1), written
 
 
 def test_brackets_in_a_text_are_no_depth(client, token):

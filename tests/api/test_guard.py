@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from sqlalchemy import select
 
 from backend.api.application import build_services, create_application
 from backend.api.core.dependencies import Services
+from backend.api.core.heads import LARGEST_HEAD
+from backend.api.core.lab_frame import LANGUAGE_COOKIE
 from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY
 from backend.settings import Settings
 from backend.store.models import Event
@@ -42,6 +45,22 @@ def test_everybody_may_send_a_little_and_signed_in_pages_take_more(client: TestC
     assert too_much.status_code == 413
     enough = client.post(path, content=b"x" * (LARGEST_OPEN_BODY - 1), headers={"Content-Type": "application/json"})
     assert enough.status_code not in (413, 500)
+
+
+def test_a_head_that_is_too_large_is_read_by_nobody(client: TestClient) -> None:
+    for headers in ({"x": "y" * LARGEST_HEAD}, dict.fromkeys(map(str, range(4000)), "y" * 9)):
+        assert client.get("/health", headers=headers).status_code == 431
+    assert client.get("/health?" + "x" * LARGEST_HEAD).status_code == 431
+    assert client.get("/health?" + "x" * (LARGEST_HEAD // 2)).status_code == 200
+
+
+def test_quoted_cookies_of_others_cost_nothing_and_ours_are_read(client: TestClient, services: Services) -> None:
+    """Python's reader of cookies takes a second for 16 kB of them, in the loop that serves everybody."""
+    theirs = 'theirs="' + '\\"' * (LARGEST_HEAD // 2 - 500) + '"'
+    began = time.process_time()
+    page = client.get("/lab/sign-in", headers={"cookie": f"{theirs}; {LANGUAGE_COOKIE}=de"})
+    assert time.process_time() - began < 1
+    assert 'lang="de"' in page.text
 
 
 def told(services: Services, code: str) -> int:

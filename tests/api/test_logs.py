@@ -64,7 +64,12 @@ def test_what_a_careless_line_or_another_library_says_is_taken_out(recorded):
     except RuntimeError:
         log.exception("broke")
         logging.getLogger("other").exception("broke")
+    log.info(
+        "further", at=f"1HTTP://web:{secret}@db", cookie_of=f"desirepath_joined_1a2b3c4d={secret}", by=f"-eyJ{secret}"
+    )
     found = lines()
+    last = found.pop()
+    assert all(TAKEN_OUT in last[name] and secret not in last[name] for name in ("at", "cookie_of", "by"))
     assert len(found) == 5
     assert secret not in json.dumps(found)
     assert json.dumps(found).count(TAKEN_OUT) >= 10

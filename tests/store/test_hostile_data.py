@@ -17,19 +17,30 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from sqlalchemy import select, text
+from sqlalchemy import select, text, update
 
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.dataset import reading
-from backend.store.dataset.columns import CHECKSUMS_FILE, MOST_JSON_LEVELS
+from backend.store.dataset.columns import CHECKSUMS_FILE
 from backend.store.dataset.importing import import_dataset
 from backend.store.dataset.reading import DatasetError, read_dataset
 from backend.store.dataset.writing import export_study
 from backend.store.erasure import erase_participant
 from backend.store.events import log_event
 from backend.store.models import Event, Study
-from backend.store.plain_data import CUT, TOO_DEEP, copied, levels_of, load_json, mentions
+from backend.store.plain_data import (
+    CUT,
+    LARGEST_JSON,
+    MOST_LEVELS,
+    TOO_DEEP,
+    Unstorable,
+    copied,
+    dump_json,
+    levels_of,
+    load_json,
+    mentions,
+)
 from tests.store.small_study import SmallStudy, trajectory
 
 
@@ -40,6 +51,36 @@ def nested(levels: int, inside: str) -> Any:
     return found
 
 
+def insert_event(study: SmallStudy, session: str, kind: str, data: str) -> None:
+    """As only another program could have written it."""
+    with study.database.engine.begin() as connection:
+        connection.execute(
+            text(
+                "INSERT INTO event (at, study_id, session_id, kind, data) VALUES (:at, :study, :session, :kind, :data)"
+            ),
+            {
+                "at": datetime(2026, 11, 2, tzinfo=UTC),
+                "study": study.id,
+                "session": session,
+                "kind": kind,
+                "data": data,
+            },
+        )
+
+
+@pytest.mark.parametrize("levels", [MOST_LEVELS + 1, 450, 900, 5000])
+def test_no_column_takes_json_that_could_not_be_read_again(study: SmallStudy, levels: int):
+    _, session = study.participant("P1")
+    with pytest.raises(Unstorable, match=str(MOST_LEVELS)), study.database.transaction() as s:
+        log_event(s, "page_script_error", session_id=session, page=nested(levels - 1, "P1"))
+    with pytest.raises(Unstorable, match=str(MOST_LEVELS)), study.database.transaction() as s:
+        s.execute(update(Study).values(protocol=nested(levels, "P1")))
+    with study.database.transaction() as s:
+        log_event(s, "page_script_error", session_id=session, page=nested(MOST_LEVELS - 1, "P1"))
+    with pytest.raises(Unstorable, match="bytes"):
+        dump_json("x" * LARGEST_JSON)
+
+
 @pytest.mark.parametrize("levels", [450, 900])
 def test_an_event_of_any_depth_leaves_with_the_study_and_lets_others_be_erased(
     study: SmallStudy, tmp_path: Path, levels: int
@@ -47,8 +88,7 @@ def test_an_event_of_any_depth_leaves_with_the_study_and_lets_others_be_erased(
     """One participant's request was stored; then the export failed and nobody else could be erased."""
     person, _ = study.participant("P1")
     other, session = study.participant("P2", drives=100)
-    with study.database.transaction() as s:
-        log_event(s, "page_script_error", session_id=session, page=nested(levels, "P1"))
+    insert_event(study, session, "page_script_error", json.dumps({"page": nested(levels, "P1")}))
     export_study(study.database, study.files, study.id, tmp_path / "out")
     (told,) = [
         row["data"]
@@ -56,7 +96,7 @@ def test_an_event_of_any_depth_leaves_with_the_study_and_lets_others_be_erased(
         if row["kind"] == "page_script_error"
     ]
     assert CUT in told
-    assert levels_of(json.loads(told)) == MOST_JSON_LEVELS
+    assert levels_of(json.loads(told)) == MOST_LEVELS
     assert read_dataset(tmp_path / "out").about.study == study.id
     erase_participant(study.database, study.files, person, "tester")  # it mentions them, so it goes as well
     with study.database.session() as s:
@@ -66,12 +106,7 @@ def test_an_event_of_any_depth_leaves_with_the_study_and_lets_others_be_erased(
 
 def test_an_event_too_deep_for_python_is_read_by_its_words(study: SmallStudy, tmp_path: Path):
     _, session = study.participant("P1")
-    deep = '{"in":' * 20_000 + '"P1"' + "}" * 20_000
-    with study.database.engine.begin() as connection:
-        connection.execute(
-            text("INSERT INTO event (at, study_id, session_id, kind, data) VALUES (:at, :study, :session, 'x', :data)"),
-            {"at": datetime(2026, 11, 2, tzinfo=UTC), "study": study.id, "session": session, "data": deep},
-        )
+    insert_event(study, session, "x", '{"in":' * 20_000 + '"P1"' + "}" * 20_000)
     with study.database.session() as s:
         found = s.scalars(select(Event.data).where(Event.kind == "x")).one()
     assert mentions(found, {"P1"})

@@ -5,6 +5,7 @@ Plain ASGI, because Starlette's function middleware costs two tasks and a stream
 
 from __future__ import annotations
 
+import json
 import re
 import time
 from collections.abc import Mapping
@@ -20,9 +21,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from backend.api.core import auditing, auth
 from backend.api.core.addresses import STRICT_TRANSPORT, insists_on_tls
-from backend.api.core.contract import DEEPEST, Refusal, Trouble, is_deeper
+from backend.api.core.contract import DEEPEST, Refusal, Trouble, is_json
 from backend.api.core.dependencies import page, route_of, services_of, stage_origin
 from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, declared_too_large
+from backend.store.plain_data import is_deeper
 
 READING = ("GET", "HEAD", "OPTIONS")
 BEHIND_SIGN_IN = ("/lab/", "/api/lab/")
@@ -59,7 +61,7 @@ class Guard:
         try:
             refusal = await _refusal(request, limit)
             bounded = _counted(receive, limit)
-            if refusal is None and "json" in request.headers.get("content-type", ""):
+            if refusal is None and is_json(request.headers.get("content-type")):
                 bounded, refusal = await _shallow(request, bounded)
             await (refusal or self._app)(scope, bounded, sending)
         except Exception:
@@ -109,15 +111,19 @@ def _counted(receive: Receive, limit: int) -> Receive:
 
 async def _shallow(request: Request, receive: Receive) -> tuple[Receive, Response | None]:
     """A JSON body read whole before anything parses it, to be received again; or why it is refused."""
-    body, more = b"", True
+    parts, more = [], True
     try:
         while more:
             message = await receive()
             if message["type"] != "http.request":
                 return receive, Response(status_code=400)  # who asked is gone
-            body, more = body + message.get("body", b""), message.get("more_body", False)
+            parts.append(message.get("body", b""))
+            more = message.get("more_body", False)
     except TooLarge as problem:
         return receive, trouble(request, 413, "too_large", problem.detail)
+    body = b"".join(parts)
+    if not json.detect_encoding(body).startswith("utf-8"):  # json.loads would read it, is_deeper does not
+        return receive, trouble(request, 422, "bad_value", "must be JSON in UTF-8", field="body")
     if is_deeper(body, DEEPEST):
         problem_text = f"has more than {DEEPEST} arrays and objects inside each other"
         return receive, trouble(request, 422, "bad_value", problem_text, field="body")
@@ -163,7 +169,7 @@ def trouble(
 
     where: `field` and `value`, where it is a value that is refused.
     """
-    sent_json = "json" in request.headers.get("content-type", "")
+    sent_json = is_json(request.headers.get("content-type"))
     if sent_json or request.url.path.startswith(("/api/", "/static/")):
         refusal = Refusal(error=Trouble(code=code, message=message, **where))
         return JSONResponse(refusal.model_dump(), status, headers)

@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
 from backend.api.core.addresses import is_from_here
-from backend.api.core.contract import reply_of
+from backend.api.core.contract import is_json, reply_of
 from backend.api.core.dependencies import contact, page, services_of
 from backend.api.core.throttle import JOINS_PER_ADDRESS, address_of, count
 from backend.api.participant.device_check import remember
@@ -102,21 +102,21 @@ def _begun_here(s: DatabaseSession, request: Request, study: Study, external_id:
 @router.post("/join/{recruiting_token}", status_code=201, response_model=Joined, openapi_extra=JOINING)
 async def join(recruiting_token: str, request: Request) -> Response:
     """A new participant. A form is answered with the way to the session (303), JSON (bots) with its token."""
-    is_json = request.headers.get("content-type", "").startswith("application/json")
+    as_json = is_json(request.headers.get("content-type"))
     try:
-        given = await request.json() if is_json else dict(await request.form())
+        given = await request.json() if as_json else dict(await request.form())
     except ValueError:
         given = None
     try:
         asked = Joining.model_validate(given)
     except ValidationError as wrong:
         raise RequestValidationError([{**one, "loc": ("body", *one["loc"])} for one in wrong.errors()]) from None
-    simulated = is_json and asked.simulated
+    simulated = as_json and asked.simulated
     if simulated and not is_from_here(request):  # a bot need not watch
         raise Refused(403, "bots_from_elsewhere", "Simulated participants join only from the server's own machine.")
     if not simulated and not count(request, JOINS_PER_ADDRESS, "join", address_of(request)):
         raise too_many()
-    if asked.PROLIFIC_PID and not is_json:
+    if asked.PROLIFIC_PID and not as_json:
         begun = await asyncio.to_thread(_begun, request, recruiting_token, asked.PROLIFIC_PID)
         if begun is not None:
             return RedirectResponse(f"/p/{begun}", status_code=303)
@@ -128,7 +128,7 @@ async def join(recruiting_token: str, request: Request) -> Response:
         simulated=simulated,
         oracle=asked.oracle,
     )
-    return _let_in(request, await services_of(request).doors.join(recruiting_token, who), is_json=is_json)
+    return _let_in(request, await services_of(request).doors.join(recruiting_token, who), as_json=as_json)
 
 
 def _begun(request: Request, recruiting_token: str, external_id: str) -> str | None:
@@ -136,11 +136,11 @@ def _begun(request: Request, recruiting_token: str, external_id: str) -> str | N
         return _begun_here(s, request, study_by_link(s, recruiting_token), external_id)
 
 
-def _let_in(request: Request, joined: TakenIn, *, is_json: bool) -> Response:
+def _let_in(request: Request, joined: TakenIn, *, as_json: bool) -> Response:
     """The answer to a new participant, once everything of theirs is on the disk."""
     session, token = joined.session, joined.token
     response: Response = RedirectResponse(f"/p/{token}", status_code=303)
-    if is_json:
+    if as_json:
         body = {"token": token, "participant": joined.participant.code, "simulated": session.simulated}
         response = reply_of(Joined, body, 201)
     remember(request, response, session)

@@ -10,6 +10,7 @@ import asyncio
 from fastapi import Request
 from starlette.responses import JSONResponse, Response
 
+from backend.api.core.contract import is_json
 from backend.api.core.dependencies import contact, page, services_of
 from backend.api.core.throttle import CHANGES_PER_SESSION, REFUSALS_PER_ADDRESS, address_of, count, exhausted
 from backend.store.models import utc_now
@@ -63,9 +64,7 @@ def refusal_page(request: Request, problem: Exception) -> Response:
     """A Refused as the page (people) or JSON (scripts) that says what happened."""
     assert isinstance(problem, Refused)  # noqa: S101  registered for this class only
     services = services_of(request)
-    asks_for_json = request.url.path.startswith("/api/") or request.headers.get("content-type", "").startswith(
-        "application/json"
-    )
+    asks_for_json = request.url.path.startswith("/api/") or is_json(request.headers.get("content-type"))
     joining = request.url.path.startswith(
         "/join/"
     )  # everything on a session's own path was logged where it was refused

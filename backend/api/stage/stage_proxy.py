@@ -26,6 +26,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 from app import viser_hooks
 from app.page import stage_page
 from backend.api.core.addresses import STRICT_TRANSPORT, insists_on_tls
+from backend.api.core.heads import BoundedHeads
 
 MESSAGES_PER_S = 20.0  # a page of ours sends one message per connection; the rest is room for reconnects
 MESSAGES_BURST = 40.0
@@ -119,7 +120,7 @@ class StageDoor:
                 Route("/stage/{token}/", self._page, methods=["GET"]),
                 WebSocketRoute("/stage/{token}", self._websocket),
             ],
-            middleware=[Middleware(_WithoutBodies)],
+            middleware=[Middleware(BoundedHeads), Middleware(_WithoutBodies)],
         )
 
     def _refused(self, reason: str, token: str) -> None:

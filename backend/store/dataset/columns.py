@@ -30,7 +30,6 @@ IS_SHA = re.compile(SHA)
 IS_ID = re.compile(r"[0-9A-Za-z_-]{1,32}")
 IS_CODE = re.compile(r"[0-9A-Za-z][0-9A-Za-z-]{0,15}")
 IS_KEY = re.compile(r"[^\x00-\x1f]{1,80}")
-MOST_JSON_LEVELS = 64  # ours; nothing of the product nests deeper than ten
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,7 @@ from backend.store.models import (
     protocol_digest,
 )
 from backend.store.models import Session as SessionRow
+from backend.store.plain_data import Unstorable
 
 # Columns that are called as in the database.
 PARTICIPANT_FIELDS = ("simulated", "pilot", "oracle", "created_at", "withdrawn_at", "excluded_at", "excluded_reason")
@@ -95,6 +96,8 @@ def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str
         raise DatasetError(f"{folder}: {missing} is missing or names nothing in the data set") from missing
     except StrokeError as problem:
         raise DatasetError(str(problem)) from None
+    except Unstorable as problem:
+        raise DatasetError(f"{folder}: a value {problem}") from None
     except DBAPIError as problem:  # not StorageError: that is the disk's or the lock's
         raise DatasetError(f"{folder}: its rows do not fit together or are here already ({problem.orig})") from problem
     return {

@@ -22,7 +22,6 @@ from backend.os_errors import in_words
 from backend.simulation.trajectory import Trajectory
 from backend.store.dataset.columns import (
     CHECKSUMS_FILE,
-    MOST_JSON_LEVELS,
     PROTOCOL_FOLDER,
     READABLE,
     SHA,
@@ -32,7 +31,7 @@ from backend.store.dataset.columns import (
     Table,
 )
 from backend.store.dataset.tables import PARTICIPANTS, PLANNED_STEPS, RESPONSES, SESSIONS, TRIALS
-from backend.store.plain_data import levels_of
+from backend.store.plain_data import MOST_LEVELS, levels_of
 from backend.store.who_counts import role_of
 
 Row = dict[str, Any]
@@ -199,8 +198,8 @@ def _read_json(path: Path) -> Any:
 
 
 def _check_depth(data: Any, where: str) -> None:
-    if levels_of(data) > MOST_JSON_LEVELS:
-        raise DatasetError(f"{where}: nests deeper than {MOST_JSON_LEVELS} levels, which nothing of ours does")
+    if levels_of(data) > MOST_LEVELS:
+        raise DatasetError(f"{where}: nests deeper than {MOST_LEVELS} levels, which nothing of ours does")
 
 
 # ---- tables ----------------------------------------------------------------------------------------------------------
