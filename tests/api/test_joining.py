@@ -86,16 +86,63 @@ def test_opening_the_recruiting_link_again_in_the_same_browser_goes_on(client, s
         client.post(f"/join/{link}", data={"language": "en", **ids}),
     ):
         assert (again.status_code, again.headers["location"]) == (303, own)
-    offered = client.get(f"/join/{link}").text
-    assert f'<a href="{own}">Continue where you were</a>' in offered
+    for offered in (client.get(f"/join/{link}").text, client.get(f"/join/{link}?lang=en").text):
+        assert f'href="{own}">Continue where you were</a>' in offered
+        assert 'id="begin"' not in offered, "no second session is offered"
+    kept = client.post(f"/join/{link}", data={"language": "en"})  # from a page of before, to which Back led
+    assert (kept.status_code, kept.headers["location"]) == (303, own)
     somebody_else = client.get(f"/join/{link}", params=ids | {"PROLIFIC_PID": "another"})
     assert (somebody_else.status_code, own in somebody_else.text) == (200, False)
     elsewhere = TestClient(client.app, follow_redirects=False)
     assert own not in elsewhere.get(f"/join/{link}", params=ids).text
     with services.database.transaction() as s:
         s.scalars(select(Study).where(Study.recruiting_token == link)).one().state = "closed"
-    assert client.get(f"/join/{link}").headers["location"] == own, "closed is for those who have not begun"
+    assert f'href="{own}">Continue' in client.get(f"/join/{link}").text, "closed is for those who have not begun"
     assert elsewhere.get(f"/join/{link}").status_code == 403
+
+
+def test_the_link_of_a_finished_session_says_so_and_begins_no_other(client, services, link):
+    own = client.post(f"/join/{link}", data={"language": "en"}).headers["location"]
+    with services.database.transaction() as s:
+        session = s.scalars(select(Session)).one()
+        session.state, session.position = "completed", len(session.plan) - 1
+    page = client.get(f"/join/{link}").text
+    assert "You have finished this study." in page
+    assert f'href="{own}">Show the last page again</a>' in page
+    assert "Questions? Please ask" in page
+    assert 'id="begin"' not in page
+    assert "Sie haben diese Studie abgeschlossen." in client.get(f"/join/{link}?lang=de").text
+    assert client.post(f"/join/{link}", data={"language": "en"}).headers["location"] == own
+    with services.database.session() as s:
+        assert len(s.scalars(select(Session)).all()) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "least"),
+    [
+        ("quick_preference_study", (320, 480)),
+        ("crowd_study", (320, 480)),
+        ("meet_your_robot_study", (320, 480)),
+        ("words_study", (320, 480)),
+        ("quick_demonstration_study", (740, 500)),
+        ("moving_person_study", (740, 500)),
+        ("adaptable_study", (740, 500)),
+        ("interface_study", (1000, 600)),
+    ],
+)
+def test_what_a_device_must_have_goes_by_what_is_shown(name, least):
+    """A room from above fits a phone; drawing, walking and views from inside do not."""
+    gate = freeze(PROTOCOLS / f"{name}.yaml").protocol.asked_of_devices
+    assert (gate.min_width, gate.min_height) == least
+
+
+@pytest.mark.parametrize("views", ["each: [top_down, immersive]", "one_of: {view: [top_down, first_person]}"])
+def test_one_view_from_inside_is_enough_to_need_a_larger_screen(views):
+    text = (PROTOCOLS / "quick_preference_study.yaml").read_text().replace("view: top_down", views)
+    text = text.replace(", choose: information", "").partition("  - train:")[0]
+    text += "  - debriefing: {text: texts/debriefing.md}\n"
+    gate = freeze_text(text).protocol.asked_of_devices
+    assert (gate.min_width, gate.min_height) == (740, 500)
 
 
 def test_the_first_words_are_the_protocols(client, services, tmp_path):

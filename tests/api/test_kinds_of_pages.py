@@ -153,7 +153,7 @@ def test_every_kind_of_page_is_shown(services: Services, visit: Callable[[], Vis
     visitor.token = code  # bots need not wait until then
     assert "There is one minute for this page." in visitor.page
     visitor.answer({"timed_out": True})
-    assert "Your completion code" in visitor.page
+    assert "Completion code" in visitor.page
 
 
 def test_who_fails_the_check_is_thanked_and_leaves(visit: Callable[[], Visitor]) -> None:
@@ -163,7 +163,7 @@ def test_who_fails_the_check_is_thanked_and_leaves(visit: Callable[[], Visitor])
         visitor.answer({"who": "robot"})
     page = visitor.page
     assert "Thank you for your interest" in page
-    assert "Your completion code" in page
+    assert "Completion code" in page
 
 
 def test_a_wrong_code_leads_nowhere(visit: Callable[[], Visitor]) -> None:

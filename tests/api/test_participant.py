@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from fastapi.testclient import TestClient
 from sqlalchemy import select
 
 from backend.store.models import Event, Response
@@ -12,6 +13,7 @@ from tests.study import walking
 
 def test_every_step_has_a_page_in_both_languages(client, link):
     for language in ("en", "de"):
+        client = TestClient(client.app, follow_redirects=False)  # a browser of their own
         joined = client.post(f"/join/{link}", data={"language": language}).headers["location"].removeprefix("/p/")
         for key in ("information", "consent", "demographics", "instruction"):
             fragment = client.get(f"/p/{joined}/step")
@@ -57,7 +59,8 @@ def test_a_replayed_request_is_acknowledged_and_counts_once(client, token):
 
 
 def test_another_participants_trial_cannot_be_answered_or_played(client, services, link, token):
-    other = client.post(f"/join/{link}", data={"language": "en"}).headers["location"].removeprefix("/p/")
+    elsewhere = TestClient(client.app, follow_redirects=False)
+    other = elsewhere.post(f"/join/{link}", data={"language": "en"}).headers["location"].removeprefix("/p/")
     to_first_trial(client, token)
     to_first_trial(client, other)
     theirs = client.post(f"/api/session/{other}/trials/block.01/start", json={"request_id": "start-01"}).json()

@@ -37,10 +37,10 @@ def submit(client, token, key):
 
 def test_continue_stores_a_code_and_the_window_as_the_first_page_says(visitor, link, lab_services):
     told = visitor.get(link).text
-    assert "random code and notes your language, the size of your window" in told
+    assert "we note your language and what your screen can show, under a random code" in told
     assert "Nothing is stored" not in told
-    assert "recruiting service" not in told
-    assert "The number that the recruiting service has" in visitor.get(f"{link}?PROLIFIC_PID=p1").text
+    assert "Prolific" not in told
+    assert "We also store your Prolific ID" in visitor.get(f"{link}?PROLIFIC_PID=p1").text
     joined(visitor, link)
     with lab_services.database.session() as s:
         assert newest(s).device == {"width": 1024, "height": 700, "webgl": True}
@@ -60,7 +60,14 @@ def test_no_answer_is_stored_before_the_consent_and_declining_marks_the_visit(vi
         stored = s.scalars(select(Response).where(Response.session_id == session.id)).all()
         assert [(one.step_key, one.value) for one in stored] == [("information", {})]
     page = visitor.get(f"/p/{token}").text
-    assert f"Your code: {person.code}. Name it if you want your answers erased." in page
+    told = page.partition("<main")[2].partition("</main>")[0]
+    assert f'Participant ID: <span translate="no">{person.code}</span>.' in told
+    assert "You do not take part" in told
+    assert "Thank" not in told, "nobody is thanked for what they did not give"
+    again = visitor.get(link).text
+    assert "You decided not to take part in this study." in again
+    assert "Questions? Please ask" in again
+    assert 'id="begin"' not in again
 
 
 def test_the_view_from_inside_is_explained_only_where_it_is_shown(visitor, link, lab_services):
@@ -79,7 +86,8 @@ def test_the_debriefing_shows_the_own_code_apart_from_the_completion_code(lab, w
     steps = lab.get(f"/lab/studies/{walked.id}/preview/1?language=en").text
     last = int(re.findall(r"Preview 1 of (\d+)", steps)[0])
     page = lab.get(f"/lab/studies/{walked.id}/preview/{last}?language=de").text
-    assert re.search(r'id="own-code">Ihr Code: P-EXAMPLE\.', page)
+    assert re.search(r'id="own-code">Teilnehmer-ID: <span translate="no">P-EXAMPLE</span>\.', page)
+    assert '<h2 id="code-title">Abschlusscode</h2>' in page
     assert re.search(r'id="completion-code">EXAMPLE<', page)
 
 

@@ -25,8 +25,8 @@ CONTACT = "Dr. Ada Muster, ada@example.org"
 TITLE = "How should the robot pass you?"
 GATE: dict[str, Any] = {
     "webgl": True,
-    "min_width": None,
-    "min_height": None,
+    "min_width": 740,
+    "min_height": 500,
     "pointers": ["fine", "coarse"],
     "min_frame_rate": None,
     "light_below": None,
@@ -190,11 +190,12 @@ STEPS: dict[str, dict[str, Any]] = {
     "guess": {"learns_from": "answers"},
     "debriefing": {"title": "Thank you", "text": "That was the study.", "completion_code": "K7QM-2XFA"},
     "paused": {},
-    "withdrawn": {},
+    "withdrawn": {"declined": False},
+    "declined": {"declined": True},
     "expired": {},
 }
 """Every kind of step and one example of its payload."""
-KINDS = {"ranking": "questionnaire", "skipping": "questionnaire", "triangle": "tuning"} | {
+KINDS = {"declined": "withdrawn", "ranking": "questionnaire", "skipping": "questionnaire", "triangle": "tuning"} | {
     "meet_something_else": "meet_your_robot"
 }  # examples of a kind that has another one already
 
@@ -208,6 +209,8 @@ class ExampleStep:
     index: int
     total: int
     payload: dict[str, Any]
+    minutes_left: float = 8.0
+    done: float = 0.25
 
 
 def example_state(kind: str, language: str = "en") -> dict[str, Any]:

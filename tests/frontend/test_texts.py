@@ -68,8 +68,8 @@ def test_scripts_only_say_texts_that_their_page_carries(texts: Texts, group: str
 
 
 def test_a_text_is_filled_in_the_language_s_own_notation(texts: Texts) -> None:
-    assert texts.get("en")("participant.progress", index=7, total=15) == "Step 7 of 15"
-    assert texts.get("de")("participant.progress", index=7, total=1500) == "Schritt 7 von 1.500"
+    assert texts.get("en")("participant.progress.pair", number=7, of=15) == "Pair 7 of 15"
+    assert texts.get("de")("participant.progress.pair", number=7, of=1500) == "Paar 7 von 1.500"
     assert texts.get("de").number(0.5, 2) == "0,50"
     assert texts.get("en").percent(0.955, 1) == "95.5%"
     assert texts.get("de").percent(0.955, 1) == "95,5\N{NO-BREAK SPACE}%"
@@ -87,8 +87,8 @@ def test_wrong_use_says_what_is_wrong(texts: Texts) -> None:
     say = texts.get("en")
     with pytest.raises(TextError, match=r"no text 'participant\.nothing'.*stopped at 'nothing'"):
         say("participant.nothing")
-    with pytest.raises(TextError, match=r"needs a value for \{total\}; given: index"):
-        say("participant.progress", index=1)
+    with pytest.raises(TextError, match=r"needs a value for \{of\}; given: number"):
+        say("participant.progress.pair", number=1)
     with pytest.raises(TextError, match="is a group of texts"):
         say("participant.trial")
     with pytest.raises(TextError, match="give count=NUMBER"):

@@ -144,6 +144,20 @@ def test_progress_counts_only_what_this_person_meets_to_the_last_page(walk):
     assert seen == [(1, 6), (2, 5), (3, 5), (4, 5)]
 
 
+def test_the_time_left_falls_to_nothing(walk):
+    walker = walk(QUIZ, {**RATING, "when": {"questionnaire": "quiz", "item": "replay", "is": "yes"}}, BLOCK, minutes=9)
+    seen = [(walker.view.minutes_left, walker.view.done)]
+    assert 5 < seen[0][0] < 9, "of the nine minutes that participants are told, the consent lies behind"
+    walker.submit("comprehension.1", {"replay": "no"})
+    while walker.view.kind != "debriefing":
+        seen.append((walker.view.minutes_left, walker.view.done))
+        walker.watch(walker.view.key)
+        walker.submit(walker.view.key, {"choice": "a"})
+    seen.append((walker.view.minutes_left, walker.view.done))
+    assert seen == sorted(seen, key=lambda one: (-one[0], one[1]))
+    assert seen[-1] == (0, 1)
+
+
 def test_a_full_quota_ends_the_session_and_drop_outs_give_their_place_back(walk, database, files):
     quota = {"questionnaire": "about", "item": "gender", "is": "woman", "most": 1}
     first = walk(ABOUT, BLOCK, quotas=[quota])

@@ -15,7 +15,6 @@ from starlette.responses import RedirectResponse, Response
 from backend.api.core.dependencies import contact, page, services_of
 from backend.api.participant.sent import known_device
 from backend.store.models import Session, utc_now
-from backend.study.protocol.schema import DeviceGate
 from backend.study.refusals import Refused
 from backend.study.session import appointments, devices
 from backend.study.session.finding import acting
@@ -52,7 +51,7 @@ def check_page(request: Request, s: DatabaseSession, session: Session, token: st
         "study_title": frozen.title(session.language),
         "contact": frozen.protocol.contact or contact(request),
         "action": f"/p/{token}/device",
-        "device": (frozen.protocol.device or DeviceGate()).model_dump(),
+        "device": frozen.protocol.asked_of_devices.model_dump(),
     }
     return page(request, "participant/device.html", language=session.language, **context)
 

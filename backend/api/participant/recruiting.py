@@ -6,7 +6,8 @@ Nothing is stored before somebody joins.
 from __future__ import annotations
 
 import asyncio
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Form, Query, Request
@@ -26,10 +27,11 @@ from backend.api.participant.requests import too_many
 from backend.api.participant.sent import Joining
 from backend.grammar.texts import local
 from backend.store.models import RecruitingId, Session, Study, utc_now
+from backend.study.kinds import kind_of
 from backend.study.links import as_issued, token_hash
-from backend.study.protocol.schema import DeviceGate
 from backend.study.protocol.stages import STAGES
 from backend.study.refusals import Refused
+from backend.study.session import machine, states
 from backend.study.session.joining import Joiner, TakenIn, check_open
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import study_by_link
@@ -52,25 +54,25 @@ PLATFORM_FIELDS = {"PROLIFIC_PID": "external_id", "STUDY_ID": "study", "SESSION_
 @router.get("/join/{recruiting_token}")
 def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None, Query()] = None) -> Response:
     """Device check and welcome; nothing is stored yet. Whoever joined in this browser by the same platform id goes on
-    where they were; without an id, the page offers it, as others may share the computer."""
+    where they were; without an id, the page says how they stand here: nobody takes part twice by accident."""
     services = services_of(request)
     external_id = request.query_params.get("PROLIFIC_PID")
     with services.database.session() as s:
         study = study_by_link(s, recruiting_token)
         begun = _begun_here(s, request, study, external_id)
         if begun is not None and external_id:
-            return RedirectResponse(f"/p/{begun}", status_code=303)
-        try:
+            return RedirectResponse(begun.path, status_code=303)
+        if begun is None:
             check_open(s, study)
-        except Refused:
-            if begun is None:
-                raise
-            return RedirectResponse(f"/p/{begun}", status_code=303)
         frozen = newest_protocol(s, study)[1]
     languages = tuple(frozen.protocol.languages)
     best = services.texts.best(request.headers.get("Accept-Language"), languages)
     language = lang if lang in languages else best
     here = request.url.path
+    whom = frozen.protocol.contact or contact(request)
+    if begun is not None:
+        told: dict[str, Any] = {"study_title": frozen.title(language), "contact": whom, "begun": begun}
+        return page(request, "participant/begun.html", language=language, **told)
     return page(
         request,
         "participant/join.html",
@@ -80,23 +82,36 @@ def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None,
         asked=[kind for kind in dict.fromkeys(one.kind for one in frozen.protocol.stages) if _is_lead(kind)],
         languages=languages,
         recruiting={name: request.query_params[name] for name in PLATFORM_FIELDS if request.query_params.get(name)},
-        contact=frozen.protocol.contact or contact(request),
+        contact=whom,
         action=here,
         join_url=here,
-        device=(frozen.protocol.device or DeviceGate()).model_dump(),
-        resume=f"/p/{begun}" if begun else None,
+        device=frozen.protocol.asked_of_devices.model_dump(),
     )
 
 
-def _begun_here(s: DatabaseSession, request: Request, study: Study, external_id: str | None) -> str | None:
-    """The personal link's token of whoever joined this study in this browser; where a platform's id is given, only if
-    it was theirs. None for nobody, and for who was erased since."""
+@dataclass(frozen=True)
+class Begun:
+    """Somebody's session that was begun in this browser. stands: under way, finished, declined or left."""
+
+    path: str
+    stands: Literal["under_way", "finished", "declined", "left"]
+
+
+def _begun_here(s: DatabaseSession, request: Request, study: Study, external_id: str | None) -> Begun | None:
+    """The session of whoever joined this study in this browser; where a platform's id is given, only if it was theirs.
+    None for nobody, and for who was erased since."""
     token = request.cookies.get(f"{JOINED_COOKIE}{study.id[:8]}", "")
     session = s.scalars(select(Session).where(Session.token_hash == token_hash(token))).first() if token else None
     if session is None or session.study_id != study.id:
         return None
     known = s.get(RecruitingId, session.participant_id)
-    return token if external_id is None or (known is not None and known.external_id == external_id) else None
+    if external_id is not None and (known is None or known.external_id != external_id):
+        return None
+    if session.state == "withdrawn":
+        return Begun(f"/p/{token}", "declined" if machine.has_declined(s, session) else "left")
+    appointment_over = session.state == "completed" and kind_of(machine.step_of(session)).ends_appointment
+    over = session.state in states.FINAL and not appointment_over
+    return Begun(f"/p/{token}", "finished" if over else "under_way")
 
 
 @router.post("/join/{recruiting_token}", status_code=201, response_model=Joined, openapi_extra=JOINING)
@@ -116,10 +131,10 @@ async def join(recruiting_token: str, request: Request) -> Response:
         raise Refused(403, "bots_from_elsewhere", "Simulated participants join only from the server's own machine.")
     if not simulated and not count(request, JOINS_PER_ADDRESS, "join", address_of(request)):
         raise too_many()
-    if asked.PROLIFIC_PID and not as_json:
-        begun = await asyncio.to_thread(_begun, request, recruiting_token, asked.PROLIFIC_PID)
+    if not as_json:  # a page from before joining, which the browser had kept, begins no second session
+        begun = await asyncio.to_thread(_begun, request, recruiting_token, asked.PROLIFIC_PID or None)
         if begun is not None:
-            return RedirectResponse(f"/p/{begun}", status_code=303)
+            return RedirectResponse(begun.path, status_code=303)
     recruiting = {field: given for name, field in PLATFORM_FIELDS.items() if (given := getattr(asked, name))}
     who = Joiner(
         language=asked.language,
@@ -131,7 +146,7 @@ async def join(recruiting_token: str, request: Request) -> Response:
     return _let_in(request, await services_of(request).doors.join(recruiting_token, who), as_json=as_json)
 
 
-def _begun(request: Request, recruiting_token: str, external_id: str) -> str | None:
+def _begun(request: Request, recruiting_token: str, external_id: str | None) -> Begun | None:
     with services_of(request).database.session() as s:
         return _begun_here(s, request, study_by_link(s, recruiting_token), external_id)
 

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
-from backend.grammar.conditions import Condition
+from backend.grammar.conditions import Condition, Ordered
 from backend.grammar.parts import Part
 from backend.grammar.skipping import Earlier, When
 from backend.grammar.source import Path, Problem, Source
@@ -84,6 +84,16 @@ class Stage(Part):
     """What follows without a view of its own is shown in this stage's."""
     begins: ClassVar[Literal["train"] | None] = None
     """What the answer before it begins (`Kind.begun`)."""
+    draws: ClassVar[bool] = False
+    """Paths are drawn, for which a phone is too small."""
+
+    @property
+    def views(self) -> set[View]:
+        """What rooms are shown in, where the stage says so itself."""
+        own: View | None = getattr(self, "view", None)
+        groups = range(len(self.groups)) if isinstance(self, Ordered) else ()
+        conditions = [one for group in groups for one in self.conditions(group)]  # type: ignore[attr-defined]
+        return {view for view in (own, *(one.view for one in conditions)) if view is not None}
 
     def plan(self, at: Planning) -> list[Step]:
         """This participant's steps, in order."""

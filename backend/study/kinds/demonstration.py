@@ -34,6 +34,7 @@ class DemonstrationsStage(Stage):
     asks = True
     teaches = "demonstrations"
     sets_view = True
+    draws = True
 
     environment: Literal["corridor", "room", "home"]
     pairs: int = Field(4, ge=1, le=4)

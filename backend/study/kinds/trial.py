@@ -235,7 +235,7 @@ class Trial(Kind[TrialStep, TrialAnswer]):
 
     def payload(self, step: TrialStep, page: Page) -> dict[str, Any]:
         shown = {"role": step.role, "view": step.view, "number": step.number, "of": step.of}
-        return shown | step.viewing.model_dump()
+        return shown | step.viewing.model_dump() | ({"may_end": True} if step.stop is not None else {})
 
     def passed_over(self, step: TrialStep, index: int, acting: Acting) -> int:
         """Past the queries that are chosen, once the stopping rule ends them."""

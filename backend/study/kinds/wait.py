@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from backend.grammar.parts import Part, Slug
 from backend.grammar.source import Path, Problem, Source
+from backend.grammar.words import View
 from backend.store.events import log_event
 from backend.study.kinds.asking_on import AskingOnStep, AskOn
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Stage, Step
@@ -68,6 +69,10 @@ class TrainStage(Stage):
         for place in range(1, len(ask_on.rounds) + 1):
             yield from ask_on.round_steps(at.key, place, at.view, at.random)
             yield WaitStep(kind="wait", key=f"{at.key}.wait_{place + 1}", stage=at.key, again=True)
+
+    @property
+    def views(self) -> set[View]:
+        return {self.ask_on.view} if self.ask_on and self.ask_on.view else set()
 
     def needs(self) -> Needs:
         return Needs(own=self.ask_on.at_most) if self.ask_on else Needs()

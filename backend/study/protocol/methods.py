@@ -94,6 +94,11 @@ class MethodsStage(TaughtByMethods, PagesAround):
 
     # ---- what it needs and takes
 
+    @property
+    def draws(self) -> bool:  # type: ignore[override]  # a method may be left out
+        """Whether drawing is one of the methods."""
+        return "drawing" in self.methods
+
     def needs(self) -> Needs:
         return Needs(own=sum(one.queries.count for one in self.choices)) if "choices" in self.methods else Needs()
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,9 +72,24 @@ def expected_minutes(protocol: Protocol, *, seconds_per_trajectory: float = 9.0)
 
     seconds_per_trajectory: of the study room's queries, ch. 7 (9.8 s and less).
     """
+    return round(sum(seconds_by_stage(protocol, seconds_per_trajectory).values()) / 60.0, 1)
+
+
+def seconds_by_stage(protocol: Protocol, seconds_per_trajectory: float = 9.0) -> dict[str, float]:
+    """The same by stage, in seconds: a stage's key in plans -> how long it takes."""
     pace = Pace(page_s=PAGE_S, trial_s=2 * (seconds_per_trajectory + 2.0) + 5.0, single_s=SECONDS_ALONE)
     stages = protocol.all_stages
-    return round(sum(stage.seconds(pace, stages) for stage in stages) / 60.0, 1)
+    return {key: stage.seconds(pace, stages) for key, stage in protocol.keyed_stages}
+
+
+def minutes_left(protocol: Protocol, plan: Sequence[Step], ahead: Iterable[Step]) -> float:
+    """How long the steps `ahead` of a plan take, in minutes of the `minutes` that participants are told for all of it.
+
+    A stage's time is spread evenly over its steps.
+    """
+    seconds, steps = seconds_by_stage(protocol), Counter(step.stage for step in plan)
+    left = sum(seconds[step.stage] / steps[step.stage] for step in ahead)
+    return protocol.minutes * left / max(sum(seconds.values()), 1.0)
 
 
 def plan_preview(frozen: FrozenProtocol, seed: int, language: str | None = None) -> dict[str, Any]:

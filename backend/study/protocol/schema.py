@@ -31,11 +31,16 @@ class Assignment(Part):
     excluded: Literal["keep_place", "free_place"] = "keep_place"
 
 
+UPRIGHT, LARGE = (320, 480), (740, 500)  # ours: the smallest phone's window; the room beside its bars
+
+
 class DeviceGate(Part):
     """What a device must have before the consent; what is not named is not asked. Sizes in CSS pixels of the window.
 
-    pointers: `fine` is a mouse or pen, `coarse` a finger. frame rates in pictures per second, measured on the page;
-    below `light_below` a lighter scene is shown before anybody is refused below `min_frame_rate`.
+    Where no size is named, it goes by what is shown: a room from above fits a phone held upright (`UPRIGHT`), a view
+    from inside it and drawing do not (`LARGE`). pointers: `fine` is a mouse or pen, `coarse` a finger. frame rates in
+    pictures per second, measured on the page; below `light_below` a lighter scene is shown before anybody is refused
+    below `min_frame_rate`.
     """
 
     webgl: bool = True
@@ -99,6 +104,16 @@ class Protocol(Part):
     def stage_of(self, kind: type[T]) -> T | None:
         """The first stage of that class, None where there is none."""
         return next(iter(self.stages_of(kind)), None)
+
+    @property
+    def asked_of_devices(self) -> DeviceGate:
+        """What the welcome page asks of a device, with the sizes that the stages need where none is named."""
+        gate = self.device or DeviceGate()
+        if gate.min_width is not None or gate.min_height is not None:
+            return gate
+        from_above = all(stage.views <= {"top_down"} and not stage.draws for stage in self.all_stages)
+        width, height = UPRIGHT if from_above else LARGE
+        return gate.model_copy(update={"min_width": width, "min_height": height})
 
     @property
     def needs(self) -> Needs:

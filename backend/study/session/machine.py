@@ -21,7 +21,7 @@ from backend.store.events import log_event
 from backend.store.models import Response, Session, Trial
 from backend.store.sides import Side
 from backend.study.clock import elapsed_s
-from backend.study.kinds import KINDS, Step, begin, kind_of
+from backend.study.kinds import Step, begin, kind_of
 from backend.study.kinds.base import Acting, Moment, Page, timed_out
 from backend.study.kinds.wire import BadValue
 from backend.study.refusals import Refused
@@ -32,7 +32,9 @@ from backend.study.session.versions import protocol_of
 from backend.study.session.view import (
     Playback,
     StepView,
+    consent_in_force,
     current,
+    has_declined,
     not_current,
     playing,
     refused,
@@ -58,6 +60,7 @@ __all__ = [
     "change_language",
     "current",
     "find_session",
+    "has_declined",
     "interrupted",
     "pause",
     "playing",
@@ -133,7 +136,7 @@ def submit(
         request_id=request_id,
         client_time=client_time,
         decision_s=decision_s,
-        consent_id=_consent_in_force(s, session),
+        consent_id=consent_in_force(s, session),
         created_at=now,
     )
     s.add(response)
@@ -205,20 +208,6 @@ def _check_can_be_answered(acting: Acting, step: Step, value: Mapping[str, Any])
     if elapsed is not None and elapsed < least - TOLERANCE_S:
         message = f"This takes {least} s and began {elapsed:.0f} s ago."
         raise refused(session, 409, "too_early", message, elapsed_s=round(elapsed, 2), needed_s=least)
-
-
-CONSENTING = [kind.response_kind for kind in KINDS.values() if kind.consents]
-
-
-def _consent_in_force(s: DatabaseSession, session: Session) -> str | None:
-    """The id of the participant's newest consent, of whichever appointment."""
-    given = (
-        select(Response.id)
-        .join(Session, Session.id == Response.session_id)
-        .where(Session.participant_id == session.participant_id, Response.kind.in_(CONSENTING))
-        .order_by(Response.created_at.desc())
-    )
-    return s.scalars(given).first()
 
 
 def _next_position(acting: Acting) -> int:

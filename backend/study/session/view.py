@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.grammar.words import LABEL_S, PLAYING
@@ -21,6 +21,7 @@ from backend.study.kinds import KINDS, Step, kind_of, read_step
 from backend.study.kinds.base import Moment, Page
 from backend.study.links import code_and_way_back, window_of
 from backend.study.protocol.freezing import FrozenProtocol
+from backend.study.protocol.outline import minutes_left
 from backend.study.refusals import Refused
 from backend.study.session import appointments
 from backend.study.session.versions import protocol_of
@@ -30,6 +31,7 @@ from backend.study.session.versions import protocol_of
 class StepView:
     """What a page shows now. `index` counts from 0 over the steps that this person meets in this appointment, `total`
     is how many these will be as far as it is known; `trial`: phase, durations, playback, None where there is none.
+    minutes_left: of this appointment; done: the share of its time that lies behind, 0 to 1.
     """
 
     kind: str
@@ -38,6 +40,8 @@ class StepView:
     total: int
     payload: dict[str, Any] = field(default_factory=dict)
     trial: dict[str, Any] | None = None
+    minutes_left: float = 0.0
+    done: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """The step as the API tells it: without texts."""
@@ -91,20 +95,22 @@ def playing(trial: Trial | None) -> Playback | None:
 def current(s: DatabaseSession, session: Session, *, now: datetime | None = None) -> StepView:
     """Where the session stands, with the texts of its language. Changes nothing. now: tells whether it is too soon."""
     moment = Moment(s, session, protocol_of(s, session), now or utc_now())
-    index, total = _progress(moment)
-    if session.state in ("paused", "withdrawn", "expired"):
-        return StepView(session.state, session.state, index, total)
+    behind = _progress(moment)
+    if session.state == "withdrawn":
+        return StepView("withdrawn", "withdrawn", payload={"declined": has_declined(s, session)}, **behind)
+    if session.state in ("paused", "expired"):
+        return StepView(session.state, session.state, **behind)
     if session.state == "screened_out":
         payload = ending_payload(moment.frozen, session.language, session.completion_code)
-        return StepView("screened_out", "screened_out", index, total, payload)
+        return StepView("screened_out", "screened_out", payload=payload, **behind)
     if not appointments.is_open(session, now):
-        return StepView("too_soon", "too_soon", index, total, window_of(session))
+        return StepView("too_soon", "too_soon", payload=window_of(session), **behind)
     step, kind = moment.step, kind_of(moment.step)
     page = Page(moment.frozen, session.language, session.completion_code, moment.answer_to, session.personalisation)
     payload = kind.payload(step, page) | kind.payload_now(step, moment)
     trial = trial_of(s, session) if kind.shows == "trajectories" else None
     state = _trial_state(s, trial) if trial is not None else kind.state(step, moment)
-    return StepView(step.kind, step.key, index, total, payload, state)
+    return StepView(step.kind, step.key, payload=payload, trial=state, **behind)
 
 
 def ending_payload(frozen: FrozenProtocol, language: str, completion_code: str | None) -> dict[str, Any]:
@@ -116,14 +122,38 @@ def ending_payload(frozen: FrozenProtocol, language: str, completion_code: str |
     return Page(frozen, language).titled(ending.text) | code_and_way_back(completion_code, ending.return_url)
 
 
-def _progress(moment: Moment) -> tuple[int, int]:
-    """How many steps of this appointment lie behind, and how many there will be as far as the answers tell."""
-    session = moment.session
-    answered = moment.s.scalar(select(func.count(Response.id)).where(Response.session_id == session.id)) or 0
-    end = appointments.end_of(moment.plan, session.appointment)
-    left = [step for step in moment.plan[session.position + 1 : end] if moment.may_come(step)]
+CONSENTING = [kind.response_kind for kind in KINDS.values() if kind.consents]
+
+
+def consent_in_force(s: DatabaseSession, session: Session) -> str | None:
+    """The id of the participant's newest consent, of whichever appointment."""
+    given = (
+        select(Response.id)
+        .join(Session, Session.id == Response.session_id)
+        .where(Session.participant_id == session.participant_id, Response.kind.in_(CONSENTING))
+        .order_by(Response.created_at.desc())
+    )
+    return s.scalars(given).first()
+
+
+def has_declined(s: DatabaseSession, session: Session) -> bool:
+    """Whether somebody left before they had consented, so that they answered nothing."""
+    return session.state == "withdrawn" and consent_in_force(s, session) is None
+
+
+def _progress(moment: Moment) -> dict[str, Any]:
+    """How much of this appointment lies behind, and how much there will be as far as the answers tell."""
+    session, plan, protocol = moment.session, moment.plan, moment.frozen.protocol
+    answered = set(moment.s.scalars(select(Response.step_key).where(Response.session_id == session.id)))
+    end = appointments.end_of(plan, session.appointment)
+    left = [step for step in plan[session.position + 1 : end] if moment.may_come(step)]
     uncounted = session.state == "active" and kind_of(moment.step).goes_on
-    return answered, answered + (not uncounted) + len(left)
+    counted = {"index": len(answered), "total": len(answered) + (not uncounted) + len(left)}
+    if session.state in ("completed", "screened_out"):
+        return counted | {"minutes_left": 0.0, "done": 1.0}
+    ahead = minutes_left(protocol, plan, left if uncounted else [moment.step, *left])
+    behind = minutes_left(protocol, plan, [step for step in plan if step.key in answered])
+    return counted | {"minutes_left": ahead, "done": behind / max(behind + ahead, 0.01)}
 
 
 def _trial_state(s: DatabaseSession, trial: Trial) -> dict[str, Any]:

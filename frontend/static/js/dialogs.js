@@ -1,13 +1,15 @@
 // @ts-check
 /**
  * Opening, turning and closing the page's dialogs; native `<dialog>` keeps the focus inside and gives it back. A dialog
- * tells with the event `opened` that it now lies over the page.
+ * tells with the event `opened` that it now lies over the page. Whatever is pressed in a menu closes it, which gives the
+ * focus back to the button that opened it.
  */
 
 export function readyDialogs() {
   document.addEventListener("click", (event) => {
     const target = event.target instanceof Element ? event.target.closest("button") : null;
     if (!target) return;
+    /** @type {HTMLElement | null} */ (target.closest(":popover-open"))?.hidePopover();
     if (target.dataset.opens) {
       const dialog = /** @type {HTMLDialogElement} */ (document.getElementById(target.dataset.opens));
       dialog.showModal();

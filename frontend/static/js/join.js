@@ -4,10 +4,6 @@
 import { frameRate } from "./frame-rate.js";
 import { pageData, speaker } from "./say.js";
 
-/** Smaller windows cannot show the room and the bars together. Asked for where the study's protocol names no size. */
-const SHORT_SIDE = 500;
-const LONG_SIDE = 740;
-
 /** The bars above and below the room, CSS pixels. */
 const BARS = 160;
 const SMOOTH_FROM = 15; // pictures per second: below, nobody would call it smooth
@@ -15,7 +11,7 @@ const MEASURED_TIMES = 3;
 const PAUSE_MS = 700; // whatever kept the device busy may be over then
 
 /**
- * What the study's protocol asks of a device, null where it asks nothing (backend/study/protocol/schema.py, DeviceGate).
+ * What a study asks of a device, null where it asks nothing (backend/study/protocol/schema.py, DeviceGate).
  * @typedef {{webgl: boolean, min_width: number | null, min_height: number | null, pointers: string[],
  *   min_frame_rate: number | null, light_below: number | null}} Gate
  */
@@ -40,10 +36,7 @@ function hasWebGl() {
 }
 
 /** @param {number} width @param {number} height */
-const fits = (width, height) =>
-  gate.min_width === null && gate.min_height === null
-    ? Math.min(width, height) >= SHORT_SIDE && width >= LONG_SIDE
-    : width >= (gate.min_width ?? 0) && height >= (gate.min_height ?? 0);
+const fits = (width, height) => width >= (gate.min_width ?? 0) && height >= (gate.min_height ?? 0);
 /** What people will point with: the first that the study allows, of those that are there. */
 const pointer = (touch ? ["coarse", ...(mouseToo ? ["fine"] : [])] : ["fine"]).find((kind) => gate.pointers.includes(kind));
 
@@ -55,14 +48,13 @@ function report(name, good, text) {
   if (words.textContent !== text) words.textContent = text;
 }
 
-/** @param {"webgl" | "phone" | "pointer" | "slow" | null} why */
+/** @param {"webgl" | "phone" | "no_touch" | "no_mouse" | "slow" | null} why */
 function refuse(why) {
   const news = refused.hidden;
   refused.hidden = why === null;
   if (!why) return;
-  const [title, what] = refused.querySelectorAll("p");
-  /** @type {HTMLElement} */ (title.querySelector("strong")).textContent = say(`refused_${why}_title`);
-  what.textContent = say(`refused_${why}_do`);
+  /** @type {HTMLElement} */ (refused.querySelector("strong")).textContent = say(`refused_${why}_title`);
+  /** @type {HTMLElement} */ (refused.querySelector("span")).textContent = say(`refused_${why}_do`);
   if (news) refused.scrollIntoView({ block: "nearest" });
 }
 
@@ -71,7 +63,8 @@ function check() {
   const turned = fits(screen.height, screen.width);
   const screenFits = fits(screen.width, screen.height);
   report("webgl", webgl, say(webgl ? "webgl_good" : "webgl_bad"));
-  report("size", size, say(size ? "size_good" : screenFits ? "size_small" : touch && turned ? "size_turn" : "size_phone"));
+  const turn = screen.width < screen.height ? "size_turn" : "size_upright";
+  report("size", size, say(size ? "size_good" : screenFits ? "size_small" : touch && turned ? turn : "size_phone"));
   const good = pointer === "coarse" ? "input_touch" : "input_mouse";
   report("input", Boolean(pointer), say(pointer ? good : touch ? "input_no_touch" : "input_no_mouse"));
   /** @param {number | null} least */
@@ -83,7 +76,7 @@ function check() {
   }
   if (!webgl) refuse("webgl");
   else if (!size && !screenFits && !(touch && turned)) refuse("phone");
-  else if (!pointer) refuse("pointer");
+  else if (!pointer) refuse(touch ? "no_touch" : "no_mouse");
   else refuse(fast ? null : "slow");
   begin.disabled = !(webgl && size && pointer && rate !== undefined && fast);
 }
@@ -119,6 +112,8 @@ form.addEventListener("submit", () => {
   begin.disabled = true;
 });
 addEventListener("resize", check);
-addEventListener("pageshow", check); // also when coming back to the page
+addEventListener("pageshow", (event) => {
+  if (event.persisted) location.reload(); // back from a session, perhaps: the server knows
+});
 check();
 measure();

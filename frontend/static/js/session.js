@@ -120,8 +120,7 @@ async function mount(mine = arrival) {
   wait = null;
   const body = /** @type {HTMLElement | null} */ (step.querySelector(".step-body"));
   const kind = body?.dataset.kind ?? "";
-  const [index, total] = [Number(body?.dataset.index ?? 0), Number(body?.dataset.total ?? 1)];
-  showProgress(index, total, false);
+  showProgress(body, false);
   for (const one of $("help-dialog").querySelectorAll("[data-help]")) {
     /** @type {HTMLElement} */ (one).hidden = /** @type {HTMLElement} */ (one).dataset.help !== (body?.dataset.helpsWith ?? "");
   }
@@ -158,7 +157,7 @@ async function mount(mine = arrival) {
     trial = mounted?.bar ?? null;
     wait = mounted?.job ?? null;
     if (onStage) stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");
-    if (module.last) showProgress(index, total, true);
+    if (module.last) showProgress(body, true);
   }
   if (body) body.dataset.live = "";
   tellMore(Boolean(module?.longText));
@@ -183,17 +182,17 @@ function tellMore(long) {
   ending.observe(end);
 }
 
-/** @param {number} index @param {number} total @param {boolean} last */
-function showProgress(index, total, last) {
+/** @param {HTMLElement | null} body of the step, which says how far it is @param {boolean} last */
+function showProgress(body, last) {
   const going = ["active", "completed"].includes(current.state);
   $("progress").hidden = !going;
   $("tools").querySelectorAll("[data-pause], [data-opens=leave-dialog]").forEach((button) => {
     /** @type {HTMLElement} */ (button).hidden = current.state !== "active" || last;
   });
-  $("progress-text").textContent = say("progress", { index: index + 1, total });
-  const bar = /** @type {HTMLProgressElement} */ ($("progress").querySelector("progress"));
-  bar.max = total;
-  bar.value = last ? total : index;
+  for (const one of /** @type {NodeListOf<HTMLElement>} */ ($("progress-text").querySelectorAll("[data-says]"))) {
+    one.textContent = body?.dataset[one.dataset.says ?? ""] ?? "";
+  }
+  /** @type {HTMLProgressElement} */ ($("progress").querySelector("progress")).value = Number(body?.dataset.behind ?? 0);
 }
 
 /** The stream tells at once; the poll tells if the stream cannot. */

@@ -288,9 +288,14 @@ export class StageBar {
   /** @param {string} name of the phase whose part is to be seen */
   part(name) {
     this.root.dataset.shown = name;
-    for (const part of /** @type {NodeListOf<HTMLElement>} */ (this.root.querySelectorAll("[data-phase]"))) {
-      part.hidden = part.dataset.phase !== name;
-    }
+    const parts = /** @type {HTMLElement[]} */ ([...this.root.querySelectorAll("[data-phase]")]);
+    const left = parts.find((part) => !part.hidden && part.dataset.phase !== name && part.contains(document.activeElement));
+    for (const part of parts) part.hidden = part.dataset.phase !== name;
+    const shown = left && parts.find((part) => !part.hidden);
+    if (!shown) return;
+    // what had the focus is hidden now: it stays in the bar, at the part that took its place
+    shown.tabIndex = -1;
+    shown.focus({ preventScroll: true });
   }
 
   /** @param {string} selector @param {string} text */
