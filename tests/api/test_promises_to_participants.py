@@ -11,6 +11,8 @@ from sqlalchemy import select
 
 from backend.api.participant.sent import DEVICE_FIELDS
 from backend.store.models import Participant, Response, Session, Study
+from backend.study.kinds.consent import POINT
+from backend.study.protocol.freezing import PROTOCOLS, freeze
 from tests.api.lab_services import VALUES
 
 
@@ -70,6 +72,36 @@ def test_no_answer_is_stored_before_the_consent_and_declining_marks_the_visit(vi
     assert 'id="begin"' not in again
 
 
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_little_is_read_before_the_first_drive_and_the_consent_says_what_it_must(language):
+    """570 words stood before anything moved; what is needed for a consent is not among what is folded away."""
+    frozen = freeze(PROTOCOLS / "quick_preference_study.yaml")
+    shown = {}
+    for name in ("information", "consent", "instruction"):
+        text = frozen.text(f"texts/{name}.md", language)[1]
+        shown[name] = text.partition("<!-- more -->")[0]
+    ticked = POINT.findall(frozen.text("texts/consent.md", language)[1])
+    assert len(" ".join([*shown.values(), *ticked]).split()) <= 285
+    needed = {
+        "en": ("What is stored", "What for", "How long", "If you withdraw"),
+        "de": ("Was gespeichert wird", "Wofür", "Wie lange", "widerrufen"),
+    }
+    assert [words for words in needed[language] if words not in shown["consent"]] == []
+
+
+def test_the_consent_names_whom_to_ask_and_folds_the_rest_away(visitor, link):
+    token = joined(visitor, link)
+    submit(visitor, token, "information")
+    page = visitor.get(f"/p/{token}").text.partition("<main")[2]
+    assert "Questions? Please ask" in page.partition("<dialog")[0]
+    assert '<details class="more">' in page
+    assert "more --" not in page
+    copy = visitor.get(f"/p/{token}/consent").text
+    assert "<details" not in copy, "a copy that is printed holds all of it"
+    assert "cannot be changed afterwards" in copy
+    assert "more --" not in copy
+
+
 def test_the_view_from_inside_is_explained_only_where_it_is_shown(visitor, link, lab_services):
     token = joined(visitor, link)
     inside = "In the view from inside the room"
@@ -88,7 +120,7 @@ def test_the_debriefing_shows_the_own_code_apart_from_the_completion_code(lab, w
     page = lab.get(f"/lab/studies/{walked.id}/preview/{last}?language=de").text
     assert re.search(r'id="own-code">Teilnehmer-ID: <span translate="no">P-EXAMPLE</span>\.', page)
     assert '<h2 id="code-title">Abschlusscode</h2>' in page
-    assert re.search(r'id="completion-code">EXAMPLE<', page)
+    assert re.search(r'id="completion-code" translate="no">EXAMPLE<', page)
 
 
 def test_recruit_reminds_of_a_contact_until_there_is_one(lab, walked):

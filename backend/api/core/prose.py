@@ -1,4 +1,6 @@
-"""Markdown of a study's texts to safe HTML. Raw HTML in the text is shown as text, images are not fetched."""
+"""Markdown of a study's texts to safe HTML. Raw HTML in the text is shown as text, images are not fetched. The line
+`<!-- more -->`, after which participants' pages fold a text away (templates/participant/long_text.html), is left out.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ def prose(text: str, shift: int | None = None) -> Markup:
     Headings keep their level but never rise above h2, as the page's own heading is the h1; with `shift` they move down
     by that many levels instead.
     """
-    tokens = _MARKDOWN.parse(text)
+    tokens = _MARKDOWN.parse(text.replace("<!-- more -->", ""))
     for token in tokens:
         if token.type in ("heading_open", "heading_close"):
             level = int(token.tag[1])
