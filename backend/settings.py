@@ -11,6 +11,8 @@ from urllib.parse import quote
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from backend.grammar.text_files import NotUtf8Error, read_text
+
 
 class SettingsError(ValueError):
     """A setting that cannot be used; names it and says what would work."""
@@ -129,12 +131,14 @@ class Settings(BaseSettings):
 
 def _password(file: Path, setting: str = "database_password_file") -> str:
     try:
-        password = file.read_text(encoding="utf-8").strip()
+        password = read_text(file).strip()
     except OSError as problem:
         raise SettingsError(
             f"{setting} = {file}: cannot be read by user {os.getuid()} ({problem.strerror}); let others "
             "read the file (chmod 644) in a folder that only its owner may enter (chmod 700), or give it to that user"
         ) from problem
+    except NotUtf8Error as problem:
+        raise SettingsError(f"{setting} = {file}: {problem}") from None
     if len(password.splitlines()) != 1:
         raise SettingsError(f"{setting} = {file}: must hold one line, the password")
     return password

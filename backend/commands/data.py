@@ -55,16 +55,17 @@ def _summary(study: str, files: list[dict[str, Any]], out: str) -> dict[str, Any
 
 @plain_errors
 def import_(
-    folder: Annotated[str, typer.Argument(help="A folder that `desirepath export` wrote, here or on S3.")],
+    folder: Annotated[str, typer.Argument(help="A folder that `desirepath export` wrote, or its zip, here or on S3.")],
     as_json: JsonFlag = False,
 ) -> None:
     """Load an exported data set into this installation, to the same answers."""
     from backend.store.dataset.importing import import_dataset
+    from backend.store.dataset.unpacking import unpacked
     from backend.store.places import read_from
 
     database, files = open_store()
-    with read_from(folder) as fetched:
-        say(dict(import_dataset(database, files, fetched)), as_json)
+    with read_from(folder) as fetched, unpacked(fetched) as data_set:
+        say(dict(import_dataset(database, files, data_set)), as_json)
 
 
 @plain_errors

@@ -29,7 +29,7 @@ def register(app: typer.Typer) -> None:
 
 @plain_errors
 def report(
-    study: Annotated[str, typer.Argument(help="Id of the study, or the folder of an exported data set.")],
+    study: Annotated[str, typer.Argument(help="Id of the study, or the folder or zip of an exported data set.")],
     out: Annotated[Path, typer.Option(help="Folder for report.html, tests.csv and figures.")] = Path("report"),
     who: Annotated[str, typer.Option(help="Whose answers: people, simulated or all.")] = "people",
     plan: Annotated[
@@ -53,29 +53,33 @@ def report(
     from backend.report.analysis_plan import read_plan
     from backend.report.study_report import write_study_report
     from backend.report.tidy_tables import read_folder, read_study
+    from backend.store.dataset.unpacking import unpacked
     from backend.store.models import Study
     from backend.store.snapshots import checked_whose
 
     chosen, used = checked_whose(who), read_plan(plan) if plan is not None else None
     command = f"desirepath report STUDY --who {who}{' --plan FILE' if plan is not None else ''}"
     learned: list[PolicyRow] = []
-    if Path(study).is_dir():
-        if policies:
-            raise ValueError("--policies: learns from a study of this installation; import the data set first")
-        data, load = read_folder(Path(study))
-    else:
-        database, files = open_store()
-        with database.session() as s:
-            row = s.get(Study, study)
-            if row is None:
-                raise LookupError(f"no study with id {study!r} and no such folder; `desirepath study list` shows all")
-            data, load = read_study(s, files, row)
-            say_who_is_left_out(s, study)
-        if policies:
-            views = sorted({one.view for one in data.choices})
-            learned = _learned(database, files, study, views, chosen, model.split(","), recipe, scenes)
-            command += f" --policies --model {model} --recipe {recipe} --scenes {scenes}"
-    say(write_study_report(data, load, out, who=chosen, plan=used, command=command, policies=learned), as_json)
+    with unpacked(Path(study)) as folder:
+        if folder.is_dir():
+            if policies:
+                raise ValueError("--policies: learns from a study of this installation; import the data set first")
+            data, load = read_folder(folder)
+        else:
+            database, files = open_store()
+            with database.session() as s:
+                row = s.get(Study, study)
+                if row is None:
+                    raise LookupError(
+                        f"no study with id {study!r} and no such folder; `desirepath study list` shows all"
+                    )
+                data, load = read_study(s, files, row)
+                say_who_is_left_out(s, study)
+            if policies:
+                views = sorted({one.view for one in data.choices})
+                learned = _learned(database, files, study, views, chosen, model.split(","), recipe, scenes)
+                command += f" --policies --model {model} --recipe {recipe} --scenes {scenes}"
+        say(write_study_report(data, load, out, who=chosen, plan=used, command=command, policies=learned), as_json)
 
 
 def _learned(

@@ -20,11 +20,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
 from sqlalchemy import create_engine, text
 
 from backend.experiments.loopback import free_port_pair
 from backend.experiments.own_postgres import own_postgres
+from backend.grammar.source import Source
 
 ROOT = Path(__file__).resolve().parents[2]
 DIFFERENT = (
@@ -50,7 +50,7 @@ def services_of(compose: Path, variables: Mapping[str, str]) -> dict[str, dict[s
     def value(found: re.Match[str]) -> str:
         return variables.get(found[1]) or found[2] or ""
 
-    read = yaml.safe_load(re.sub(r"\$\{(\w+)(?::-([^}]*))?\}", value, written))
+    read = Source(compose.name, re.sub(r"\$\{(\w+)(?::-([^}]*))?\}", value, written)).data
     services: dict[str, dict[str, Any]] = read["services"]
     return services
 

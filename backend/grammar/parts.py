@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
+from pydantic.config import JsonDict
 
 Localized = Annotated[dict[str, str], Field(min_length=1)]
 """A text in each of the protocol's languages: {en: ..., de: ...}."""
-FileName = Annotated[str, Field(min_length=1, max_length=200)]
-Version = Annotated[str, BeforeValidator(str), Field(min_length=1, max_length=40)]
+FileName = Annotated[str, Field(min_length=1, max_length=200, examples=["texts/page.md"])]
+Version = Annotated[str, Field(min_length=1, max_length=40)]
 PATTERNS = {
     r"^[a-z][a-z0-9_]*$": "must be lower-case letters, digits and _, beginning with a letter",
     r"^[A-Za-z0-9-]{4,40}$": "must be random, or 4 to 40 letters, digits and -",
@@ -19,10 +20,10 @@ PATTERNS = {
 """Every pattern of a protocol, in words for the person who wrote it."""
 _SLUG, _CODE, _ADDRESS, _LANGUAGE = PATTERNS
 Slug = Annotated[str, Field(pattern=_SLUG, max_length=60)]
-Code = Annotated[str, BeforeValidator(str), Field(pattern=_CODE)]
+Code = Annotated[str, Field(pattern=_CODE)]
 Address = Annotated[str, Field(pattern=_ADDRESS, max_length=400)]
 Language = Annotated[str, Field(pattern=_LANGUAGE)]
-Value = Annotated[str, BeforeValidator(str), Field(min_length=1, max_length=60)]
+Value = Annotated[str, Field(min_length=1, max_length=60)]
 """What is stored of a chosen answer."""
 
 
@@ -30,3 +31,8 @@ class Part(BaseModel):
     """Base of everything in a protocol: an unknown key is an error, nothing changes once it is read."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def an_example(written: JsonDict) -> ConfigDict:
+    """Of a part whose needed keys do not make one by themselves; errors and editors show it."""
+    return ConfigDict(json_schema_extra={"examples": [written]})

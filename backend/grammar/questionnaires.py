@@ -6,8 +6,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
-from backend.grammar.parts import Localized, Part, Slug, Value
+from backend.grammar.error_words import parsed
+from backend.grammar.parts import Localized, Part, Slug, Value, an_example
 from backend.grammar.skipping import ItemWhen
+from backend.grammar.source import Source
 
 MARKS = ("timed_out", "passed")  # in a questionnaire's value beside the items' answers
 
@@ -27,6 +29,8 @@ class Item(Part):
     the right answer in a comprehension check. instructed: an attention check whose text says what to answer; a wrong
     answer is stored, marked, never refused. when: asked only where all of these fit; a file gives one.
     """
+
+    model_config = an_example({"key": "pets", "type": "number", "text": {"en": "How many pets do you have?"}})
 
     key: Slug
     type: Literal["scale", "choice", "ranking", "number", "text"]
@@ -110,3 +114,8 @@ class Questionnaire(Part):
     @property
     def items(self) -> list[Item]:
         return [item for block in self.blocks for item in block.items]
+
+
+def frozen_questionnaire(file: str, content: str) -> Questionnaire:
+    """A study's own copy of a questionnaire; the items of scales lie beside it. Raises ProtocolError."""
+    return parsed(Source(file, content), Questionnaire, strict=False)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field, model_validator
 
 from backend.grammar.error_words import meant
-from backend.grammar.parts import Part, Slug, Value
+from backend.grammar.parts import Part, Slug, Value, an_example
 from backend.grammar.source import Path, Problem, Source
 
 if TYPE_CHECKING:
@@ -57,12 +57,16 @@ class Fitting(Part):
 class When(Fitting):
     """Show a stage only to whom an earlier answer fits."""
 
+    model_config = an_example({"questionnaire": "about_you", "item": "pets", "is": "yes"})
+
     questionnaire: Slug
 
 
 class ItemWhen(Fitting):
     """Ask an item, or a screen of items, only where an answer fits: to an item before it in the same questionnaire, or
     to one of `questionnaire`, which was asked in an earlier stage."""
+
+    model_config = an_example({"item": "pets", "is": "yes"})
 
     questionnaire: Slug | None = None
 

@@ -6,12 +6,15 @@ A file from outside is bounded before anything is built from it, and read once: 
 from __future__ import annotations
 
 import math
+import pathlib
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import yaml
+
+from backend.grammar.text_files import NotUtf8Error, read_text
 
 LONGEST = 512 * 1024  # characters (ours); the longest that is shipped has 3,000
 DEEPEST = 32  # mappings and lists within each other (ours); a question's option with its words stands at 10
@@ -41,11 +44,11 @@ class Problem:
 
 
 class ProtocolError(ValueError):
-    """A study protocol that cannot be used; `problems` has every one that was found."""
+    """A file of a study that cannot be used; `problems` has every one that was found, by file and line."""
 
     def __init__(self, problems: list[Problem]) -> None:
-        self.problems = problems
-        super().__init__("; ".join(str(problem) for problem in problems))
+        self.problems = sorted(problems, key=lambda one: (one.file, one.line))
+        super().__init__("; ".join(str(problem) for problem in self.problems))
 
     @property
     def errors(self) -> list[dict[str, Any]]:
@@ -62,21 +65,42 @@ def field_name(path: Path) -> str:
 
 
 class _Loader(yaml.CSafeLoader):
-    """YAML whose only booleans are true and false: `on:` is a key of ours, and `no` is Norwegian. Numbers end."""
+    """The core schema of YAML 1.2, and `<<` merges mappings: `yes`, `1:30`, `1_000` and `2026-01-01` are text, 012 is
+    twelve. What is tagged as anything else is refused; numbers end."""
 
 
-_Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if tag != "tag:yaml.org,2002:bool"]
-    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+_TAG = "tag:yaml.org,2002:"
+TEXT = f"{_TAG}str"
+_MERGE = f"{_TAG}merge"
+_NO_TEXT = (f"{_TAG}int", f"{_TAG}float", f"{_TAG}bool")
+_CORE = {
+    "null": (r"~|null|Null|NULL|", [*"~nN", ""]),
+    "bool": (r"true|True|TRUE|false|False|FALSE", [*"tTfF"]),
+    "int": (r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+", [*"-+0123456789"]),
+    "float": (
+        r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+        [*"-+.0123456789"],
+    ),
+    "merge": ("<<", ["<"]),
 }
-_Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile(r"^(?:true|false)$"), list("tf"))
+_Loader.yaml_implicit_resolvers = {}
+for _name, (_pattern, _first) in _CORE.items():
+    _Loader.add_implicit_resolver(_TAG + _name, re.compile(f"(?:{_pattern})$"), _first)
 
 
-def _bounded(read: Callable[[Any, yaml.ScalarNode], Any]) -> Callable[[_Loader, yaml.ScalarNode], Any]:
+def _whole(written: str) -> int:
+    return int(written, {"0o": 8, "0x": 16}.get(written[:2], 10))
+
+
+def _real(written: str) -> float:
+    return float(written.lower().replace(".inf", "inf").replace(".nan", "nan"))
+
+
+def _bounded(read: Callable[[str], float]) -> Callable[[_Loader, yaml.ScalarNode], float]:
     """A number's constructor that refuses what no database holds."""
 
-    def bounded(loader: _Loader, node: yaml.ScalarNode) -> Any:
-        value = math.inf if len(str(node.value)) > LONGEST_NUMBER else read(loader, node)
+    def bounded(loader: _Loader, node: yaml.ScalarNode) -> float:
+        value = math.inf if len(str(node.value)) > LONGEST_NUMBER else read(node.value)
         if not abs(value) <= LARGEST_NUMBER:
             raise yaml.constructor.ConstructorError(None, None, "holds a number that is too large", node.start_mark)
         return value
@@ -84,8 +108,14 @@ def _bounded(read: Callable[[Any, yaml.ScalarNode], Any]) -> Callable[[_Loader, 
     return bounded
 
 
-_Loader.add_constructor("tag:yaml.org,2002:int", _bounded(yaml.SafeLoader.construct_yaml_int))
-_Loader.add_constructor("tag:yaml.org,2002:float", _bounded(yaml.SafeLoader.construct_yaml_float))
+_Loader.yaml_constructors = {
+    tag: how
+    for tag, how in yaml.SafeLoader.yaml_constructors.items()
+    if tag in (None, TEXT, f"{_TAG}null", f"{_TAG}seq", f"{_TAG}map")
+}
+_Loader.add_constructor(f"{_TAG}bool", lambda _, node: {"true": True, "false": False}[node.value.lower()])
+_Loader.add_constructor(f"{_TAG}int", _bounded(_whole))
+_Loader.add_constructor(f"{_TAG}float", _bounded(_real))
 
 
 class _TooMuch(ValueError):
@@ -127,22 +157,36 @@ def _within_limits(events: Iterator[Any]) -> None:
             raise _TooMuch(line, f"it holds more than {MOST_VALUES:,} keys and values, aliases filled in")
 
 
+def file_text(path: pathlib.Path) -> str:
+    """A file's text. Raises ProtocolError where it cannot be read."""
+    try:
+        return read_text(path)
+    except OSError as wrong:
+        line, message = 1, f"cannot be read: {wrong.strerror}"
+    except NotUtf8Error as wrong:
+        line, message = wrong.line, str(wrong)
+    raise ProtocolError([Problem(str(path), line, "(file)", None, message)])
+
+
 class Source:
-    """One YAML file's data and the line of each of its fields."""
+    """One YAML file's data, the line of each of its fields, and how each was written. twice: keys that are given again,
+    of which the last counts in `data`."""
 
     def __init__(self, file: str, text: str) -> None:
-        """Raises ProtocolError for text that is too much, no YAML, no mapping, or gives a key twice."""
+        """Raises ProtocolError for text that is too much, no YAML or no mapping."""
         self.file = file
         self.data: Any
+        self.twice: list[Problem] = []
+        self._keys: dict[int, dict[str, tuple[int, yaml.Node]]] = {}  # of each mapping: key -> its line, its value
         try:
             if len(text) > LONGEST:
                 raise _TooMuch(1, f"it has more than {LONGEST:,} characters")
             _within_limits(yaml.parse(text, Loader=_Loader))
             loader = _Loader(text)
             try:
-                self._root = loader.get_single_node()
-                twice = list(self._duplicates(self._root, ()))  # before merged keys are filled in
-                self.data = None if self._root is None else loader.construct_document(self._root)
+                self.root = loader.get_single_node()
+                self._read_keys(self.root, ())  # before merged keys are filled in
+                self.data = None if self.root is None else loader.construct_document(self.root)
             finally:
                 loader.dispose()
         except _TooMuch as wrong:
@@ -152,48 +196,53 @@ class Source:
             line = mark.line + 1 if mark else 1
             problem = getattr(wrong, "problem", None) or "cannot be read"
             raise ProtocolError([Problem(file, line, "(file)", None, f"is not valid YAML: {problem}")]) from None
-        except (ValueError, LookupError, AttributeError) as wrong:  # what its kind cannot hold, as the day 2026-02-31
+        except (ValueError, LookupError) as wrong:  # what its tag cannot hold, as !!int x
             raise ProtocolError([Problem(file, 1, "(file)", None, f"holds a value that is none: {wrong}")]) from None
         if not isinstance(self.data, dict):
-            kind = "empty" if self.data is None else f"a {type(self.data).__name__}"
-            raise ProtocolError([Problem(file, 1, "(file)", None, f"must be a mapping of keys to values, is {kind}")])
-        if twice:
-            raise ProtocolError(twice)
+            kind = "empty" if self.data is None else "a list" if isinstance(self.data, list) else "one value"
+            message = f"must be a mapping of keys to values, such as 'title: {{en: My study}}', is {kind}"
+            raise ProtocolError([Problem(file, 1, "(file)", None, message)])
 
-    def _duplicates(self, node: yaml.Node | None, path: Path) -> list[Problem]:
-        found: list[Problem] = []
+    def _read_keys(self, node: yaml.Node | None, path: Path) -> None:
+        """What stands under which key; keys are text, whatever they look like."""
         if isinstance(node, yaml.MappingNode):
+            keys = self._keys.setdefault(id(node), {})
             seen: set[str] = set()
             for key, value in node.value:
-                name = str(key.value)
+                name, line = str(key.value), key.start_mark.line + 1
+                if isinstance(key, yaml.ScalarNode) and key.tag != _MERGE:
+                    key.tag = TEXT
                 if name in seen:
-                    line = key.start_mark.line + 1
-                    found.append(
-                        Problem(self.file, line, field_name((*path, name)), None, "is given twice; keep one of them")
-                    )
+                    where = field_name((*path, name))
+                    self.twice.append(Problem(self.file, line, where, None, "is given twice; keep one of them"))
                 seen.add(name)
-                found += self._duplicates(value, (*path, name))
+                keys[name] = line, value
+                self._read_keys(value, (*path, name))
         elif isinstance(node, yaml.SequenceNode):
             for index, value in enumerate(node.value):
-                found += self._duplicates(value, (*path, index))
-        return found
+                self._read_keys(value, (*path, index))
 
-    def line(self, path: Path) -> int:
-        """Line of the deepest part of `path` that is in the file (a missing key: its mapping's line)."""
-        node, line = self._root, 1
+    def _deepest(self, path: Path) -> tuple[int, yaml.Node | None]:
+        """Line of the deepest part of `path` that is in the file, and the node at its end, None where that is not."""
+        node, line = self.root, 1
         for part in path:
-            if isinstance(node, yaml.MappingNode):
-                pairs = {str(key.value): (key, value) for key, value in node.value}
-                if str(part) not in pairs:
-                    break
-                key, node = pairs[str(part)]
-                line = key.start_mark.line + 1
+            if isinstance(node, yaml.MappingNode) and str(part) in self._keys[id(node)]:
+                line, node = self._keys[id(node)][str(part)]
             elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
                 node = node.value[part]
                 line = node.start_mark.line + 1
             else:
-                break
-        return line
+                return line, None
+        return line, node
+
+    def line(self, path: Path) -> int:
+        """Line of the deepest part of `path` that is in the file (a missing key: its mapping's line)."""
+        return self._deepest(path)[0]
+
+    def written(self, path: Path) -> str | None:
+        """A number, true or false as it was written: `01234567`, `1.10`; None for everything else."""
+        _, node = self._deepest(path)
+        return str(node.value) if isinstance(node, yaml.ScalarNode) and node.tag in _NO_TEXT else None
 
     def value(self, path: Path) -> Any:
         """What stands there, None if nothing does."""

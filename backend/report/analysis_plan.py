@@ -7,11 +7,11 @@ import json
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from backend.analysis.tested import Correction
-from backend.os_errors import in_words
+from backend.grammar.error_words import parsed
+from backend.grammar.source import Source, file_text
 
 Metric = Literal["path_length", "time", "mean_speed", "accumulated_angle", "min_human_distance", "path_area"]
 METRICS: dict[Metric, tuple[str, str]] = {
@@ -108,11 +108,5 @@ def _in_words(value: object) -> str:
 
 
 def read_plan(file: Path) -> AnalysisPlan:
-    """A plan written by itself as YAML. Raises ValueError naming the field, what it holds and what would work."""
-    try:
-        return AnalysisPlan.model_validate(yaml.safe_load(file.read_text(encoding="utf-8")) or {})
-    except (OSError, yaml.YAMLError) as problem:
-        raise ValueError(f"plan = {file.name!r}: cannot be read ({in_words(problem)})") from None
-    except ValidationError as wrong:
-        message = "; ".join(f"{'.'.join(map(str, e['loc']))} = {e['input']!r}: {e['msg']}" for e in wrong.errors())
-        raise ValueError(f"plan = {file.name!r}: {message}; known: {', '.join(AnalysisPlan.model_fields)}") from None
+    """A plan written by itself as YAML. Raises ProtocolError naming the field, what it holds and what would work."""
+    return parsed(Source(file.name, file_text(file)), AnalysisPlan)

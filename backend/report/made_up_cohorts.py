@@ -8,19 +8,20 @@ known. Their answers depend only on seed, number and what is asked, not on the o
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike, NDArray
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from backend.analysis.scales import Scale, ScaleItem
-from backend.os_errors import in_words
+from backend.grammar.source import ProtocolError, Source, file_text
 from backend.report.study_data import Choice, Comparison, ParticipantRow, Rating, StudyData
 
 PERSONAL_SHARE = 0.4  # ours: share of a rating's variance that belongs to the person
@@ -54,6 +55,8 @@ class Cohort:
     person's opinions on two items about the same condition. drop_out: share of people who do not finish. shown: share
     of those who are shown a policy as theirs, and so compare; the gate refuses the others.
     """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     ratings: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     first_choice: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -267,12 +270,16 @@ def _choice(person: MadeUpPerson, code: str, condition: str, role: str, query: s
 def read_cohort(file: Path) -> Cohort:
     """A cohort written as YAML, its keys those of `Cohort`. Raises CohortError naming what cannot be."""
     try:
-        given = yaml.safe_load(file.read_text(encoding="utf-8")) or {}
+        given = Source(file.name, file_text(file)).data
         if "tastes" in given:  # the name of before
             given["preferences"] = given.pop("tastes")
-        return Cohort(**given)
-    except (OSError, yaml.YAMLError) as problem:
-        raise CohortError(f"cohort = {file.name!r}: cannot be read ({in_words(problem)})") from None
-    except (TypeError, AttributeError):
+        return _COHORT.validate_json(json.dumps(given), strict=True)
+    except ProtocolError as problem:
+        raise CohortError(f"cohort = {file.name!r}: cannot be read ({problem})") from None
+    except ValidationError as wrong:
+        found = "; ".join(f"{'.'.join(map(str, one['loc'])) or 'it'}: {one['msg']}" for one in wrong.errors())
         known = ", ".join(field.name for field in fields(Cohort))
-        raise CohortError(f"cohort = {file.name!r}: must be a mapping with some of the keys {known}") from None
+        raise CohortError(f"cohort = {file.name!r}: {found}; a mapping with some of the keys {known}") from None
+
+
+_COHORT = TypeAdapter(Cohort)

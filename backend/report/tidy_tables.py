@@ -11,12 +11,12 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-import yaml
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.analysis.scales import Scale, frozen_items, frozen_scale
-from backend.grammar.questionnaires import MARKS
+from backend.grammar.questionnaires import MARKS, Item, ItemBlock, frozen_questionnaire
+from backend.grammar.texts import local
 from backend.report.study_data import (
     Choice,
     Comparison,
@@ -261,27 +261,28 @@ def _ratings(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> It
         yield Rating(person, condition, stage, item, sum(values) / len(values), stage)
 
 
-def _blocks(files: Mapping[str, str]) -> Iterator[tuple[str, Row, str | None]]:
+def _blocks(files: Mapping[str, str]) -> Iterator[tuple[str, ItemBlock, str | None]]:
     """Every block of every questionnaire, with the questionnaire's name and the study's copy of the scale it asks."""
     for name, content in files.items():
         if name.startswith(QUESTIONNAIRES):
-            for block in yaml.safe_load(content)["blocks"]:
-                copy = files[f"scales/{block['scale']}.json"] if block.get("scale") else None
+            for block in frozen_questionnaire(name, content).blocks:
+                copy = files[f"scales/{block.scale}.json"] if block.scale else None
                 yield name.removeprefix(QUESTIONNAIRES).removesuffix(".yaml"), block, copy
 
 
 def _items(files: Mapping[str, str]) -> Iterator[ItemText]:
+    """In English, as papers are; in the study's first language where it has no English."""
     for questionnaire, block, copy in _blocks(files):
-        for item in frozen_items(copy) if copy else block["items"]:
+        for item in [Item(**one) for one in frozen_items(copy)] if copy else block.items:
             yield ItemText(
                 questionnaire=questionnaire,
-                key=item["key"],
-                type=item["type"],
-                text=_english(item["text"]),
-                points=item.get("points", 7),
-                options={str(one["value"]): _english(one["label"]) for one in item.get("options", [])},
-                reversed=bool(item.get("reversed", False)),
-                instructed=item.get("instructed") is not None,
+                key=item.key,
+                type=item.type,
+                text=local(item.text, "en"),
+                points=item.points,
+                options={one.value: local(one.label, "en") for one in item.options},
+                reversed=item.reversed,
+                instructed=item.instructed is not None,
             )
 
 
@@ -296,8 +297,3 @@ def _rated_items(plans: Iterable[Sequence[Row]]) -> list[ItemText]:
         ItemText(stage, item, "scale", f"{item} of {stage}".replace("_", " "), step.get("points", 7), {})
         for (stage, item), step in sorted(rated.items())
     ]
-
-
-def _english(text: Mapping[str, str]) -> str:
-    """The report is in English, as papers are; the study's first language where it has no English."""
-    return text.get("en") or next(iter(text.values()))

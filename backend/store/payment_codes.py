@@ -11,6 +11,8 @@ from typing import Any
 
 import yaml
 
+from backend.grammar.source import Source
+
 REMOVED = {"completion_code": "REMOVED", "return_url": "https://removed.invalid/"}
 """Key of a protocol -> what stands there in a data set; a protocol can be read with it."""
 RANDOM = "random"  # a completion code that everybody gets another one of
@@ -23,8 +25,8 @@ def is_payment_code(field: str, value: object) -> bool:
 
 
 def yaml_without(text: str, instead: Mapping[str, str] = REMOVED) -> str:
-    """The protocol's YAML with such values replaced by `instead`, all else as it was. Raises YAMLError."""
-    places = dict(_places(yaml.compose(text, Loader=yaml.CSafeLoader)))
+    """The protocol's YAML with such values replaced by `instead`, all else as it was. Raises ProtocolError."""
+    places = dict(_places(Source("protocol.yaml", text).root))
     for (begin, end), key in sorted(places.items(), reverse=True):
         written = text[begin:end]
         anchor = _ANCHOR.match(written)

@@ -70,7 +70,7 @@ def materials_of(
 
     Raises StudyError for a query set that is missing or cannot fill a plan.
     """
-    wanted = frozen.protocol.query_set
+    wanted = frozen.query_set
     if wanted is None and query_set is None:
         taught = frozen.protocol.stage_of(TaughtByMethods)
         setup = taught.setup if taught is not None else frozen.stage(DemonstrationsStage).environment

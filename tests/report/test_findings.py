@@ -266,7 +266,7 @@ def test_the_declared_plan_counts_and_deviations_are_said(tmp_path: Path) -> Non
     assert deviations(declared, declared) == []
     assert "No analysis plan was declared" in deviations(None, used)[0]
     file.write_text("alfa: 0.01\n")
-    with pytest.raises(ValueError, match=r"alfa.*known: alpha"):
+    with pytest.raises(ValueError, match=r"alfa.*allowed: alpha, .*did you mean alpha"):
         read_plan(file)
 
 

@@ -196,6 +196,8 @@ def test_made_up_answers_do_not_depend_on_the_order_of_asking() -> None:
         ("own_against_other: -0.1", "own_against_other = -0.1"),
         ("mood: good", "mapping with some of the keys ratings"),
         ("[1", "cannot be read"),
+        ('own: "0.8"', "own: Input should be a valid number"),
+        ("ratings: {fun: {immersive: yes}}", "ratings.fun.immersive"),
     ],
 )
 def test_a_cohort_that_cannot_be_is_refused(tmp_path: Path, text: str, named: str) -> None:

@@ -30,13 +30,14 @@ STARTED = datetime(2026, 11, 2, 9, 30, tzinfo=UTC)
 PROTOCOL_YAML = "protocol: quick_preference_study\r\nversion: 1\nscreen_out: {completion_code: PAID-1}\n"
 FILES = {
     "questionnaires/background.yaml": """
+title: {en: Background}
 blocks:
   - items:
       - {key: age, type: number, text: {en: Age}}
-      - {key: presence, type: scale, text: {en: Presence}}
+      - {key: presence, type: scale, text: {en: Presence}, low: {en: low}, high: {en: high}}
   - items:
       - {key: remark, type: text, text: {en: Remark}}
-      - {key: taste, type: choice, text: {en: Taste}}
+      - {key: taste, type: choice, text: {en: Taste}, options: [{value: a, label: {en: A}}, {value: b, label: {en: B}}]}
 """,
     "texts/information.md": "# Über diese Studie\n",
 }

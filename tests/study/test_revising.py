@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 from typer.testing import CliRunner
@@ -140,13 +141,7 @@ def test_a_revision_that_makes_no_sense_is_refused(database, files, study, proto
 
 def test_other_words_of_consent_need_a_version_of_their_own(database, files, study, protocol, tmp_path):
     frozen = protocol(version=2)
-    frozen = type(frozen)(
-        frozen.yaml,
-        frozen.protocol,
-        frozen.questionnaires,
-        {**frozen.files, "consent.md": "# Consent\nOther words."},
-        frozen.hash,
-    )
+    frozen = replace(frozen, files={**frozen.files, "consent.md": "# Consent\nOther words."})
     with pytest.raises(StudyError, match="the consent's words changed, so it needs a version of its own"):
         revised(database, files, study, frozen)
 

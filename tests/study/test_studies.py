@@ -11,7 +11,7 @@ from sqlalchemy import select
 from backend.learning.queries.queries import QuerySet
 from backend.store.models import Artefact, Event, Participant, RecruitingId, Session, Study, utc_now
 from backend.store.query_sets import query_sets_here, save_query_set
-from backend.study.protocol.freezing import freeze, freeze_text, thaw
+from backend.study.protocol.freezing import DATASETS, freeze, freeze_text, thaw
 from backend.study.refusals import Refused
 from backend.study.session.joining import join_study
 from backend.study.studies import StudyError, create_study, queries_of_study, study_by_link
@@ -139,8 +139,9 @@ def test_a_query_set_made_here_is_asked_by_its_id(database, files, twenty_querie
 
 def test_a_damaged_query_set_is_refused_by_its_name(database, files, tmp_path):
     path = tmp_path / "damaged.npz"
-    path.write_bytes(b"not a query set")
+    path.write_bytes((DATASETS / "study_room" / "queries_200.npz").read_bytes())
     frozen = freeze_text(QUICK.read_text().replace("study_room/queries_varied_200", str(path)))
+    path.write_bytes(b"not a query set")  # after the protocol was checked
     with database.transaction() as s, pytest.raises(StudyError, match=r"damaged\.npz"):
         create_study(s, files, frozen, name="x", created_by=None)
 

@@ -12,10 +12,11 @@ from datetime import date, datetime
 from pathlib import Path
 from typing import Any
 
-import yaml
 from babel import Locale
 from babel.dates import format_date
 from babel.numbers import format_decimal, format_percent
+
+from backend.grammar.source import Source, file_text
 
 DEFAULT_LANGUAGE = "en"
 # Where a language alone leaves the notation open, e.g. whether the month or the day comes first.
@@ -176,7 +177,4 @@ def placeholders(text: str) -> frozenset[str]:
 
 
 def _read(file: Path) -> dict[str, Any]:
-    read = yaml.load(file.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)
-    if not isinstance(read, dict):
-        raise TextError(f"{file}: a catalogue is a mapping of keys to texts, found {type(read).__name__}")
-    return {str(name): entry for name, entry in read.items()}
+    return dict(Source(str(file), file_text(file)).data)

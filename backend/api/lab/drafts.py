@@ -13,6 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from backend.grammar import text_files
+from backend.grammar.text_files import NotUtf8Error, as_text, read_text
 from backend.study.protocol.freezing import PROTOCOLS, FrozenProtocol, freeze_text, shipped_protocols
 
 LARGEST_FILE = 512 * 1024  # bytes; a protocol has a few kB
@@ -44,18 +46,18 @@ class Draft:
 
     @property
     def yaml(self) -> str:
-        return self.file.read_text(encoding="utf-8")
+        return read_text(self.file)
 
     def save(self, yaml: str) -> None:
         """Replace the protocol. Raises DraftError if it is empty or too large."""
-        self.file.write_text(_checked("protocol.yaml", yaml.replace("\r\n", "\n")), encoding="utf-8")
+        self.file.write_text(_checked("protocol.yaml", as_text(yaml)), encoding="utf-8")
 
     def add(self, texts: Mapping[str, bytes]) -> None:
         """Add texts (`.md`) and questionnaires (`.yaml`), or replace those of the same name. Raises DraftError."""
         if len(texts) > MOST_FILES:
             raise DraftError("too_many_files", most=MOST_FILES)
-        decoded = {_file_name(name): _decoded(name, content) for name, content in texts.items()}
-        for name, text in decoded.items():
+        kept = {_file_name(name): decoded(name, content) for name, content in texts.items()}
+        for name, text in kept.items():
             (self.folder / FOLDERS[Path(name).suffix] / name).write_text(text, encoding="utf-8")
 
     def freeze(self, query_sets: Mapping[str, str]) -> FrozenProtocol:
@@ -71,7 +73,7 @@ def draft_from_shipped(data: Path, name: str) -> Draft:
     known = {file.stem: file for file in shipped_protocols()}
     if name not in known:
         raise DraftError("unknown_protocol", name=name)
-    return draft_from_text(data, known[name].read_text(encoding="utf-8"))
+    return draft_from_text(data, read_text(known[name]))
 
 
 def draft_from_text(
@@ -89,7 +91,7 @@ def draft_from_text(
     texts = texts or {}
     if len(texts) > MOST_FILES:
         raise DraftError("too_many_files", most=MOST_FILES)
-    decoded = {_file_name(name): _decoded(name, content) for name, content in texts.items()}
+    sent = {_file_name(name): decoded(name, content) for name, content in texts.items()}
     _sweep(data)
     draft_id = secrets.token_hex(8)
     draft = Draft(draft_id, data / "drafts" / draft_id)
@@ -97,7 +99,7 @@ def draft_from_text(
         shutil.copytree(PROTOCOLS / folder, draft.folder / folder)
     kept = own or {}
     places = {Path(path).name: path for path in kept}
-    uploaded = {places.get(name, f"{FOLDERS[Path(name).suffix]}/{name}"): text for name, text in decoded.items()}
+    uploaded = {places.get(name, f"{FOLDERS[Path(name).suffix]}/{name}"): text for name, text in sent.items()}
     for path, text in {**kept, **uploaded}.items():
         if not (draft.folder / path).resolve().is_relative_to(draft.folder.resolve()):
             draft.discard()
@@ -123,11 +125,12 @@ def _file_name(name: str) -> str:
     return plain
 
 
-def _decoded(name: str, content: bytes) -> str:
+def decoded(name: str, content: bytes) -> str:
+    """An uploaded file's text. Raises DraftError."""
     try:
-        return _checked(name, content.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise DraftError("not_text", name=name) from None
+        return _checked(name, text_files.decoded(content))
+    except NotUtf8Error as wrong:
+        raise DraftError("not_text", name=name, encoding=wrong.encoding) from None
 
 
 def _checked(name: str, text: str) -> str:

@@ -12,7 +12,7 @@ from backend.api.core.auth import CheckedCsrf, checked_csrf
 from backend.api.core.dependencies import Db, Files, TheServices, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.api.lab import drafts
-from backend.api.lab.drafts import Draft, DraftError
+from backend.api.lab.drafts import Draft, DraftError, decoded
 from backend.api.lab.preview import first_steps
 from backend.store.query_sets import query_sets_here
 from backend.study.protocol.freezing import ProtocolError, freeze, shipped_protocols
@@ -65,7 +65,7 @@ def make_draft(
             if protocol is None or not protocol.filename:
                 raise DraftError("no_file")
             named = {one.filename: read_upload(one) for one in texts or [] if one.filename}
-            draft = drafts.draft_from_text(data, uploaded_text(protocol.filename, read_upload(protocol)), named)
+            draft = drafts.draft_from_text(data, decoded(protocol.filename, read_upload(protocol)), named)
         elif source == "paste":
             draft = drafts.draft_from_text(data, yaml)
         else:
@@ -86,13 +86,6 @@ def read_upload(file: UploadFile) -> bytes:
     if len(content) > drafts.LARGEST_FILE:
         raise DraftError("too_large", name=file.filename, kb=drafts.LARGEST_FILE // 1024)
     return content
-
-
-def uploaded_text(name: str, content: bytes) -> str:
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise DraftError("not_text", name=name) from None
 
 
 @router.get("/{draft_id}")
@@ -132,7 +125,7 @@ def _check_page(
         with services_of(request).database.session() as s:
             frozen = draft.freeze(query_sets_here(s))
     except ProtocolError as wrong:
-        problems = sorted(wrong.problems, key=lambda one: (one.file, one.line))
+        problems = wrong.problems
     return lab_page(
         request,
         "lab/new_check.html",

@@ -185,7 +185,7 @@ def _preview_page(
     if language not in languages:
         language = wish if (wish := lab_language(request)) in languages else languages[0]
     step = steps[number - 1]
-    query_set = frozen.protocol.query_set
+    query_set = frozen.query_set
     shown = kind_of(step).previewed and query_set is not None
     query = example_query(services_of(request).files, query_set or "") if shown else None
     payload = kind_of(step).payload(step, Page(frozen, language, EXAMPLE_CODE))

@@ -16,8 +16,8 @@ from backend.api.core.auth import CheckedCsrf, checked_csrf
 from backend.api.core.dependencies import Db, Files, TheServices
 from backend.api.core.roles import Right
 from backend.api.lab import drafts
-from backend.api.lab.drafts import Draft, DraftError
-from backend.api.lab.new_study import TheDraft, keep_edits, read_upload, uploaded_text
+from backend.api.lab.drafts import Draft, DraftError, decoded
+from backend.api.lab.new_study import TheDraft, keep_edits, read_upload
 from backend.api.lab.preview import first_steps
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.store.payment_codes import REMOVED, is_payment_code, yaml_without
@@ -113,7 +113,7 @@ def make_change(
     try:
         yaml = _VERSION.sub(rf"\g<1>{newest.protocol.version + 1}", newest.yaml, count=1)
         if protocol is not None and protocol.filename:
-            yaml = uploaded_text(protocol.filename, read_upload(protocol))
+            yaml = decoded(protocol.filename, read_upload(protocol))
         named = {one.filename: read_upload(one) for one in texts or [] if one.filename}
         draft = drafts.draft_from_text(services.settings.data, yaml, named, newest.files)
     except DraftError as problem:
@@ -165,7 +165,7 @@ def _check_page(
             }
             shown["changes"] = revision_of(s, study, frozen)[1]
         except ProtocolError as wrong:
-            shown["problems"] = sorted(wrong.problems, key=lambda one: (one.file, one.line))
+            shown["problems"] = wrong.problems
         except StudyError as refusal:
             shown["refusal"] = refusal
         lines = {one.line for one in shown["problems"] if one.file == draft.file.name}

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from backend.grammar.source import Source, file_text
 from backend.learning.errors import LearningError
 from backend.learning.measures.steps import reference
 from backend.learning.people.families.base import Family, FamilyMember, StepFamilyMember
@@ -77,7 +77,7 @@ class Card(BaseModel):
 def people_card() -> Card:
     """The card that comes with the code. Raises LearningError naming the field that cannot be."""
     try:
-        card = Card.model_validate(yaml.safe_load(CARD.read_text(encoding="utf-8")))
+        card = Card.model_validate(Source(CARD.name, file_text(CARD)).data)
         for name in card.families:
             card.family(name)
     except (ValidationError, KeyError) as problem:

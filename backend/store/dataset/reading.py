@@ -18,6 +18,9 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
+from backend.grammar.questionnaires import frozen_questionnaire
+from backend.grammar.source import ProtocolError, Source
+from backend.grammar.text_files import NotUtf8Error, read_text
 from backend.os_errors import in_words
 from backend.simulation.trajectory import Trajectory
 from backend.store.dataset.columns import (
@@ -127,16 +130,22 @@ def read_dataset(folder: Path) -> ReadDataset:
     return ReadDataset(folder, about, frozen["protocol"], frozen["files"], tables, later)
 
 
+def is_of_the_system(name: str) -> bool:
+    """Whether a file or folder is one that macOS or Windows leave wherever somebody looks."""
+    return name in (".DS_Store", "__MACOSX", "Thumbs.db", "desktop.ini") or name.startswith("._")
+
+
 def check_files(folder: Path) -> None:
-    """Every file must be listed with its sha256, every listed one be there, none be too large. Raises DatasetError."""
+    """Every file must be listed with its sha256, every listed one be there, none be too large; what systems leave in
+    folders is passed over. Raises DatasetError."""
     try:
-        lines = (folder / CHECKSUMS_FILE).read_text(encoding="utf-8").splitlines()
-    except OSError as problem:
-        raise DatasetError(
-            f"{folder} is no exported data set: cannot read {CHECKSUMS_FILE} ({problem.strerror})"
-        ) from None
+        lines = read_text(folder / CHECKSUMS_FILE).splitlines()
+    except (OSError, NotUtf8Error) as problem:
+        reason = problem.strerror if isinstance(problem, OSError) else problem
+        raise DatasetError(f"{folder} is no exported data set: cannot read {CHECKSUMS_FILE} ({reason})") from None
     listed = {name: sha for sha, _, name in (line.partition("  ") for line in lines)}
-    present = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} - {CHECKSUMS_FILE}
+    found = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+    present = {path.as_posix() for path in found if not any(map(is_of_the_system, path.parts))} - {CHECKSUMS_FILE}
     for name in sorted(set(listed) ^ present):
         raise DatasetError(f"{name}: " + ("is missing" if name in listed else f"is not listed in {CHECKSUMS_FILE}"))
     for name, sha in listed.items():
@@ -166,7 +175,9 @@ def frozen_in(folder: Path) -> tuple[str, Row]:
     """The study's first protocol: its YAML, and {"protocol", "files"}. Raises DatasetError."""
     frozen = _frozen(folder / PROTOCOL_FOLDER / "frozen.json")
     try:
-        return (folder / PROTOCOL_FOLDER / "protocol.yaml").read_bytes().decode(), frozen
+        written = (folder / PROTOCOL_FOLDER / "protocol.yaml").read_bytes().decode()  # as it was, for its hash
+        Source("protocol.yaml", written)  # bounded: it will be read again
+        return written, frozen
     except (OSError, ValueError) as problem:
         raise DatasetError(f"{PROTOCOL_FOLDER}/protocol.yaml: cannot be read ({in_words(problem)})") from None
 
@@ -185,6 +196,12 @@ def _frozen(path: Path, *texts: str) -> Row:
         or not all(isinstance(one, str) for one in (*files.values(), *(found.get(name) for name in texts)))
     ):
         raise DatasetError(f"{path.name}: holds no protocol with its files")
+    try:
+        for name, content in files.items():
+            if name.startswith("questionnaires/"):
+                frozen_questionnaire(name, content)
+    except ProtocolError as problem:
+        raise DatasetError(f"{path.name}: {problem}") from None
     return found
 
 

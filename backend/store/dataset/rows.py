@@ -11,12 +11,11 @@ from collections.abc import Iterator
 from datetime import datetime
 from typing import Any
 
-import yaml
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from backend.analysis.scales import frozen_items
-from backend.grammar.questionnaires import MARKS
+from backend.grammar.questionnaires import MARKS, frozen_questionnaire
 from backend.store.events import FORBIDDEN_KEYS
 from backend.store.models import (
     Event,
@@ -358,8 +357,8 @@ def _items_without_free_text(s: Session, study: Study) -> set[str]:
         if name.startswith("scales/"):  # a validated scale's items, see study/protocol/reading.py
             chosen |= {item["key"] for item in frozen_items(content)}
         elif name.startswith("questionnaires/"):
-            for item in (item for block in yaml.safe_load(content)["blocks"] for item in block.get("items", [])):
-                (typed if item["type"] == "text" else chosen).add(item["key"])
+            for item in frozen_questionnaire(name, content).items:
+                (typed if item.type == "text" else chosen).add(item.key)
     return chosen - typed
 
 

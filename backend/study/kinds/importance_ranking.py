@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from backend.explain.shown_explanation import ShownExplanation, is_of_people, simulated_ranking
 from backend.grammar.conditions import Condition, Crossed
-from backend.grammar.parts import FileName, Slug
+from backend.grammar.parts import FileName, Slug, an_example
 from backend.grammar.source import Path
 from backend.store.ranking_sets import StoredScores, scores_of
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
@@ -44,6 +44,8 @@ class ImportanceRankingStage(Crossed, Stage):
     the factors in braces; questionnaire: after each; between: a text for a rest between two of at least
     `between_at_least_s`. hold_s: how long what is shown stays after the halt.
     """
+
+    model_config = an_example({"view": "top_down"})
 
     asks = True
     measures = True

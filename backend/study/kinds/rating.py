@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from backend.grammar.conditions import Crossed
-from backend.grammar.parts import Localized, Part
+from backend.grammar.parts import Localized, Part, an_example
 from backend.grammar.source import Path
 from backend.grammar.texts import local
 from backend.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
@@ -34,6 +34,14 @@ class RatingStage(Crossed, Stage):
     They are the first trajectories of queries that nothing else in the protocol shows, the same under every condition,
     in an order of each one's own.
     """
+
+    model_config = an_example(
+        {
+            "view": "top_down",
+            "count": 10,
+            "scale": {"question": {"en": "How close was it?"}, "low": {"en": "far"}, "high": {"en": "close"}},
+        }
+    )
 
     asks = True
     teaches = "align"

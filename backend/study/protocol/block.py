@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from backend.grammar.conditions import Condition, Crossed
+from backend.grammar.parts import an_example
 from backend.grammar.source import Path, Problem, Source
 from backend.study.kinds import Stage, Step
 from backend.study.kinds.attention import AttentionStep
@@ -30,6 +31,8 @@ class BlockStage(Crossed, PagesAround):
     that say which letter to press (a preference has no wrong answer). feedback: after every regular answer, how the
     robot would drive now; a condition of its own, which a study with anything blind cannot have.
     """
+
+    model_config = an_example({"view": "top_down", "trials": [{"queries": {"count": 15}}]})
 
     asks: ClassVar[bool] = True
     teaches = "align"

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from backend.grammar.error_words import meant, parsed
+from backend.grammar.error_words import meant, read_as
 from backend.grammar.questionnaires import Questionnaire
-from backend.grammar.source import Problem, ProtocolError, Source
+from backend.grammar.source import Problem, ProtocolError, Source, file_text
+from backend.grammar.text_files import as_text, read_text
 from backend.grammar.texts import local, variant
 from backend.store.models import ProtocolVersion, Study, protocol_digest
 from backend.study.kinds.comparison import ComparisonStage
@@ -27,7 +28,7 @@ from backend.study.protocol.analysis_checks import analysis_problems
 from backend.study.protocol.checking import problems_across
 from backend.study.protocol.naming import all_questionnaires, all_texts
 from backend.study.protocol.numbers_in_texts import filled
-from backend.study.protocol.reading import Read, Reader, checked_length, checked_size
+from backend.study.protocol.reading import Read, Reader, checked_size, too_long, valid_part
 from backend.study.protocol.schema import Protocol
 from backend.study.protocol.stages import T, stage_keys
 
@@ -35,19 +36,23 @@ PROTOCOLS = Path(__file__).resolve().parents[3] / "study_protocols"
 DATASETS = PROTOCOLS.parent / "datasets"
 Content = tuple[str, tuple[tuple[str, Any], ...]]
 """YAML and the files that it names."""
+Sets = tuple[Path, Mapping[str, str]]
+"""Where query sets may lie: beside the protocol, and in the store by id."""
 
 __all__ = ["FrozenProtocol", "ProtocolError", "freeze", "freeze_text", "thaw", "validate_protocol_file"]
 
 
 @dataclass(frozen=True)
 class FrozenProtocol:
-    """A checked protocol with all that it names. `files`: name -> content; `hash`: sha256 of all of it."""
+    """A checked protocol with all that it names. `files`: name -> content; `hash`: sha256 of all of it; `query_set`:
+    the one it names, a file by its whole path."""
 
     yaml: str
     protocol: Protocol
     questionnaires: dict[str, Questionnaire]
     files: dict[str, str]
     hash: str
+    query_set: str | None
 
     @property
     def data(self) -> dict[str, Any]:
@@ -121,12 +126,7 @@ def freeze(file: Path | str, query_sets: Mapping[str, str] | None = None) -> Fro
     query_sets: id -> description of the sets that a protocol may name by id (`store.query_sets.query_sets_here`).
     """
     path = Path(file)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as wrong:
-        reason = wrong.strerror if isinstance(wrong, OSError) else "is not UTF-8 text"
-        raise ProtocolError([Problem(str(file), 1, "(file)", None, f"cannot be read: {reason}")]) from None
-    return freeze_text(text, file=path.name, folder=path.parent, query_sets=query_sets)
+    return freeze_text(file_text(path), file=path.name, folder=path.parent, query_sets=query_sets)
 
 
 def freeze_text(
@@ -141,16 +141,11 @@ def freeze_text(
     def read(name: str) -> str | None:
         path = folder / name
         try:
-            return path.read_text(encoding="utf-8") if path.is_file() else None
-        except (OSError, UnicodeDecodeError):
+            return read_text(path) if path.is_file() else None
+        except OSError:
             return None
 
-    frozen = _frozen(text, file, read)
-    named = frozen.protocol.query_set
-    problem = _query_set(named, query_sets or {}, Source(file, text)) if named is not None else None
-    if problem:
-        raise ProtocolError([problem])
-    return frozen
+    return _frozen(as_text(text), file, read, (folder, query_sets or {}))
 
 
 def thaw(study: Study | ProtocolVersion) -> FrozenProtocol:
@@ -158,7 +153,7 @@ def thaw(study: Study | ProtocolVersion) -> FrozenProtocol:
     content = (study.protocol_yaml, tuple(sorted(study.files.items())))
     found = _thawed.get(content)
     if found is None:
-        found = _frozen(study.protocol_yaml, "protocol.yaml", study.files.get, of_before=True)
+        found = _frozen(study.protocol_yaml, "protocol.yaml", study.files.get)
         _thawed[content] = found
     return found
 
@@ -183,12 +178,17 @@ def shipped_protocols() -> list[Path]:
 # ---- reading -------------------------------------------------------------------------------------------------------
 
 
-def _frozen(text: str, file: str, read: Read, *, of_before: bool = False) -> FrozenProtocol:
-    """of_before: of a study that there is; its declared analysis was not always checked."""
+def _frozen(text: str, file: str, read: Read, sets: Sets | None = None) -> FrozenProtocol:
+    """sets: None of a study that there is, which has its own; its declared analysis was not always checked, nor whether
+    a number stood in quotes."""
+    new = sets is not None
     source = checked_size(Source(file, text))
-    protocol = checked_length(parsed(source, Protocol), source)
-    reader = Reader(protocol, source, read)
-    problems = reader.language_problems()
+    whole, problems = read_as(source, Protocol, strict=new)
+    protocol = whole or valid_part(source, problems)
+    if protocol is None:
+        raise ProtocolError(problems)
+    reader = Reader(protocol, source, read, strict=new)
+    problems += reader.language_problems()
     questionnaires: dict[str, Questionnaire] = {}
     for name, path in all_questionnaires(protocol):
         try:
@@ -197,27 +197,59 @@ def _frozen(text: str, file: str, read: Read, *, of_before: bool = False) -> Fro
             problems += [problem for problem in wrong.problems if problem not in problems]
     for name, path in all_texts(protocol):
         problems += reader.text(name, path)
-    problems += problems_across(protocol, questionnaires, source)
-    problems += [] if of_before else analysis_problems(protocol, questionnaires, source)
+    problems += reader.unreadable.values()
+    query_set = protocol.query_set
+    if sets is not None and query_set is not None:
+        query_set, unfit = _query_set(query_set, *sets, source)
+        problems += unfit
+    length = list(too_long(protocol, source))
+    if length or whole is None:
+        problems += length
+    else:
+        problems += problems_across(protocol, questionnaires, source)
+        problems += analysis_problems(protocol, questionnaires, source) if new else ()
     if problems:
         raise ProtocolError(problems)
     files = dict(sorted(reader.files.items()))
-    return FrozenProtocol(text, protocol, questionnaires, files, hash=protocol_digest(text, files))
+    return FrozenProtocol(text, protocol, questionnaires, files, protocol_digest(text, files), query_set)
 
 
-def _query_set(name: str, here: Mapping[str, str], source: Source) -> Problem | None:
-    """Whether there is such a query set, without opening it (`learning` and torch take seconds to import)."""
+def _query_set(name: str, folder: Path, here: Mapping[str, str], source: Source) -> tuple[str, list[Problem]]:
+    """Where that query set is, and why it does for no study. Only files are opened: `learning` loads slowly."""
     found = (*DATASETS.glob("*/queries*.npz"), *DATASETS.glob("*/scenarios*.npz"))
     shipped = sorted(path.relative_to(DATASETS).with_suffix("").as_posix() for path in found)
-    if name in shipped or name in here or (name.endswith(".npz") and Path(name).is_file()):
-        return None
+    if name in shipped or name in here:
+        return name, []
+    beside = folder / name
+    if name.endswith(".npz") and beside.is_file():
+        unfit = _unfit(beside)
+        return str(beside.resolve()), [source.problem(("query_set",), unfit)] if unfit else []
     allowed = ", ".join(shipped) or "none"
     # shipped sets that a study has used are here, too, under their names
     made = (
         ", ".join(f"{id_}: {whose}" for id_, whose in here.items() if whose.partition(" (")[0] not in shipped) or "none"
     )
-    return source.problem(
-        ("query_set",),
-        f"is no query set; shipped are: {allowed}; made here, by id: {made}; or the path of a .npz file"
-        f"{meant(name, [*shipped, *here])}",
+    message = (
+        f"is no query set; shipped are: {allowed}; made here, by id: {made}; or a .npz file, its path as seen from the "
+        f"protocol's folder{meant(name, [*shipped, *here])}"
     )
+    return name, [source.problem(("query_set",), message)]
+
+
+def _unfit(file: Path) -> str | None:
+    """Why a file is neither a query set nor a ranking set."""
+    from backend.explain.methods import AttributionError
+    from backend.explain.ranking_sets import RankingSet, is_ranking_set
+    from backend.learning.errors import LearningError
+    from backend.learning.queries.queries import QuerySet
+
+    try:
+        content = file.read_bytes()
+        held = (
+            RankingSet.from_bytes(content).rollouts if is_ranking_set(content) else QuerySet.from_bytes(content).queries
+        )
+    except OSError as wrong:
+        return f"cannot be read: {wrong.strerror}"
+    except (AttributionError, LearningError, ValueError) as wrong:
+        return f"the file is no query set: {wrong}; `desirepath queries generate` makes one"
+    return None if held else "the file holds no queries; a study needs at least one"

@@ -5,30 +5,38 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
 
 from backend.analysis.scale_wordings import SCALES
 from backend.analysis.scales import Scale, ScaleItem, frozen_items, wording_digest
 from backend.grammar import source as yaml_source
 from backend.grammar.conditions import Crossed
-from backend.grammar.error_words import meant, parsed
+from backend.grammar.error_words import meant, read_as
 from backend.grammar.questionnaires import Item, ItemBlock, Questionnaire
 from backend.grammar.skipping import problems_within
 from backend.grammar.source import Problem, ProtocolError, Source
+from backend.grammar.text_files import NotUtf8Error
 from backend.grammar.texts import variant
+from backend.study.kinds import Stage
 from backend.study.protocol.naming import all_texts
 from backend.study.protocol.numbers_in_texts import text_numbers
 from backend.study.protocol.schema import Protocol
+from backend.study.protocol.stages import STAGES, StageEntry
 
 _BRACES = re.compile(r"\{(\w+)\}")
 MOST_STAGES = 100  # (ours) the shipped ones have up to 10
 MOST_TRIALS = 2_000  # of one participant (ours): 40 hours
 MOST_CONDITIONS = 100  # cells of a block's crossing (ours)
 LARGEST_VERSION = 2**31 - 1  # what a column of whole numbers holds
+TEXTS = ("title", "text", "low", "high", "label")  # keys of a questionnaire under which each language has a text
 Read = Callable[[str], str | None]
-"""Content of a file named relative to the protocol, None if there is none."""
+"""Content of a file named relative to the protocol, None if there is none. Raises NotUtf8Error."""
 
 
 def checked_size(source: Source) -> Source:
@@ -43,8 +51,8 @@ def checked_size(source: Source) -> Source:
     return source
 
 
-def checked_length(protocol: Protocol, source: Source) -> Protocol:
-    """The protocol, where it asks no more than a session can hold; before anything is planned. Raises ProtocolError."""
+def too_long(protocol: Protocol, source: Source) -> Iterator[Problem]:
+    """Where it asks more than a session can hold; before anything is planned."""
     trials = 0
     for index, entry in enumerate(protocol.stages):
         stage = entry.stage
@@ -55,29 +63,82 @@ def checked_length(protocol: Protocol, source: Source) -> Protocol:
         for name, number in cells.items():
             if number > MOST_CONDITIONS:
                 message = f"makes {number:,} conditions; a stage has at most {MOST_CONDITIONS}"
-                raise ProtocolError([source.problem((*here, name), message)])
+                yield source.problem((*here, name), message)
+                return
         trials += cells["each"] * entry.stage.trials_asked()
         if trials > MOST_TRIALS:
             message = f"brings a participant to {trials:,} trials; a session has at most {MOST_TRIALS:,}"
-            raise ProtocolError([source.problem((*here, "trials"), message)])
-    return protocol
+            yield source.problem((*here, "trials"), message)
+            return
+
+
+def valid_part(source: Source, problems: Collection[Problem]) -> Protocol | None:
+    """What can be looked at further of a protocol with these problems: its stages without the fields that are wrong,
+    nothing in place of those that need them, defaults for other keys. None where stages or languages are not known."""
+    paths = [_PART.findall(one.field) for one in problems]
+    wrong = {path[0] for path in paths}
+    data = json.loads(json.dumps(source.data))
+    languages, stages = data.get("languages"), data.get("stages")
+    if "languages" in wrong or not isinstance(languages, list) or not isinstance(stages, list):
+        return None
+    for _, *path in (path for path in paths if path[0] == "stages"):
+        _drop(stages, path)
+    kept = {"protocol": "unknown", "version": 1, "title": dict.fromkeys(languages, "-")} | {
+        key: value for key, value in data.items() if key in Protocol.model_fields and key not in wrong
+    }
+    empty: dict[str, Any] = {next(iter(STAGES)): Stage()}
+    nothing = StageEntry.model_construct(**empty)
+    entries = [nothing] * len(stages)
+    for index, stage in enumerate(stages):
+        with suppress(ValidationError):
+            entries[index] = StageEntry.model_validate(stage)
+    try:
+        whole = Protocol.model_validate({**kept, "stages": [_NOTHING]})
+    except ValidationError:
+        return None
+    return whole.model_copy(update={"stages": entries})
+
+
+_PART = re.compile(r"[^.\[\]]+")
+_NOTHING = {"information": {"text": "-"}}
+
+
+def _drop(data: Any, path: Sequence[str]) -> None:
+    """Take what stands there out of its mapping."""
+    for part in path[:-1]:
+        if isinstance(data, list) and part.isdecimal() and int(part) < len(data):
+            data = data[int(part)]
+        elif isinstance(data, dict):
+            data = data.get(part)
+    if isinstance(data, dict):
+        data.pop(path[-1], None)
 
 
 class Reader:
     """Reads what one protocol names. `files` collects the content of all that was read, by name."""
 
-    def __init__(self, protocol: Protocol, source: Source, read: Read) -> None:
+    def __init__(self, protocol: Protocol, source: Source, read: Read, *, strict: bool = True) -> None:
+        """strict: as `parsed` has it."""
         self.protocol, self.source, self.files = protocol, source, {}
-        self._read = read
+        self.unreadable: dict[str, Problem] = {}  # files that are there and are no text
+        self._given, self._strict = read, strict
         self.absent = [language for language in protocol.languages if self._is_absent(language)]
         self._languages = [language for language in protocol.languages if language not in self.absent]
 
     files: dict[str, str]
 
+    def _read(self, name: str) -> str | None:
+        try:
+            return self._given(name)
+        except NotUtf8Error as wrong:
+            self.unreadable[name] = Problem(name, wrong.line, "(file)", None, str(wrong))
+            return None
+
     def _is_absent(self, language: str) -> bool:
         """Whether nothing at all is there in that language, so that one error says it for every text."""
-        texts = (self._read(variant(name, language)) for name, _ in all_texts(self.protocol))
-        return language not in self.protocol.title and all(text is None for text in texts)
+        names = [variant(name, language) for name, _ in all_texts(self.protocol)]
+        there = (self._read(name) is not None or name in self.unreadable for name in names)
+        return language not in self.protocol.title and not any(there)
 
     def language_problems(self) -> list[Problem]:
         """Languages that are named twice or in which nothing is there, and a title that is not there in all."""
@@ -119,24 +180,25 @@ class Reader:
         """Read a text in every language; `path`: where the protocol names it."""
         if Path(name).is_absolute() or ".." in Path(name).parts:
             return [self.source.problem(path, "must be a path below the protocol's folder, without '..'")]
-        missing = []
+        missing, problems = [], []
         for language in self._languages:
-            chosen = variant(name, language)
+            names = [variant(name, language), *([name] if len(self.protocol.languages) == 1 else [])]
+            chosen = next((one for one in names if self._read(one) is not None), names[-1])
             content = self._read(chosen)
-            if content is None and len(self.protocol.languages) == 1:
-                chosen, content = name, self._read(name)
             if content is None:
-                missing.append(chosen)
+                missing += [] if any(one in self.unreadable for one in names) else [chosen]
             elif not content.strip():
-                return [self.source.problem(path, f"the text {chosen} is empty")]
+                problems.append(self.source.problem(path, f"the text {chosen} is empty"))
             elif unknown := self._unfilled(content):
                 known = list(text_numbers(self.protocol))
                 allowed = ", ".join(f"{{{word}}}" for word in known)
                 message = f"the text {chosen} has {{{unknown}}}; what is filled in: {allowed}"
-                return [self.source.problem(path, message + meant(unknown, known))]
+                problems.append(self.source.problem(path, message + meant(unknown, known)))
             else:
                 self.files[chosen] = content
-        return [self.source.problem(path, f"needs the file {', '.join(missing)} beside the protocol")] * bool(missing)
+        if missing:
+            problems.append(self.source.problem(path, f"needs the file {', '.join(missing)} beside the protocol"))
+        return problems
 
     def _unfilled(self, content: str) -> str | None:
         known = text_numbers(self.protocol)
@@ -148,20 +210,19 @@ class Reader:
         """Read a questionnaire, validated scales filled in. Raises ProtocolError with every problem."""
         file = f"questionnaires/{name}.yaml"
         content = self._read(file)
+        if content is None and file in self.unreadable:
+            raise ProtocolError([])  # said with the others that are no text
         if content is None:
             raise ProtocolError([self.source.problem(path, f"there is no file {file} beside the protocol")])
         self.files[file] = content
         own = Source(file, content)
-        questionnaire = parsed(own, Questionnaire)
-        problems = self.localized(questionnaire.title, ("title",), own)
-        if questionnaire.text:
-            problems += self.localized(questionnaire.text, ("text",), own)
+        questionnaire, problems = read_as(own, Questionnaire, strict=self._strict)
+        for where, text in _texts_in(own.data):
+            problems += self.localized(text, where, own)
+        if questionnaire is None:
+            raise ProtocolError(problems)
         blocks = []
         for b, block in enumerate(questionnaire.blocks):
-            if block.title:
-                problems += self.localized(block.title, ("blocks", b, "title"), own)
-            for i, item in enumerate(block.items):
-                problems += self._item(item, ("blocks", b, "items", i), own)
             try:
                 items = self._scale(block, ("blocks", b, "scale"), own) if block.scale else block.items
                 blocks.append(block.with_items(items))
@@ -172,16 +233,6 @@ class Reader:
         if problems:
             raise ProtocolError(problems)
         return whole
-
-    def _item(self, item: Item, here: yaml_source.Path, own: Source) -> list[Problem]:
-        problems = []
-        for field in ("text", "low", "high"):
-            text = getattr(item, field)
-            if text is not None:
-                problems += self.localized(text, (*here, field), own)
-        for o, option in enumerate(item.options):
-            problems += self.localized(option.label, (*here, "options", o, "label"), own)
-        return problems
 
     def _scale(self, block: ItemBlock, path: yaml_source.Path, own: Source) -> list[Item]:
         """The scale's items, which become part of the study's own copy."""
@@ -232,6 +283,16 @@ class Reader:
             )
             raise ProtocolError([own.problem(path, message)])
         return worded
+
+
+def _texts_in(data: Any, path: yaml_source.Path = ()) -> Iterator[tuple[yaml_source.Path, dict[str, str]]]:
+    """What is written once per language in a questionnaire, wherever that is valid."""
+    if isinstance(data, dict | list):
+        for key, inner in data.items() if isinstance(data, dict) else enumerate(data):
+            if key in TEXTS and isinstance(inner, dict) and all(isinstance(one, str) for one in inner.values()):
+                yield (*path, key), inner
+            else:
+                yield from _texts_in(inner, (*path, key))
 
 
 def _as_file(scale: Scale) -> str:

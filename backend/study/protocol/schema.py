@@ -69,7 +69,7 @@ class ScreenOut(Part):
 
 
 class Protocol(Part):
-    """A study protocol. `query_set`: name of a shipped set, id of one made here, or path of a `.npz` file."""
+    """A study protocol. `query_set`: name of a shipped set, id of one made here, or a `.npz` file beside it."""
 
     protocol: Slug
     version: int = Field(ge=1)

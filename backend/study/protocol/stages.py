@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, TypeVar
 
 from backend.grammar.one_of import OneOf, with_keys
+from backend.grammar.parts import an_example
 from backend.grammar.skipping import When
 from backend.study.kinds import Stage, stage_kinds
 from backend.study.protocol.block import BlockStage
@@ -20,6 +21,8 @@ STAGES: Mapping[str, type[Stage]] = dict(sorted(_ALL.items()))
 
 class StageEntryBase(OneOf):
     """One entry of `stages`: exactly one of these keys, and `when` if not everybody shall meet it."""
+
+    model_config = an_example({"information": {"text": "texts/information.md"}})
 
     noun = "stage"
 
