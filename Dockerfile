@@ -20,7 +20,7 @@ COPY frontend frontend
 COPY docs docs
 COPY study_protocols study_protocols
 COPY datasets datasets
-RUN useradd --create-home desirepath && mkdir data && chown desirepath data
+RUN useradd --create-home desirepath && mkdir -m 700 data && chown desirepath data
 USER desirepath
 ENV PATH=/desirepath/.venv/bin:$PATH DESIREPATH_DATA=/desirepath/data DESIREPATH_HOST=0.0.0.0
 VOLUME /desirepath/data

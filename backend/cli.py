@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from importlib.metadata import version as version_of
 from typing import Annotated
 
@@ -48,7 +49,8 @@ app.add_typer(reproduce.commands, name="reproduce")
 
 
 def main() -> None:
-    """Entry point of the console script."""
+    """Entry point of the console script. Whatever a command writes is its user's alone: most of it is about people."""
+    os.umask(0o077)
     app()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import quote
 
-from pydantic import Field
+from pydantic import Field, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from backend.grammar.text_files import NotUtf8Error, read_text
@@ -36,7 +36,10 @@ class Settings(BaseSettings):
         False,
         description="browsers reach the S3 store, too: downloads of artefacts are signed links to it, good for minutes",
     )
-    host: str = Field("127.0.0.1", description="address to listen on")
+    host: str = Field(
+        "127.0.0.1",
+        description="name or address to listen on; 0.0.0.0: every IPv4 address, ::: every one of both kinds",
+    )
     port: int = Field(8000, ge=1, le=65534, description="port of the pages; the stage listens on the next one")
     shares_ports: bool = Field(
         False, description="other server processes listen on the same ports; set by `serve --processes`"
@@ -51,7 +54,7 @@ class Settings(BaseSettings):
     )
     public_stage_url: str | None = Field(None, description="address browsers reach the stage at; its own origin")
     trusted_proxies: str = Field(
-        "127.0.0.1",
+        "127.0.0.1,::1",
         description="addresses, with commas, of reverse proxies whose word counts for a visitor's address and TLS; "
         "they must replace what a visitor says of it. *: any, where nobody else reaches the server",
     )
@@ -90,6 +93,22 @@ class Settings(BaseSettings):
         "", description="whom participants may ask; where empty, they read: the person who sent you the link"
     )
 
+    @field_validator("host")
+    @classmethod
+    def _without_brackets(cls, host: str) -> str:
+        return host[1:-1] if host.startswith("[") and host.endswith("]") else host
+
+    @property
+    def local_url(self) -> str:
+        """Where this machine finds the pages, without a trailing slash."""
+        here = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.host, self.host)  # noqa: S104
+        return f"http://{in_url(here)}:{self.port}"
+
+    @property
+    def own_url(self) -> str:
+        """Where participants find the pages, without a trailing slash."""
+        return (self.public_url or self.local_url).rstrip("/")
+
     @property
     def database(self) -> str:
         return self._database_server or f"sqlite:///{(self.data / 'desirepath.sqlite').resolve()}"
@@ -127,6 +146,11 @@ class Settings(BaseSettings):
     @property
     def artefacts(self) -> str:
         return self.artefacts_url or (self.data / "artefacts").resolve().as_uri()
+
+
+def in_url(host: str) -> str:
+    """A host name or address as it stands before a port: IPv6 addresses in brackets."""
+    return f"[{host}]" if ":" in host else host
 
 
 def _password(file: Path, setting: str = "database_password_file") -> str:

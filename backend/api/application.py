@@ -135,6 +135,8 @@ def create_application(services: Services) -> Application:
     def http(request: Request, problem: HTTPException) -> Response:
         if problem.status_code == 404:
             return trouble(request, 404, "not_found", "There is nothing at this address.")
+        if is_full(problem):  # an upload that found no room on its way in, which FastAPI calls the sender's fault
+            return no_room(request, problem)
         return trouble(request, problem.status_code, "refused", str(problem.detail), headers=problem.headers)
 
     @application.exception_handler(RequestValidationError)
@@ -172,7 +174,10 @@ def create_application(services: Services) -> Application:
     def disk_full(request: Request, problem: OSError) -> Response:
         if not is_full(problem):
             raise problem
-        log.error("the disk is full", route=route_of(request), problem=str(problem))
+        return no_room(request, problem)
+
+    def no_room(request: Request, problem: Exception) -> Response:
+        log.error("the disk is full", route=route_of(request), problem=str(problem)[:300])
         said = "The disk of the server is full; nothing was stored. Try again once there is room."
         return trouble(request, 507, "disk_full", said, headers={"Retry-After": str(RETRY_AFTER_S)})
 

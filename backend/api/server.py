@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ipaddress
 import signal
 import socket
 import subprocess
@@ -20,10 +21,11 @@ from starlette.types import ASGIApp
 from app.stage_server import StageServer
 from backend import freed_memory
 from backend.api.application import create_application, create_stage_application
+from backend.api.core.addresses import LOOPBACK_NAMES
 from backend.api.core.dependencies import Services
 from backend.collecting import without_collecting
 from backend.jobs.process import start_worker
-from backend.settings import Settings
+from backend.settings import Settings, in_url
 from backend.study.personalising import next_query
 
 PREPARE_AFTER_S = 1.0  # ours
@@ -45,15 +47,18 @@ class _Server(uvicorn.Server):
 def check_ports(settings: Settings) -> None:
     """Raise ServerError if the pages' or the stage's port is taken."""
     for port in (settings.port, settings.port + 1):
-        with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                probe.bind((settings.host, port))
-            except OSError as problem:
-                raise ServerError(
-                    f"port {port} on {settings.host} cannot be used ({problem.strerror}); "
-                    "choose another with --port (the stage takes the one after it)"
-                ) from None
+        try:
+            listening_on(settings, port).close()
+        except socket.gaierror as problem:
+            raise ServerError(
+                f"host = {settings.host!r}: {problem.strerror}; give a name or address of this machine, "
+                "such as 127.0.0.1 or ::1"
+            ) from None
+        except OSError as problem:
+            raise ServerError(
+                f"port {port} on {settings.host} cannot be used ({problem.strerror}); "
+                "choose another with --port (the stage takes the one after it)"
+            ) from None
 
 
 def run(services: Services, *, on_ready: Callable[[], None] | None = None) -> None:
@@ -93,19 +98,35 @@ def run(services: Services, *, on_ready: Callable[[], None] | None = None) -> No
 
 def listening_on(settings: Settings, port: int) -> socket.socket:
     """A socket of the settings' host; 0: any free port. Other server processes may have the same where they share."""
-    family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
+    found = socket.getaddrinfo(settings.host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    family, _, _, _, address = min(found, key=lambda one: one[0] != socket.AF_INET)  # localhost is 127.0.0.1 first
     opened = socket.socket(family)
-    opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    if settings.shares_ports and port:
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-    opened.bind((settings.host, port))
+    try:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if settings.shares_ports and port:
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        opened.bind(address)
+    except OSError:
+        opened.close()
+        raise
     return opened
 
 
 def _peer_host(settings: Settings) -> str:
     if settings.peer_host:
-        return settings.peer_host
-    return settings.host if settings.host in ("127.0.0.1", "localhost") else socket.gethostname()
+        return in_url(settings.peer_host)
+    return in_url(settings.host) if settings.host in LOOPBACK_NAMES else socket.gethostname()
+
+
+def _trusted(proxies: str) -> list[str]:
+    """Addresses and networks with commas; those of IPv4 also as a server that listens on `::` sees them."""
+    named = [one.strip() for one in proxies.split(",") if one.strip()]
+    mapped = []
+    for one in named:
+        with contextlib.suppress(ValueError):
+            network = ipaddress.IPv4Network(one)
+            mapped.append(f"::ffff:{network.network_address}/{96 + network.prefixlen}")
+    return named + mapped
 
 
 def _prepare(services: Services) -> None:
@@ -135,7 +156,7 @@ async def _serve(
                 ws_per_message_deflate=False,  # the stage's messages are compressed already; deflate costs a core
                 timeout_graceful_shutdown=3,
                 proxy_headers=True,
-                forwarded_allow_ips=settings.trusted_proxies,
+                forwarded_allow_ips=_trusted(settings.trusted_proxies),
             )
         )
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
 from backend.collecting import without_collecting
 from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
-from backend.settings import get_settings
+from backend.settings import Settings, get_settings
 
 if TYPE_CHECKING:
     from backend.api.core.dependencies import Services
@@ -40,16 +40,28 @@ def serve(
     """Run the pages, the 3D stage and a background worker."""
     with without_collecting():
         from backend.api.application import build_services
-        from backend.api.core.auth import ensure_first_user
-        from backend.api.replicas.supervisor import check_can_share, serve_many
-        from backend.api.server import check_ports, run
-        from backend.store.shipped_policies import register_shipped
+        from backend.api.replicas.only_server import only_server
+        from backend.api.server import check_ports
 
-    given = {"port": port, "host": host, "data": data}
-    settings = get_settings().model_copy(update={k: v for k, v in given.items() if v is not None})
-    if not settings.shares_ports:
-        check_ports(settings)
-    services = build_services(settings)
+    given: dict[str, Any] = {"port": port, "host": host, "data": data}
+    settings = Settings(**{name: value for name, value in given.items() if value is not None})
+    with only_server(settings):
+        if not settings.shares_ports:
+            check_ports(settings)
+        services = build_services(settings)
+        try:
+            _serve(services, demo=demo, processes=processes)
+        finally:
+            services.database.close()
+
+
+def _serve(services: Services, *, demo: bool, processes: int) -> None:
+    from backend.api.core.auth import ensure_first_user
+    from backend.api.replicas.supervisor import check_can_share, serve_many
+    from backend.api.server import run
+    from backend.store.shipped_policies import register_shipped
+
+    settings = services.settings
     check_can_share(services.database, processes)
     if settings.shares_ports:  # one of several; who started them has seen to everything else
         run(services)
@@ -61,7 +73,7 @@ def serve(
     link = _demo_link(services) if demo else None
 
     def announce() -> None:
-        here = (settings.public_url or f"http://{_shown(settings.host)}:{settings.port}").rstrip("/")
+        here = settings.own_url
         console = Console()
         console.print("\n[bold]Desire Path is running.[/bold]")
         if link:
@@ -71,16 +83,15 @@ def serve(
         if password:
             console.print(f"  Sign in as [bold]experimenter[/bold] with password [bold]{password}[/bold]")
             console.print("  (printed this once; change it after signing in)")
+        if settings.data.stat().st_mode & 0o077:
+            folder = settings.data.resolve()
+            console.print(f"  Others on this machine may look into the data folder; shut it: chmod 700 {folder}")
         console.print("  Stop with Ctrl+C.\n")
 
     if processes > 1:
         serve_many(settings, services.peers, processes, on_ready=announce)
     else:
         run(services, on_ready=announce)
-
-
-def _shown(host: str) -> str:
-    return "127.0.0.1" if host in ("0.0.0.0", "::") else host  # noqa: S104
 
 
 def _demo_link(services: Services) -> str:

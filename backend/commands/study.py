@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import click
 import typer
 
+from backend.api.replicas.only_server import running_server
 from backend.commands.output import (
     COMMAND_LINE,
     IndifferenceOption,
@@ -38,6 +41,8 @@ def open_store() -> tuple[Database, ArtefactStore]:
     settings = get_settings()
     check_writable(settings.data)
     database = Database(settings.database)
+    if (command := click.get_current_context(silent=True)) is not None:
+        command.call_on_close(database.close)
     database.migrate()
     return database, ArtefactStore(settings.artefacts)
 
@@ -60,7 +65,7 @@ def query_sets() -> dict[str, str]:
     database = Database(get_settings().database)
     if database.file is not None and not database.file.is_file():
         return {}
-    with database.session() as s:
+    with contextlib.closing(database), database.session() as s:
         return query_sets_here(s)
 
 
@@ -85,8 +90,8 @@ def create(
         register_shipped(s, files)
         study = create_study(s, files, frozen, name=name or frozen.title("en"), created_by=None)
         study.pilot = not live
-        base = (get_settings().public_url or f"http://127.0.0.1:{get_settings().port}").rstrip("/")
-        result = {"study": study.id, "link": f"{base}/join/{study.recruiting_token}", "pilot": study.pilot}
+        link = f"{get_settings().own_url}/join/{study.recruiting_token}"
+        result = {"study": study.id, "link": link, "pilot": study.pilot}
     say(result, as_json)
     if not live:
         typer.echo(f"Who joins now is a pilot and counts in no number; `desirepath study live {study.id}`", err=True)
@@ -205,7 +210,8 @@ def simulate(
     if url:
         walk(url.rstrip("/"))
     else:
-        with loopback_server(get_settings()) as (own, _):
+        running = running_server(get_settings())
+        with contextlib.nullcontext((running, None)) if running else loopback_server(get_settings()) as (own, _):
             walk(own)
 
 

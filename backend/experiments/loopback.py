@@ -48,7 +48,7 @@ def loopback_server(
         "DESIREPATH_HOST": "127.0.0.1",
         "DESIREPATH_PORT": str(port),
     }
-    settings.data.mkdir(parents=True, exist_ok=True)
+    settings.data.mkdir(mode=0o700, parents=True, exist_ok=True)
     log = log or settings.data / "loopback-server.log"
     with log.open("wb") as out:
         process = subprocess.Popen(

@@ -108,6 +108,11 @@ class Worker:
         for process in list(self._running.values()):
             end_group(process)
 
+    def close(self) -> None:
+        """Leave nothing in the databases' logs that could stand in their files."""
+        self._database.close()
+        self._engine.empty_log()
+
     def submit_queued(self) -> None:
         """Give every queued row to the engine, once."""
         with self._database.session() as s:
@@ -169,7 +174,9 @@ def run_worker(settings: Settings, *, parent: int | None = None) -> None:
         threading.Thread(target=_stop_with_parent, args=(parent, stopping), daemon=True).start()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
-    Worker(settings).run(stopping)
+    worker = Worker(settings)
+    worker.run(stopping)
+    worker.close()
     # No orderly end of the engine: it would wait for the interrupted steps and record them as failed. Left as they
     # are, they are taken up by the next worker, exactly as after a kill.
     os._exit(0)

@@ -94,7 +94,7 @@ def restore(
         check_empty(str(database_url))
     elif target.exists():
         raise BackupError(f"{target} exists; restore into an empty data folder (set DESIREPATH_DATA)")
-    data.mkdir(parents=True, exist_ok=True)
+    data.mkdir(mode=0o700, parents=True, exist_ok=True)
     files = ArtefactStore(artefacts_url or (data / ARTEFACT_FOLDER).resolve().as_uri())
     partial = data / f".{member}-{uuid.uuid4().hex}"
     try:

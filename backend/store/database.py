@@ -23,7 +23,7 @@ from sqlalchemy import Connection, create_engine, event, func, inspect, make_url
 from sqlalchemy.exc import DBAPIError, OperationalError, StatementError
 from sqlalchemy.orm import Session
 
-from backend.store.models import Setting, utc_now
+from backend.store.models import Base, Setting, utc_now
 from backend.store.models.base import UtcDateTime
 from backend.store.plain_data import Unstorable, dump_json, load_json
 
@@ -42,6 +42,11 @@ START_LOCK = 7_305_442  # as below, for what else a start makes
 MIGRATION_LOCK = 7_305_441  # any fixed number: the PostgreSQL advisory lock that two starting processes share
 COMPACT_PENDING = "compact_pending"  # setting: an erasure committed, its vacuum has not finished yet
 COMPACT_TRIES_S = 15.0
+COMPACT_LOOK_S = 0.2
+_SEES_OLDER = text("""
+SELECT EXISTS (SELECT 1 FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()
+  AND age(backend_xmin) > age(CAST(CAST(:now AS text) AS xid)))
+""")
 
 
 class StorageError(OSError):
@@ -61,6 +66,8 @@ def is_full(problem: BaseException | None) -> bool:
     while problem is not None:
         if isinstance(problem, DiskFull) or (isinstance(problem, OSError) and problem.errno in NO_ROOM):
             return True
+        if isinstance(problem, shutil.Error):  # of a copied folder: it has all its files' errors, as texts
+            return any(f"[Errno {number}]" in str(problem) for number in NO_ROOM)
         problem = problem.__cause__
     return False
 
@@ -113,7 +120,7 @@ def check_writable(folder: Path, *, min_free_bytes: int = MIN_FREE_BYTES) -> Non
     """
     probe = folder / f".probe-{os.getpid()}-{time.monotonic_ns()}"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         free = shutil.disk_usage(folder).free
         if free < min_free_bytes:
             raise StorageError(
@@ -191,7 +198,8 @@ class Database:
         """
         with self.explained():
             if self.file is not None:
-                self.file.parent.mkdir(parents=True, exist_ok=True)
+                self.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+                _make_private(self.file)
             with self.engine.begin() as connection:
                 if not self.is_sqlite:
                     connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
@@ -267,29 +275,47 @@ class Database:
             yield s
 
     def compact(self) -> bool:
-        """Make sure that deleted rows are in no file any more: truncate the write-ahead log and rewrite the file.
+        """Make sure that deleted rows are read by nobody any more, while others read and write.
 
-        Returns False if somebody kept reading all the while; an erasure's is then done at the next start. On PostgreSQL
-        the tables are vacuumed; the server's own write-ahead log and backups are its administrator's.
+        On SQLite they are in no file afterwards: the write-ahead log is truncated and the file written anew. PostgreSQL
+        removes them from tables and indexes and keeps the freed bytes until new rows take their place; these, the
+        server's own write-ahead log and its backups are its administrator's (docs/deployment.md). Returns False if
+        somebody kept reading what was before; an erasure's is then done at the next start.
         """
-        if not self.is_sqlite:
-            with self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
-                connection.execute(text("VACUUM FULL"))
-            self._forget_pending()
-            return True
-        deadline = time.monotonic() + COMPACT_TRIES_S
-        while not self._vacuum_sqlite():
-            if time.monotonic() > deadline:
-                return False
-            time.sleep(0.2)
+        vacuum = self._vacuum_sqlite if self.is_sqlite else self._vacuum_postgresql
+        if not vacuum(time.monotonic() + COMPACT_TRIES_S):
+            return False
         self._forget_pending()
         return True
 
     def close(self) -> None:
-        """Give all connections back."""
+        """Give all connections back. Of SQLite everything stands in the one file then, as far as no other process
+        reads or writes just now."""
         self.engine.dispose()
+        if self.file is not None:
+            empty_log(self.file)
 
-    def _vacuum_sqlite(self) -> bool:
+    def _vacuum_postgresql(self, deadline: float) -> bool:
+        """Vacuum our tables, once nobody sees them as they were before; past the deadline anyhow."""
+        quoted = self.engine.dialect.identifier_preparer.quote
+        tables = ", ".join(quoted(table.name) for table in Base.metadata.sorted_tables)
+        with self.explained(), self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+            now = connection.execute(text("SELECT CAST(CAST(pg_current_xact_id() AS xid) AS text)")).scalar_one()
+            while seen := connection.execute(_SEES_OLDER, {"now": now}).scalar_one():
+                if time.monotonic() > deadline:
+                    break
+                time.sleep(COMPACT_LOOK_S)
+            connection.execute(text(f"VACUUM (INDEX_CLEANUP ON) {tables}"))
+            return not seen
+
+    def _vacuum_sqlite(self, deadline: float) -> bool:
+        while not self._vacuum_sqlite_once():
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(COMPACT_LOOK_S)
+        return True
+
+    def _vacuum_sqlite_once(self) -> bool:
         raw = self.engine.raw_connection()
         try:
             cursor = raw.cursor()
@@ -350,6 +376,26 @@ class Database:
             if isinstance(problem.orig, Unstorable):
                 raise problem.orig from None
             raise
+
+
+def empty_log(file: Path) -> None:
+    """Take what stands in a SQLite file's write-ahead log into the file; whoever is last to close it removes the log.
+
+    Waits for nobody, and does nothing where that cannot be done now: the log is read at the next start.
+    """
+    if not file.with_name(f"{file.name}-wal").exists():
+        return
+    with contextlib.suppress(sqlite3.Error), contextlib.closing(sqlite3.connect(file, timeout=0)) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+
+def _make_private(file: Path) -> None:
+    """For its owner alone; SQLite gives the files beside it the same mode."""
+    with contextlib.suppress(OSError):  # another user's, or read-only: opening it says what is wrong
+        file.touch(mode=0o600)
+        for one in (file, file.with_name(f"{file.name}-wal"), file.with_name(f"{file.name}-shm")):
+            if one.exists() and one.stat().st_mode & 0o077:
+                one.chmod(0o600)
 
 
 def shared_now(s: Session) -> datetime:

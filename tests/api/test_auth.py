@@ -17,6 +17,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select, update
 
 from backend.api.application import build_services, create_application
+from backend.api.core import auth
 from backend.api.core.auth import (
     AccountError,
     add_user,
@@ -116,6 +117,60 @@ def test_guesses_at_the_same_moment_are_no_more_than_one_after_the_other(visitor
     with ThreadPoolExecutor(20) as pool:
         answers = list(pool.map(guess, range(30)))
     assert (answers.count(401), answers.count(429)) == (10, 20)
+
+
+def test_of_an_ipv6_network_all_addresses_are_one(lab_services):
+    """Everybody there chooses the other half anew for every guess."""
+    application = create_application(lab_services)
+
+    def guess(address, name="experimenter"):
+        there = TestClient(application, follow_redirects=False, client=(address, 4000))
+        return there.post("/lab/sign-in", data={"name": name, "password": "guess"}).status_code
+
+    assert [guess(f"2001:db8:1:2::{k:x}") for k in range(11)] == [401] * 10 + [429]
+    assert guess("2001:db8:1:3::1") == 401
+    assert [guess("::ffff:198.51.100.1", "nobody"), guess("198.51.100.1", "nobody")] == [401, 401]
+
+
+def test_the_current_password_cannot_be_guessed_by_a_stolen_sign_in(lab, lab_services):
+    """It was checked without limit: all at the same moment, by two browsers of the account, and on every page that asks
+    for it."""
+    other = sign_in(TestClient(create_application(lab_services), follow_redirects=False))
+    forms = [
+        (one, {"csrf": csrf(one), "new": "a new long password", "again": "a new long password"}) for one in (lab, other)
+    ]
+
+    def guess(k):
+        browser, form = forms[k % 2]
+        return browser.post("/lab/password", data={**form, "current": f"guess {k}"}).status_code
+
+    with ThreadPoolExecutor(20) as pool:
+        answers = list(pool.map(guess, range(30)))
+    assert (answers.count(422), answers.count(429)) == (10, 20)
+    browser, form = forms[0]
+    begin = browser.post("/lab/account/second-factor/begin", data={"csrf": form["csrf"], "password": PASSWORD})
+    assert begin.status_code == 429  # the same count
+    right = {**form, "current": PASSWORD}
+    assert browser.post("/lab/password", data=right).status_code == 429
+    lab_services.limiter = limiter_for(None)  # as after a restart
+    assert browser.post("/lab/password", data=right).status_code == 303
+
+
+def test_a_password_given_meanwhile_is_not_replaced_by_who_knew_the_one_before(lab, lab_services, monkeypatch):
+    given = []
+
+    def checked_slowly(known, password):
+        right = auth._hasher.verify(known, password)
+        given.append(auth.reset_password(lab_services.database, "experimenter"))
+        return right
+
+    with lab_services.database.session() as s:
+        user_id = s.scalars(select(User.id).where(User.name == "experimenter")).one()
+    monkeypatch.setattr(auth, "verified", checked_slowly)
+    with pytest.raises(AccountError):
+        auth.change_password(lab_services.database, user_id, PASSWORD, "a new long password")
+    monkeypatch.undo()
+    sign_in(lab, password=given[0])
 
 
 def test_strangers_who_guess_from_many_addresses_lock_nobody_out_who_was_here_before(lab_services):

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import errno
+import tempfile
 from collections import namedtuple
 
 import pytest
 from sqlalchemy import event, select
 
 from backend.api.core import disk
+from backend.api.lab import drafts
 from backend.store.models import Response
+from tests.api.lab_services import csrf
 from tests.api.participant_services import submit
 
 Usage = namedtuple("Usage", "total used free")
@@ -72,3 +75,42 @@ def test_health_and_the_signed_in_pages_say_how_much_room_there_is(lab, monkeypa
     code, status, page = with_free(2)
     assert (code, status) == (507, "disk_full")
     assert "disk is full" in page.replace("&#39;", "'")
+
+
+@pytest.fixture
+def full_drafts(small_disk, lab_services, monkeypatch):
+    """Drafts and uploads on a real disk of 1 MB; calling it leaves so many kB."""
+    (lab_services.settings.data / "drafts").symlink_to(small_disk)
+    monkeypatch.setattr(tempfile, "tempdir", str(small_disk))
+
+    def leave(kilobytes):
+        (small_disk / "filler").write_bytes(b"x" * (disk.shutil.disk_usage(small_disk).free - kilobytes * 1024))
+
+    return leave
+
+
+@pytest.mark.parametrize("kilobytes", [0, 40, 400])
+def test_a_new_protocol_that_finds_no_room_is_refused_plainly_and_leaves_nothing(
+    lab, full_drafts, small_disk, kilobytes
+):
+    """It was a 500, and half a draft stayed; an upload was the sender's fault (400)."""
+    token = csrf(lab)
+    full_drafts(kilobytes)
+    chosen = lab.post("/lab/new", data={"csrf": token, "source": "shipped:quick_preference_study"})
+    big = {"protocol": ("protocol.yaml", b"#" * 1_500_000)}  # more than Starlette holds in memory
+    uploaded = lab.post("/lab/new", data={"csrf": token, "source": "upload"}, files=big)
+    assert (chosen.status_code, uploaded.status_code) == (507, 507)
+    assert "no room" in chosen.text
+    assert [one.name for one in small_disk.iterdir()] == ["filler"]
+
+
+def test_a_draft_whose_changes_find_no_room_stays_as_it_was(lab, lab_services, full_drafts, small_disk):
+    """The file was emptied before the new text found no room."""
+    token = csrf(lab)
+    draft = drafts.draft_from_shipped(lab_services.settings.data, "quick_preference_study")
+    before = draft.yaml
+    full_drafts(8)
+    form = {"csrf": token, "yaml": f"{before}#{'x' * 100_000}"}
+    assert lab.post(f"/lab/new/{draft.id}", data=form).status_code == 507
+    assert lab.post(f"/lab/new/{draft.id}/power", data={"csrf": token}).status_code == 507
+    assert draft.yaml == before

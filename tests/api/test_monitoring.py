@@ -62,6 +62,10 @@ def test_from_elsewhere_only_with_the_token(elsewhere, here, services):
     assert elsewhere.get("/metrics", headers={"Authorization": "Bearer guess"}).status_code == 403
     assert elsewhere.get("/metrics", headers={"Authorization": "Bearer s3cret"}).status_code == 200
     assert here.get("/metrics").status_code == 200
+    tried = [elsewhere.get("/metrics", headers={"Authorization": f"Bearer {k}"}).status_code for k in range(130)]
+    assert (tried[0], tried[-1]) == (403, 429)
+    assert elsewhere.get("/metrics", headers={"Authorization": "Bearer s3cret"}).status_code == 429
+    assert here.get("/metrics").status_code == 200
 
 
 def test_health_names_a_database_that_does_not_answer(client, services, monkeypatch):

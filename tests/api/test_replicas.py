@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +20,7 @@ from typer.testing import CliRunner
 from app.stage_server import StageServer
 from backend.api.application import build_services
 from backend.api.core.dependencies import Services
-from backend.api.replicas import shared_limits
+from backend.api.replicas import shared_limits, supervisor
 from backend.api.replicas.claims import Claims
 from backend.api.stage.listening import Listener
 from backend.api.stage.replay_stages import Replay
@@ -258,3 +260,22 @@ def test_sqlite_says_why_one_process_is_all_there_can_be(tmp_path: Path) -> None
     assert "processes = 2" in ended.output
     assert "SQLite" in ended.output
     assert "DESIREPATH_DATABASE_URL" in ended.output
+
+
+def test_folders_of_counts_that_killed_supervisors_left_are_swept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    killed, held = supervisor._counts_folder()
+    os.close(held)  # as the kernel does
+    (killed / "histogram_1.db").write_bytes(b"x")
+    living, lock = supervisor._counts_folder()
+    (tmp_path / f"{supervisor.COUNTS}link").symlink_to(tmp_path.parent)
+    just_made = tmp_path / f"{supervisor.COUNTS}young"
+    just_made.mkdir()
+    for one in (killed, living):
+        os.utime(one, (0, 0))
+    newest, _ = supervisor._counts_folder()
+    assert {one for one in (killed, living, just_made, newest) if one.exists()} == {living, just_made, newest}
+    assert tmp_path.parent.is_dir()
+    os.close(lock)

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import socket
 import subprocess
+import sys
 from pathlib import Path
 
+import httpx
+import pytest
+
+from backend.api.replicas.only_server import running_server
 from backend.experiments.loopback import free_port_pair
+from backend.settings import Settings
 from tests.faults.installation import run_command
 
 
-def refused_to_start(data: Path, port: int | None = None) -> str:
+def refused_to_start(data: Path, port: int | None = None, host: str = "127.0.0.1") -> str:
     """What `serve` wrote when it gave up."""
-    ended = run_command("serve", "--data", str(data), "--port", str(port or free_port_pair()), data=data)
+    where = ("--port", str(port or free_port_pair()), "--host", host)
+    ended = run_command("serve", "--data", str(data), *where, data=data)
     assert ended.returncode == 1, ended.stderr
     assert "Traceback" not in ended.stderr
     assert "running" not in ended.stdout
@@ -47,3 +56,75 @@ def test_a_port_that_is_taken(tmp_path: Path) -> None:
         said = refused_to_start(tmp_path / "data", port)
     assert f"port {port + 1} on 127.0.0.1 cannot be used" in said
     assert "--port" in said
+
+
+def started(data: Path, port: int, host: str = "127.0.0.1") -> subprocess.Popen[str]:
+    """A server of its own, once it has said where it is."""
+    command = [sys.executable, "-m", "backend.cli", "serve", "--data", str(data), "--port", str(port), "--host", host]
+    server = subprocess.Popen(
+        command,
+        env={**os.environ, "DESIREPATH_WORKER": "false"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    assert server.stdout is not None
+    while "Stop with" not in (line := server.stdout.readline()):
+        assert line, "it ended before it was ready"
+    return server
+
+
+def ended(server: subprocess.Popen[str], how: int = signal.SIGTERM) -> None:
+    server.send_signal(how)
+    server.communicate(timeout=60)
+
+
+def test_a_folder_that_another_server_has(tmp_path: Path) -> None:
+    """Two of them on one SQLite file started without a word, each knowing half of what goes on."""
+    data, port = tmp_path / "data", free_port_pair()
+    settings = Settings(data=data, _env_file=None)
+    first = started(data, port)
+    assert running_server(settings) == f"http://127.0.0.1:{port}"
+    (tmp_path / "link").symlink_to(data)
+    for folder in (data, tmp_path / "link"):
+        said = refused_to_start(folder)
+        assert f"process {first.pid} at http://127.0.0.1:{port}" in said
+        assert "--data" in said
+    ended(first, signal.SIGKILL)
+    assert running_server(settings) is None
+    ended(started(data, port))  # whoever was killed holds nothing
+
+
+def test_whatever_a_server_wrote_is_its_users_alone_and_none_of_it_in_a_log(tmp_path: Path) -> None:
+    data = tmp_path / "data"
+    ended(started(data, free_port_pair()))
+    open_to_others = [one for one in (data, *data.rglob("*")) if one.stat().st_mode & 0o077]
+    assert open_to_others == []
+    assert not (data / "desirepath.sqlite-wal").exists()
+
+
+@pytest.mark.parametrize("host", ["::1", "[::1]", "::"])
+def test_an_ipv6_address(tmp_path: Path, host: str) -> None:
+    with socket.socket(socket.AF_INET6) as probe:
+        try:
+            probe.bind(("::1", 0))
+        except OSError:
+            pytest.skip("this machine has no IPv6")
+    port = free_port_pair()
+    server = started(tmp_path / "data", port, host)
+    try:
+        page = httpx.get(f"http://[::1]:{port}/lab/sign-in")
+        assert page.status_code == 200
+        # Chromium takes no IPv6 address there, ignores the line and blocks the stage
+        assert f"frame-src http://*:{port + 1};" in page.headers["content-security-policy"]
+        assert httpx.get(f"http://[::1]:{port + 1}/").status_code == 404  # the stage's door
+        assert httpx.get(f"http://[::1]:{port}/metrics").status_code == 200  # asked from here
+        assert f"port {port} on ::" in refused_to_start(tmp_path / "other", port, host)
+    finally:
+        ended(server)
+
+
+def test_a_host_that_is_none(tmp_path: Path) -> None:
+    said = refused_to_start(tmp_path / "data", None, "no such host")
+    assert "host = 'no such host'" in said
+    assert "127.0.0.1 or ::1" in said

@@ -21,6 +21,7 @@ from sqlalchemy.exc import IntegrityError
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, DatabaseBusy, StorageError, check_writable
 from backend.store.models import Setting
+from tests import postgres
 
 # Writes one answer after another and says the id of each once its transaction has returned.
 WRITER = """
@@ -284,6 +285,58 @@ def test_compacting_removes_deleted_text_from_every_file(database: Database, tmp
         s.delete(s.get(Setting, "secret"))
     assert database.compact()
     assert not any(b"planted-canary" in file.read_bytes() for file in tmp_path.glob("desirepath.sqlite*"))
+
+
+def test_after_closing_everything_stands_in_one_file_for_its_owner_alone(database: Database, tmp_path: Path):
+    with database.transaction() as s:
+        s.add(Setting(key="kept", value={"text": "planted-canary"}))
+    beside = [tmp_path / f"desirepath.sqlite{ending}" for ending in ("", "-wal", "-shm")]
+    assert {file.name: file.stat().st_mode & 0o777 for file in beside} == {file.name: 0o600 for file in beside}
+    with database.engine.connect():  # somebody's thread has not ended yet
+        database.close()
+        assert b"planted-canary" in beside[0].read_bytes()
+        assert b"planted-canary" not in beside[1].read_bytes()
+    database.close()
+    assert [file.name for file in beside if file.exists()] == ["desirepath.sqlite"]
+
+
+def test_what_another_user_could_read_is_shut(migrated: Path, tmp_path: Path):
+    file = tmp_path / "new" / "desirepath.sqlite"
+    check_writable(file.parent)
+    shutil.copy(migrated, file)
+    file.chmod(0o644)
+    Database(f"sqlite:///{file}").migrate()
+    assert (file.stat().st_mode & 0o777, file.parent.stat().st_mode & 0o777) == (0o600, 0o700)
+
+
+def test_on_postgresql_compacting_stops_nobody_who_writes(postgres_server: str, tmp_path: Path):
+    """VACUUM FULL wrote every table anew and let nobody in meanwhile: 23 s a GB."""
+    with postgres.holding(postgres_server, tmp_path / "none") as url:
+        database = Database(url)
+        with database.engine.connect() as writes:
+            writes.execute(text("LOCK TABLE response, event, setting IN ROW EXCLUSIVE MODE"))
+            assert database.compact()
+        database.close()
+
+
+def test_on_postgresql_compacting_says_where_somebody_still_sees_what_was_deleted(
+    postgres_server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("backend.store.database.COMPACT_TRIES_S", 0.0)  # do not wait for the reader
+    with postgres.holding(postgres_server, tmp_path / "none") as url:
+        database = Database(url)
+        with database.transaction() as s:
+            s.add(Setting(key="secret", value={"text": "x"}))
+        with database.session() as reading:  # an export, a backup
+            reading.get(Setting, "secret")
+            with database.transaction() as s:
+                s.delete(s.get_one(Setting, "secret"))
+            assert not database.compact()
+        assert database.compact()
+        with database.engine.connect() as connection:
+            connection.execute(text("CREATE EXTENSION pgstattuple"))
+            assert connection.scalar(text("SELECT dead_tuple_count FROM pgstattuple('setting')")) == 0
+        database.close()
 
 
 def test_compacting_gives_up_while_somebody_reads_and_says_so(

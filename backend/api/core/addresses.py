@@ -13,6 +13,7 @@ from fastapi import Request
 from starlette.requests import HTTPConnection
 
 from backend.api.core.dependencies import configured_url
+from backend.settings import in_url
 
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
 STRICT_TRANSPORT = ("Strict-Transport-Security", "max-age=31536000")
@@ -32,6 +33,12 @@ def insists_on_tls(request: HTTPConnection) -> bool:
     return request.url.scheme == "https" and name not in LOOPBACK_NAMES and not name.endswith(".localhost")
 
 
+def policy_source(origin: str) -> str:
+    """An origin in a Content-Security-Policy, whose grammar has no IPv6 addresses: for those any host on that port."""
+    scheme, bracket, rest = origin.partition("://[")
+    return f"{scheme}://*{rest.partition(']')[2]}" if bracket else origin
+
+
 def is_from_here(request: Request) -> bool:
     """Whether this machine asks, not somebody for whom a trusted proxy on it does."""
     try:
@@ -45,8 +52,7 @@ def _asked(request: Request) -> str:
     host, port = request.scope.get("server") or (LOOPBACK_NAMES[1], None)
     if _is_ours(request.base_url.hostname or "", host):
         return asked
-    shown = f"[{host}]" if ":" in host else host
-    return f"{request.url.scheme}://{shown}:{port}" if port else f"{request.url.scheme}://{shown}"
+    return f"{request.url.scheme}://{in_url(host)}:{port}" if port else f"{request.url.scheme}://{in_url(host)}"
 
 
 def _is_ours(name: str, listening: str) -> bool:

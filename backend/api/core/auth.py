@@ -141,13 +141,16 @@ def change_password(database: Database, user_id: str, current: str, new: str, *,
         user = s.get(User, user_id)
         if user is None or not verified(user.password_hash, current):
             raise AccountError("current_wrong")
+        checked = user.password_hash
     if not SHORTEST_PASSWORD <= len(new) <= LONGEST_PASSWORD:
         raise AccountError("password_length", shortest=SHORTEST_PASSWORD, longest=LONGEST_PASSWORD)
     if new == current:
         raise AccountError("password_same")
     new_hash = _hasher.hash(new)
     with database.transaction() as s:
-        user = s.get_one(User, user_id)
+        user = s.get(User, user_id, with_for_update=True)
+        if user is None or user.password_hash != checked:  # somebody gave it another one meanwhile
+            raise AccountError("current_wrong")
         user.password_hash, user.must_change_password = new_hash, False
         end_all(s, user_id, but=keep)
 

@@ -11,7 +11,7 @@ from fastapi import Depends, FastAPI, Request
 from fastapi.templating import Jinja2Templates
 from starlette.responses import HTMLResponse
 
-from backend.settings import Settings
+from backend.settings import Settings, in_url
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Setting
@@ -125,7 +125,7 @@ def stage_origin(request: Request) -> str:
     if settings.public_stage_url:
         return settings.public_stage_url.rstrip("/")
     asked = urlsplit(str(request.base_url))
-    return f"{asked.scheme}://{asked.hostname}:{settings.port + 1}"
+    return f"{asked.scheme}://{in_url(asked.hostname or '')}:{settings.port + 1}"
 
 
 def page(request: Request, template: str, *, language: str = "en", status: int = 200, **context: Any) -> HTMLResponse:

@@ -20,7 +20,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from backend.api.core import auditing, auth
-from backend.api.core.addresses import STRICT_TRANSPORT, insists_on_tls
+from backend.api.core.addresses import STRICT_TRANSPORT, insists_on_tls, policy_source
 from backend.api.core.contract import DEEPEST, Refusal, Trouble, is_json
 from backend.api.core.dependencies import page, route_of, services_of, stage_origin
 from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, declared_too_large
@@ -140,7 +140,7 @@ def _finish(request: Request, start: Message, began: float) -> None:
     headers = MutableHeaders(scope=start)
     headers.setdefault(
         "Content-Security-Policy",
-        f"default-src 'self'; img-src 'self' data: blob:; frame-src {stage_origin(request)}; "
+        f"default-src 'self'; img-src 'self' data: blob:; frame-src {policy_source(stage_origin(request))}; "
         "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'self'",
     )
     headers.setdefault("X-Content-Type-Options", "nosniff")

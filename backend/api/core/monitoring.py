@@ -22,6 +22,7 @@ from backend.api.core.addresses import is_from_here
 from backend.api.core.dependencies import Services, services_of
 from backend.api.core.disk import room_left
 from backend.api.core.health import workers_silent_s
+from backend.api.core.throttle import TOKENS_PER_ADDRESS, count, network_of
 from backend.jobs.heartbeat import SILENT_S
 from backend.store.database import shared_now
 from backend.store.models import Job, Session, WorkerProcess, utc_now
@@ -68,8 +69,11 @@ class Monitoring:
 
 @router.get("/metrics", include_in_schema=False)
 def metrics(request: Request) -> Response:
-    """403 for everybody else."""
+    """403 for everybody else, 429 for who tries many tokens."""
     services = services_of(request)
+    tries = not is_from_here(request) and "authorization" in request.headers
+    if tries and not count(request, TOKENS_PER_ADDRESS, "metrics", network_of(request)):
+        raise Refused(429, "too_many", "Too many requests from here; wait a minute and try again.")
     if not (is_from_here(request) or _has_token(request, services.settings.metrics_token)):
         said = "Metrics are for this machine, or for who sends DESIREPATH_METRICS_TOKEN as a bearer token."
         raise Refused(403, "metrics_from_elsewhere", said)
@@ -110,14 +114,14 @@ class _Standing(Collector):
             heard_of = WorkerProcess.seen_at > shared_now(s) - timedelta(seconds=SILENT_S)
             workers = s.scalar(select(func.count()).select_from(WorkerProcess).where(heard_of))
         sessions = GaugeMetricFamily("desirepath_sessions", "Sessions by state", labels=["state", "simulated"])
-        for state, simulated, count in by_state:
-            sessions.add_metric([state, str(simulated).lower()], count)
+        for state, simulated, number in by_state:
+            sessions.add_metric([state, str(simulated).lower()], number)
         yield sessions
         yield GaugeMetricFamily("desirepath_present", f"Sessions seen within {PRESENT_S} s", value=present or 0)
         yield GaugeMetricFamily("desirepath_answers", "Answers stored", value=answers or 0)
         of_jobs = GaugeMetricFamily("desirepath_jobs", "Background jobs by kind and state", labels=["kind", "state"])
-        for kind, state, count in jobs:
-            of_jobs.add_metric([kind, state], count)
+        for kind, state, number in jobs:
+            of_jobs.add_metric([kind, state], number)
         yield of_jobs
         room = room_left(self._services.settings)
         yield GaugeMetricFamily(

@@ -5,6 +5,7 @@ The limits keep a flood from filling the event log, a study or the memory. Whole
 
 from __future__ import annotations
 
+import ipaddress
 from collections.abc import Iterable
 
 from fastapi import Request
@@ -21,6 +22,7 @@ REFUSALS_PER_ADDRESS = parse("60 per 1 minute")  # ours; refusals that no sessio
 JOINS_PER_ADDRESS = parse("120 per 1 minute")  # ours; a lecture hall behind one address opens the link at once
 EVENTS_PER_SESSION = parse("300 per 1 minute")  # ours; a page notices a few things a minute
 CHANGES_PER_SESSION = parse("1200 per 1 minute")  # ours; bots that wait for nothing send some hundred
+TOKENS_PER_ADDRESS = parse("120 per 1 minute")  # ours; of /metrics, right ones too: somebody may ask every second
 PROBLEMS_PER_SESSION = parse("10 per 1 hour")  # ours; reports in a participant's own words
 LARGEST_BODY = 2 * 1024 * 1024  # bytes (ours), for who is signed in; a protocol with its texts has some ten kB
 LARGEST_OPEN_BODY = 256 * 1024  # bytes (ours), for everybody; the longest answers have a few kB
@@ -33,7 +35,17 @@ def limiter_for(counts: SharedCounts | None) -> RateLimiter:
 
 def address_of(request: Request) -> str:
     """Where the request comes from, as uvicorn knows it (a trusted proxy's word counts)."""
-    return request.client.host if request.client else "unknown"
+    found = request.client.host if request.client else "unknown"
+    return found.removeprefix("::ffff:")  # IPv4 at a server that listens on `::`
+
+
+def network_of(request: Request) -> str:
+    """What is counted per address: of IPv6 the first 64 bits, whose other half everybody may choose anew each time."""
+    address = address_of(request)
+    try:
+        return str(ipaddress.IPv6Network((address.partition("%")[0], 64), strict=False))
+    except ValueError:
+        return address
 
 
 def count(request: Request, limit: RateLimitItem, *key: str) -> bool:

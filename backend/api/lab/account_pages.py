@@ -50,7 +50,7 @@ def password_page(request: Request, user: CheckedCsrf) -> Response:
     return lab_page(request, "lab/password.html", problem=None, shortest=SHORTEST_PASSWORD)
 
 
-@router.post("/lab/password")
+@router.post("/lab/password", dependencies=[Counted])
 def change_own_password(
     request: Request,
     database: Db,

@@ -50,7 +50,7 @@ class Draft:
 
     def save(self, yaml: str) -> None:
         """Replace the protocol. Raises DraftError if it is empty or too large."""
-        self.file.write_text(_checked("protocol.yaml", as_text(yaml)), encoding="utf-8")
+        _write(self.file, _checked("protocol.yaml", as_text(yaml)))
 
     def add(self, texts: Mapping[str, bytes]) -> None:
         """Add texts (`.md`) and questionnaires (`.yaml`), or replace those of the same name. Raises DraftError."""
@@ -58,7 +58,7 @@ class Draft:
             raise DraftError("too_many_files", most=MOST_FILES)
         kept = {_file_name(name): decoded(name, content) for name, content in texts.items()}
         for name, text in kept.items():
-            (self.folder / FOLDERS[Path(name).suffix] / name).write_text(text, encoding="utf-8")
+            _write(self.folder / FOLDERS[Path(name).suffix] / name, text)
 
     def freeze(self, query_sets: Mapping[str, str]) -> FrozenProtocol:
         """The checked protocol. query_sets: what it may name by id. Raises ProtocolError with every problem."""
@@ -95,19 +95,25 @@ def draft_from_text(
     _sweep(data)
     draft_id = secrets.token_hex(8)
     draft = Draft(draft_id, data / "drafts" / draft_id)
+    try:
+        _fill(draft, own or {}, sent)
+        draft.save(yaml)
+    except Exception:
+        draft.discard()
+        raise
+    return draft
+
+
+def _fill(draft: Draft, kept: Mapping[str, str], sent: Mapping[str, str]) -> None:
     for folder in FOLDERS.values():
         shutil.copytree(PROTOCOLS / folder, draft.folder / folder)
-    kept = own or {}
     places = {Path(path).name: path for path in kept}
     uploaded = {places.get(name, f"{FOLDERS[Path(name).suffix]}/{name}"): text for name, text in sent.items()}
     for path, text in {**kept, **uploaded}.items():
         if not (draft.folder / path).resolve().is_relative_to(draft.folder.resolve()):
-            draft.discard()
             raise DraftError("file_name", name=path)
         (draft.folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (draft.folder / path).write_text(text, encoding="utf-8")
-    draft.save(yaml)
-    return draft
+        _write(draft.folder / path, text)
 
 
 def find_draft(data: Path, draft_id: str) -> Draft | None:
@@ -131,6 +137,16 @@ def decoded(name: str, content: bytes) -> str:
         return _checked(name, text_files.decoded(content))
     except NotUtf8Error as wrong:
         raise DraftError("not_text", name=name, encoding=wrong.encoding) from None
+
+
+def _write(path: Path, text: str) -> None:
+    """All of it, or what was there stays: the disk may be full."""
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def _checked(name: str, text: str) -> str:

@@ -37,7 +37,7 @@ from backend.api.core.dependencies import Db, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_page
 from backend.api.core.openid import OpenId, OpenIdError, Someone
 from backend.api.core.sign_ins import begin_under_way, keep_under_way_cookie, under_way
-from backend.api.core.throttle import address_of, count
+from backend.api.core.throttle import count, network_of
 from backend.api.lab.account_pages import Counted
 from backend.api.lab.settings_pages import settings_page
 from backend.api.lab.sign_in_pages import let_in
@@ -175,7 +175,7 @@ def _provider(request: Request) -> OpenId:
 
 def _sent_there(request: Request, database: Database, data: dict[str, str], user_id: str | None = None) -> Response:
     openid = _provider(request)
-    if not count(request, BEGUN_PER_ADDRESS, f"openid address:{address_of(request)}"):
+    if not count(request, BEGUN_PER_ADDRESS, f"openid address:{network_of(request)}"):
         return _again(request, "too_many", 429)
     secret, redirect = secrets.token_urlsafe(32), public_url(request) + RETURN
     asked = {"state": secrets.token_urlsafe(32), "nonce": secrets.token_urlsafe(32)}

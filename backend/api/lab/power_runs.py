@@ -21,6 +21,7 @@ from typing import Any
 
 from backend.jobs.process import ONE_THREAD, environment_of
 from backend.settings import Settings
+from backend.store.database import is_full
 
 MOST_KEPT = 16
 MOST_WAITING = 4
@@ -215,6 +216,8 @@ class PowerRuns:
             threading.Thread(target=self._run, args=(begun, source, folder), daemon=True).start()
         except OSError as problem:  # the disk is full, or the draft has just been opened as a study
             begun.problem, begun.state = str(problem), "failed"
+            if is_full(problem):
+                raise
         return begun
 
     def _run(self, run: PowerRun, source: str | Path, folder: tempfile.TemporaryDirectory[str]) -> None:

@@ -41,7 +41,7 @@ from backend.api.core.sign_ins import (
     open_sign_in,
     under_way,
 )
-from backend.api.core.throttle import address_of, seconds_to_wait, wait_in_words
+from backend.api.core.throttle import network_of, seconds_to_wait, wait_in_words
 from backend.store.audit import record
 from backend.store.database import Database
 from backend.store.events import log_event
@@ -194,10 +194,10 @@ def _windows(request: Request, name: str, device: str | None) -> list[tuple[Rate
     """What an attempt counts towards. On a device that has signed in before, strangers' attempts count for nothing."""
     if device is not None:
         return [(ATTEMPTS_PER_DEVICE, f"device:{device}")]
-    address = address_of(request)
+    network = network_of(request)
     return [
-        (ATTEMPTS_PER_NAME_AND_ADDRESS, f"name:{name} address:{address}"),
-        (ATTEMPTS_PER_ADDRESS, f"address:{address}"),
+        (ATTEMPTS_PER_NAME_AND_ADDRESS, f"name:{name} address:{network}"),
+        (ATTEMPTS_PER_ADDRESS, f"address:{network}"),
         (ATTEMPTS_PER_NAME, f"name:{name}"),
     ]
 

@@ -20,7 +20,7 @@ from starlette.responses import RedirectResponse, Response
 from backend.api.core.addresses import is_from_here
 from backend.api.core.contract import is_json, reply_of
 from backend.api.core.dependencies import contact, page, services_of
-from backend.api.core.throttle import JOINS_PER_ADDRESS, address_of, count
+from backend.api.core.throttle import JOINS_PER_ADDRESS, count, network_of
 from backend.api.participant.device_check import remember
 from backend.api.participant.replies import Joined
 from backend.api.participant.requests import too_many
@@ -129,7 +129,7 @@ async def join(recruiting_token: str, request: Request) -> Response:
     simulated = as_json and asked.simulated
     if simulated and not is_from_here(request):  # a bot need not watch
         raise Refused(403, "bots_from_elsewhere", "Simulated participants join only from the server's own machine.")
-    if not simulated and not count(request, JOINS_PER_ADDRESS, "join", address_of(request)):
+    if not simulated and not count(request, JOINS_PER_ADDRESS, "join", network_of(request)):
         raise too_many()
     if not as_json:  # a page from before joining, which the browser had kept, begins no second session
         begun = await asyncio.to_thread(_begun, request, recruiting_token, asked.PROLIFIC_PID or None)

@@ -12,7 +12,7 @@ from starlette.responses import JSONResponse, Response
 
 from backend.api.core.contract import is_json
 from backend.api.core.dependencies import contact, page, services_of
-from backend.api.core.throttle import CHANGES_PER_SESSION, REFUSALS_PER_ADDRESS, address_of, count, exhausted
+from backend.api.core.throttle import CHANGES_PER_SESSION, REFUSALS_PER_ADDRESS, count, exhausted, network_of
 from backend.store.models import utc_now
 from backend.study.links import token_hash
 from backend.study.refusals import Refused, log_refusal
@@ -40,7 +40,7 @@ def _counted(request: Request) -> bool:
     token = request.path_params.get("token")
     if token and request.method == "POST" and not count(request, CHANGES_PER_SESSION, "change", token_hash(token)):
         raise too_many()
-    return exhausted(request, REFUSALS_PER_ADDRESS, "refused", address_of(request))
+    return exhausted(request, REFUSALS_PER_ADDRESS, "refused", network_of(request))
 
 
 def _check_link(request: Request) -> None:
@@ -69,7 +69,7 @@ def refusal_page(request: Request, problem: Exception) -> Response:
         "/join/"
     )  # everything on a session's own path was logged where it was refused
     if problem.code != "too_many" and (joining or problem.code == "unknown"):
-        counted = count(request, REFUSALS_PER_ADDRESS, "refused", address_of(request))
+        counted = count(request, REFUSALS_PER_ADDRESS, "refused", network_of(request))
         if joining and counted:
             log_refusal(services.database, problem, request="join")
     if asks_for_json:

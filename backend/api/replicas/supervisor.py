@@ -6,6 +6,10 @@ goes on in another. Every process is a `desirepath serve` of its own, which ends
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
+import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,6 +17,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import structlog
 
@@ -28,6 +33,8 @@ START_PATIENCE_S = 60.0
 STOP_PATIENCE_S = 15.0
 LOOK_S = 0.2
 MOST_PROCESSES = 64  # ours
+COUNTS = "desirepath-counts-"
+UNHELD_S = 60.0  # between making a folder and locking it lies next to nothing
 log = structlog.get_logger("desirepath.server")
 
 
@@ -50,8 +57,8 @@ def serve_many(settings: Settings, peers: Peers, processes: int, *, on_ready: Ca
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())
     began, begun_at, ready = time.monotonic(), peers.now(), False
-    counts = tempfile.TemporaryDirectory(prefix="desirepath-counts-")
-    servers = [_start(settings, counts.name) for _ in range(processes)]
+    counts, held = _counts_folder()
+    servers = [_start(settings, str(counts)) for _ in range(processes)]
     worker = None
     started_at = [began] * processes
     try:
@@ -62,7 +69,7 @@ def serve_many(settings: Settings, peers: Peers, processes: int, *, on_ready: Ca
                     if not ready:
                         raise ServerError(f"a server process ended with {process.returncode}; its log says why")
                     log.warning("a server process ended and is started again", exit_code=process.returncode)
-                    servers[place], started_at[place] = _start(settings, counts.name), now
+                    servers[place], started_at[place] = _start(settings, str(counts)), now
             if not ready and len(peers.living(since=begun_at)) >= processes:
                 ready = True
                 on_ready()
@@ -72,7 +79,32 @@ def serve_many(settings: Settings, peers: Peers, processes: int, *, on_ready: Ca
                 worker = start_worker(settings)
     finally:
         _stop([*servers, *([worker] if worker is not None else [])])
-        counts.cleanup()
+        shutil.rmtree(counts, ignore_errors=True)
+        os.close(held)
+
+
+def _counts_folder() -> tuple[Path, int]:
+    """A new folder for what the processes count, and the lock that is held on it; those of supervisors that were killed
+    go. Not in the data folder: what is counted is written through memory, and a full disk would kill who writes there.
+    """
+    for left in Path(tempfile.gettempdir()).glob(f"{COUNTS}*"):
+        with contextlib.suppress(OSError):  # somebody else's, no folder, or still held
+            if time.time() - left.lstat().st_mtime > UNHELD_S and left.lstat().st_uid == os.getuid():
+                lock = _locked(left)
+                shutil.rmtree(left)
+                os.close(lock)
+    made = Path(tempfile.mkdtemp(prefix=COUNTS))
+    return made, _locked(made)
+
+
+def _locked(folder: Path) -> int:
+    opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(opened)
+        raise
+    return opened
 
 
 def _start(settings: Settings, counts: str) -> subprocess.Popen[bytes]:

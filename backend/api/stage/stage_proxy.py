@@ -25,7 +25,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from app import viser_hooks
 from app.page import stage_page
-from backend.api.core.addresses import STRICT_TRANSPORT, insists_on_tls
+from backend.api.core.addresses import STRICT_TRANSPORT, insists_on_tls, policy_source
 from backend.api.core.heads import BoundedHeads
 
 MESSAGES_PER_S = 20.0  # a page of ours sends one message per connection; the rest is room for reconnects
@@ -147,8 +147,8 @@ class StageDoor:
             "style-src": "'unsafe-inline'",
             "img-src": "data: blob:",
             "font-src": "data:",
-            "connect-src": f"{websocket_origin} blob: data:",
-            "frame-ancestors": origins.page,
+            "connect-src": f"{policy_source(websocket_origin)} blob: data:",
+            "frame-ancestors": policy_source(origins.page),
             "base-uri": "'none'",
             "form-action": "'none'",
         }
