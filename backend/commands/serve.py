@@ -42,6 +42,7 @@ def serve(
         from backend.api.application import build_services
         from backend.api.replicas.only_server import only_server
         from backend.api.server import check_ports
+        from backend.store.database import Database
 
     given: dict[str, Any] = {"port": port, "host": host, "data": data}
     settings = Settings(**{name: value for name, value in given.items() if value is not None})
@@ -52,7 +53,8 @@ def serve(
         try:
             _serve(services, demo=demo, processes=processes)
         finally:
-            services.database.close()
+            for database in (services.database, Database(settings.jobs_database)):  # the worker's, which has ended
+                database.close()
 
 
 def _serve(services: Services, *, demo: bool, processes: int) -> None:

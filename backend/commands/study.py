@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
     from backend.study.protocol.freezing import FrozenProtocol
 
+NOT_REACHED = "Not reached: backups made before, and exports and reports already downloaded; delete or replace those."
+
 commands = typer.Typer(help="Protocols and studies.", no_args_is_help=True)
 
 
@@ -329,6 +331,7 @@ def erase(
     with database.transaction() as s:
         record(s, "participant_erased", by=COMMAND_LINE, study_id=study)
     say(erased, as_json)
+    typer.echo(NOT_REACHED, err=True)
 
 
 @commands.command("erase-overdue")
@@ -347,3 +350,4 @@ def erase_overdue(
         typer.confirm(f"Erase every participant of study {study}? This cannot be undone.", abort=True, err=True)
     data = get_settings().data
     say(erase_all(database, files, study, by=COMMAND_LINE, now=utc_now(), data=data), as_json)
+    typer.echo(NOT_REACHED, err=True)

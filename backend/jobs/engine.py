@@ -11,12 +11,9 @@ import sqlite3
 from collections.abc import Callable
 from contextlib import closing
 from enum import StrEnum
-from pathlib import Path
 
 from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID, WorkflowStatus
 from sqlalchemy import make_url
-
-from backend.store.database import empty_log
 
 # The shape of the workflow below, not the product's version: a job that an older release began is taken up by a newer
 # one as long as the steps and their order stay the same. Raise it when they change.
@@ -66,7 +63,6 @@ class Engine:
         self, url: str, *, executor_id: str, processes: int, attempt: Attempt, conclude: Conclude, attempts: int = 2
     ) -> None:
         _use_wal(url)
-        self._url = make_url(url)
         self._processes = processes
         DBOS(
             config=DBOSConfig(
@@ -110,11 +106,6 @@ class Engine:
                 polling_interval_sec=INSTANT_POLL_S if queue is Queue.INSTANT else TRAINING_POLL_S,
                 on_conflict="always_update",
             )
-
-    def empty_log(self) -> None:
-        """Take what stands in SQLite's log into the file of the engine's own tables."""
-        if self._url.get_backend_name() == "sqlite" and self._url.database:
-            empty_log(Path(self._url.database))
 
     def submit(self, job_id: str, *, queue: Queue, priority: int) -> None:
         """Queue a job; smaller priorities first. Submitting the same job again changes nothing."""

@@ -110,8 +110,8 @@ class Worker:
 
     def close(self) -> None:
         """Leave nothing in the databases' logs that could stand in their files."""
-        self._database.close()
-        self._engine.empty_log()
+        for database in (self._database, Database(self._settings.jobs_database)):
+            database.close()
 
     def submit_queued(self) -> None:
         """Give every queued row to the engine, once."""

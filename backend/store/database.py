@@ -43,6 +43,7 @@ MIGRATION_LOCK = 7_305_441  # any fixed number: the PostgreSQL advisory lock tha
 COMPACT_PENDING = "compact_pending"  # setting: an erasure committed, its vacuum has not finished yet
 COMPACT_TRIES_S = 15.0
 COMPACT_LOOK_S = 0.2
+LOG_PATIENCE_S = 1.0
 _SEES_OLDER = text("""
 SELECT EXISTS (SELECT 1 FROM pg_stat_activity WHERE datname = current_database() AND pid <> pg_backend_pid()
   AND age(backend_xmin) > age(CAST(CAST(:now AS text) AS xid)))
@@ -381,11 +382,14 @@ class Database:
 def empty_log(file: Path) -> None:
     """Take what stands in a SQLite file's write-ahead log into the file; whoever is last to close it removes the log.
 
-    Waits for nobody, and does nothing where that cannot be done now: the log is read at the next start.
+    Waits a moment for others, and leaves in the log what cannot be taken now: it is read at the next start.
     """
     if not file.with_name(f"{file.name}-wal").exists():
         return
-    with contextlib.suppress(sqlite3.Error), contextlib.closing(sqlite3.connect(file, timeout=0)) as connection:
+    with (
+        contextlib.suppress(sqlite3.Error),
+        contextlib.closing(sqlite3.connect(file, timeout=LOG_PATIENCE_S)) as connection,
+    ):
         connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
 

@@ -298,12 +298,15 @@ def test_excluding_needs_a_reason_is_marked_and_can_be_undone(lab, lab_services,
 def test_erasing_asks_for_the_studys_name_and_leaves_only_a_note(lab, lab_services, walked: Walked):
     here = f"/lab/studies/{walked.id}/people/{walked.half_way}"
     token = csrf(lab)
+    assert "exports, reports and files that were downloaded" in lab.get(here).text
     lab.post(f"{here}/exclude", data={"csrf": token, "reason": "asked for erasure by telephone"})
     assert lab.post(f"{here}/erase", data={"csrf": token, "typed": "corridor pilot"}).status_code == 422
     assert walked.half_way in lab.get(f"/lab/studies/{walked.id}/people").text
     erased = lab.post(f"{here}/erase", data={"csrf": token, "typed": NAME})
     assert erased.status_code == 303
-    assert "experimenter" in lab.get(erased.headers["location"]).text
+    note = lab.get(erased.headers["location"]).text
+    assert "experimenter" in note
+    assert "backups made before" in note
     assert lab.get(here).status_code == 404
     for planted in (b"asked for erasure by telephone", b"froze</b> once"):
         holding = [

@@ -7,6 +7,8 @@ import signal
 import socket
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import httpx
@@ -58,12 +60,12 @@ def test_a_port_that_is_taken(tmp_path: Path) -> None:
     assert "--port" in said
 
 
-def started(data: Path, port: int, host: str = "127.0.0.1") -> subprocess.Popen[str]:
+def started(data: Path, port: int, host: str = "127.0.0.1", *, worker: bool = False) -> subprocess.Popen[str]:
     """A server of its own, once it has said where it is."""
     command = [sys.executable, "-m", "backend.cli", "serve", "--data", str(data), "--port", str(port), "--host", host]
     server = subprocess.Popen(
         command,
-        env={**os.environ, "DESIREPATH_WORKER": "false"},
+        env={**os.environ, "DESIREPATH_WORKER": str(worker).lower()},
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
@@ -72,6 +74,13 @@ def started(data: Path, port: int, host: str = "127.0.0.1") -> subprocess.Popen[
     while "Stop with" not in (line := server.stdout.readline()):
         assert line, "it ended before it was ready"
     return server
+
+
+def until(what: Callable[[], object]) -> None:
+    deadline = time.monotonic() + 60
+    while not what():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
 
 
 def ended(server: subprocess.Popen[str], how: int = signal.SIGTERM) -> None:
@@ -97,10 +106,16 @@ def test_a_folder_that_another_server_has(tmp_path: Path) -> None:
 
 def test_whatever_a_server_wrote_is_its_users_alone_and_none_of_it_in_a_log(tmp_path: Path) -> None:
     data = tmp_path / "data"
-    ended(started(data, free_port_pair()))
+    server = started(data, free_port_pair(), worker=True)
+    until(lambda: (data / "worker.heartbeat").exists())
+    ended(server)
     open_to_others = [one for one in (data, *data.rglob("*")) if one.stat().st_mode & 0o077]
     assert open_to_others == []
-    assert not (data / "desirepath.sqlite-wal").exists()
+    assert {one.name for one in data.glob("*.sqlite*")} == {
+        "desirepath.sqlite",
+        "desirepath.sqlite.serving",
+        "jobs.sqlite",
+    }
 
 
 @pytest.mark.parametrize("host", ["::1", "[::1]", "::"])
