@@ -292,11 +292,11 @@ def test_after_closing_everything_stands_in_one_file_for_its_owner_alone(databas
         s.add(Setting(key="kept", value={"text": "planted-canary"}))
     beside = [tmp_path / f"desirepath.sqlite{ending}" for ending in ("", "-wal", "-shm")]
     assert {file.name: file.stat().st_mode & 0o777 for file in beside} == {file.name: 0o600 for file in beside}
-    with database.engine.connect():  # somebody's thread has not ended yet
+    with closing(sqlite3.connect(beside[0])) as another:  # a process that goes on
+        another.execute("SELECT * FROM setting").fetchall()
         database.close()
         assert b"planted-canary" in beside[0].read_bytes()
         assert b"planted-canary" not in beside[1].read_bytes()
-    database.close()
     assert [file.name for file in beside if file.exists()] == ["desirepath.sqlite"]
 
 
