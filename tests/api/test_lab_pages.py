@@ -163,6 +163,21 @@ def test_uploaded_texts_replace_the_shipped_ones_in_this_study_only(lab, lab_ser
     assert study.protocol_hash != freeze(QUICK).hash
 
 
+def test_a_byte_order_mark_is_left_out_on_every_way_in(lab, lab_services):
+    """Uploaded, pasted and edited: the study is the one without it."""
+    mark, text = "\ufeff", QUICK.read_text()
+    own = mark.encode() + (PROTOCOLS / "texts" / "information.en.md").read_bytes()
+    files = [("protocol", ("mine.yaml", mark.encode() + QUICK.read_bytes())), ("texts", ("information.en.md", own))]
+    uploaded = lab.post("/lab/new", data={"csrf": csrf(lab), "source": "upload"}, files=files)
+    pasted = lab.post("/lab/new", data={"csrf": csrf(lab), "source": "paste", "yaml": mark + text})
+    edited = lab.post("/lab/new", data={"csrf": csrf(lab), "source": "paste", "yaml": "protocol: x"})
+    lab.post(edited.headers["location"], data={"csrf": csrf(lab), "yaml": mark + text.replace("\n", "\r\n")})
+    for answered in (uploaded, pasted, edited):
+        lab.post(f"{answered.headers['location']}/open", data={"csrf": csrf(lab), "name": "Marked"})
+    with lab_services.database.session() as s:
+        assert [study.protocol_hash for study in s.scalars(select(Study))] == [freeze(QUICK).hash] * 3
+
+
 @pytest.mark.parametrize(
     ("name", "content", "code"),
     [

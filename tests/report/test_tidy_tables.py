@@ -166,3 +166,29 @@ def test_ratings_in_a_block_are_about_its_condition() -> None:
     given = {**response(None, None, {"sus_1": 4}), "step": "block.fun"}
     (rating,) = tidied([], [given], session={"plan": plan}).ratings
     assert (rating.condition, rating.questionnaire, rating.item, rating.value) == ("immersive", "usability", "sus_1", 4)
+
+
+ABOUT = """
+title: {en: About you}
+blocks:
+  - items:
+      - {key: pets, type: choice, text: {en: "Do you live with pets?"},
+         options: [{value: yes, label: {en: "Yes"}}, {value: 010, label: {en: "Ten"}}, {value: on, label: {en: "On"}}]}
+      - {key: effort, type: scale, points: "5", text: {en: Effort}, low: {en: l}, high: {en: h}, reversed: "false"}
+"""
+
+
+def test_a_frozen_questionnaire_is_read_as_the_study_reads_it() -> None:
+    """`yes` was true here and "yes" in the study, so nobody's answer counted; `points: "5"` ended the report."""
+    tables = {
+        "participants": [PERSON],
+        "sessions": [
+            {**SESSION, "plan": [{"key": "usability", "kind": "questionnaire", "stage": "q", "questionnaire": "about"}]}
+        ],
+        "trials": [],
+        "responses": [response(None, None, {"pets": "yes", "effort": 5})],
+    }
+    data = tidy("Study", "1", {}, "", {"questionnaires/about.yaml": ABOUT}, tables)
+    pets, effort = data.items
+    assert pets.options == {"yes": "Yes", "010": "Ten", "on": "On"}
+    assert (effort.points, effort.reversed) == (5, False)

@@ -405,6 +405,16 @@ def test_a_forged_data_set_leaves_nothing_behind(exported: Path, copied: Path, t
         with pytest.raises(DatasetError, match="this is not the protocol that the answers were collected with"):
             import_dataset(fresh, store, copied)
         forge(copied, f"protocol/{name}", original)
+    bomb = "a: &a [x, x]\n" + "".join(f"a{n}: &a{n} [*a{n - 1}, *a{n - 1}]\n" for n in range(1, 40)).replace("a0", "a")
+    for name, content in {
+        "protocol.yaml": bomb,
+        "frozen.json": json.dumps({"protocol": {}, "files": {"questionnaires/background.yaml": bomb}}),
+    }.items():
+        original = (copied / "protocol" / name).read_bytes()
+        forge(copied, f"protocol/{name}", content.encode())
+        with pytest.raises(DatasetError, match="is too much"):
+            import_dataset(fresh, store, copied)
+        forge(copied, f"protocol/{name}", original)
     with fresh.session() as s:
         assert s.scalars(select(Study)).all() == []
         assert s.scalars(select(Participant)).all() == []

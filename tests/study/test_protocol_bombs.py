@@ -72,3 +72,10 @@ def test_aliases_and_merged_keys_are_still_read():
     assert read.data["b"] == {"x": 3, "y": 2}
     assert read.data["c"] == [{"x": 1, "y": 2}] * 2
     assert read.line(("b", "x")) == 2
+
+
+def test_thousands_of_errors_are_told_as_the_first_hundreds() -> None:
+    text = QUICK + "".join(f"key_{n}: {n}\n" for n in range(8_000))
+    with pytest.raises(ProtocolError) as refused:
+        freeze_text(text)
+    assert len(refused.value.problems) == 200
