@@ -6,8 +6,6 @@ Made alike for the command line and the analysts' pages. The numbers come from `
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from backend.csv_text import csv_text
 from backend.explain import flow_field as flow
 from backend.explain.flow_words import ENGLISH, Words
 from backend.simulation.acting import ActFunction, EpisodicPolicy
@@ -134,8 +133,4 @@ def _finite(value: float) -> float | None:
 
 def table_bytes(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
     """Rows as CSV."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(rows)
-    return out.getvalue().encode()
+    return csv_text([columns, *rows]).encode()

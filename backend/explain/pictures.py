@@ -5,7 +5,6 @@ Importing this loads matplotlib, which is slow: import it where a figure is draw
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from backend.csv_text import csv_text
 from backend.explain.scene_plots import LINE, encoded
 
 Rows = list[dict[str, object]]
@@ -43,10 +43,9 @@ def write_csv(path: Path, rows: Rows) -> None:
     """All rows have the keys of the first one. Raises ValueError for no rows."""
     if not rows:
         raise ValueError(f"{path.name}: no rows to write")
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    names = list(rows[0])
+    text = csv_text([names, *([row[name] for name in names] for row in rows)])
+    path.write_text(text, newline="\r\n", encoding="utf-8")
 
 
 def blank(columns: int, width: float, height: float, *, rows: int = 1) -> tuple[Figure, list[Axes]]:

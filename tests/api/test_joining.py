@@ -8,6 +8,7 @@ from sqlalchemy import select
 
 from backend.store.models import Event, Participant, RecruitingId, Session, Study
 from backend.study.protocol.freezing import PROTOCOLS, freeze, freeze_text
+from backend.study.session.joining import UNFILLED
 from backend.study.studies import create_study
 from tests.api.participant_services import logged, to_first_trial
 
@@ -68,6 +69,103 @@ def test_a_platforms_id_is_kept_apart_and_lets_nobody_in_twice(client, services,
     assert len(logged(services, "already_joined")) == 1
     with services.database.session() as s:
         assert s.scalars(select(RecruitingId)).one().external_id == ids["PROLIFIC_PID"]
+
+
+def joined_as(services) -> list[tuple[str, str]]:
+    with services.database.session() as s:
+        return [(one.platform, one.external_id) for one in s.scalars(select(RecruitingId))]
+
+
+def join_elsewhere(client, link, **ids):
+    return TestClient(client.app, follow_redirects=False).post(f"/join/{link}", data={"language": "en", **ids})
+
+
+@pytest.mark.parametrize("again", [" 5f3C0FFEE ", "5F3C0ffee", "\u00a05f3c0ffee\t"])
+def test_spaces_and_capitals_make_no_second_person(client, services, link, again):
+    own = client.post(f"/join/{link}", data={"language": "en", "PROLIFIC_PID": "5f3c0ffee"}).headers["location"]
+    assert join_elsewhere(client, link, PROLIFIC_PID=again).status_code == 409
+    assert client.get(f"/join/{link}", params={"prolific_pid": again}).headers["location"] == own
+    assert joined_as(services) == [("prolific", "5f3c0ffee")]
+
+
+@pytest.mark.parametrize(
+    ("ids", "kept"),
+    [
+        ({"prolific_pid": "abc", "Study_Id": "s"}, ("prolific", "abc")),
+        ({"survey_code": "12345"}, ("sona", "12345")),
+        ({"ID": "12345"}, ("sona", "12345")),
+        ({"workerid": "A1B2C3", "AssignmentId": "3X", "hitId": "3Y"}, ("mturk", "A1B2C3")),
+        ({"PROLIFIC_PID": "{{%PROLIFIC_PID%}}", "workerId": "A1B2C3"}, ("mturk", "A1B2C3")),
+    ],
+)
+def test_every_platforms_parameters_are_read_in_any_case(client, services, link, ids, kept):
+    page = client.get(f"/join/{link}", params=ids)
+    assert (page.status_code, f'value="{kept[1]}"' in page.text, "separately from your answers" in page.text) == (
+        200,
+        True,
+        True,
+    )
+    assert client.post(f"/join/{link}", json={"language": "en", **ids}).status_code == 201
+    assert joined_as(services) == [kept]
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        *(
+            "X,500.00\nY",
+            "a b",
+            "=cmd()",
+            "-a;b",
+            "a'b",
+            'a"b',
+            "X\u202eY",
+            "\uff11\uff12",
+            "\u0430bc",
+            "a\u200b",
+        ),
+        *("x" * 65, "id@platform.org", "../x", "<script>alert(1)</script>x", "{{7*7}}x", "a{b}"),
+    ],
+)
+def test_what_no_platform_writes_is_no_id_at_the_door(client, services, link, odd):
+    """It reached the lists of who is to be paid unquoted: `X,500.00` and a new line paid somebody five hundred."""
+    for name in ("PROLIFIC_PID", "SESSION_ID", "workerid"):
+        answered = client.post(f"/join/{link}", data={"language": "en", "PROLIFIC_PID": "fine", name: odd})
+        assert (answered.status_code, "Something is wrong with this link" in answered.text) == (422, True)
+        refused = client.post(f"/join/{link}", json={"language": "en", name: odd})
+        assert (refused.status_code, refused.json()["error"]["field"].lower()) == (422, name.lower())
+        shown = client.get(f"/join/{link}", params={name: odd}, headers={"accept-language": "de"})
+        assert (shown.status_code, "Mit diesem Link stimmt etwas nicht" in shown.text) == (422, True)
+    assert joined_as(services) == []
+    assert odd not in str([event.data for event in logged(services, "bad_id")])
+
+
+@pytest.mark.parametrize(
+    "ids",
+    [
+        {"PROLIFIC_PID": "{{%PROLIFIC_PID%}}", "STUDY_ID": "{{%STUDY_ID%}}", "SESSION_ID": "{{%SESSION_ID%}}"},
+        *({"prolific_pid": one} for one in ("{{PROLIFIC_PID}}", "${e://Field/PROLIFIC_PID}", "[%a%]", "prolific_pid")),
+        *({"id": one} for one in ("%SURVEY_CODE%", "<survey_code>", "survey_code")),
+        {"workerId": "${workerId}", "assignmentId": "${assignmentId}"},
+    ],
+)  # fmt: skip
+def test_a_placeholder_that_was_never_filled_in_is_no_id_and_is_noted(client, services, link, ids):
+    page = client.get(f"/join/{link}", params=ids)
+    assert (page.status_code, "separately from your answers" in page.text) == (200, False)
+    for _ in range(2):
+        assert join_elsewhere(client, link, **ids).status_code == 303
+    assert joined_as(services) == []
+    with services.database.session() as s:
+        noted = s.scalars(select(Event).where(Event.kind == UNFILLED)).all()
+        assert len(noted) == len(s.scalars(select(Session)).all()) == 2
+    assert {name.lower() for name in noted[0].data["parameters"]} == {name.lower() for name in ids}
+
+
+def test_a_preview_is_no_worker(client, services, link):
+    ids = {"assignmentId": "ASSIGNMENT_ID_NOT_AVAILABLE", "hitId": "3Y", "workerId": "A1B2C3"}
+    assert "accept the task first" in client.get(f"/join/{link}", params=ids).text
+    assert join_elsewhere(client, link, **ids).status_code == 303
+    assert joined_as(services) == []
 
 
 @pytest.mark.parametrize("method", ["get", "post"])

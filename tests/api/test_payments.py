@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import csv
+import io
+
+from fastapi.testclient import TestClient
 from sqlalchemy import select, update
 
-from backend.store.models import Audit, Participant, RecruitingId, Session
+from backend.store.models import Audit, Participant, RecruitingId, Session, Study
 from tests.api.lab_services import csrf
 
 
@@ -42,6 +46,46 @@ def test_ids_states_codes_and_times_are_listed_and_taken_as_the_platform_wants_t
     assert any(row.startswith("'=cmd()") for row in rows), "no formula in somebody's spreadsheet"
     with lab_services.database.session() as s:
         assert {"payments_seen", "payments_taken"} <= set(s.scalars(select(Audit.action)))
+
+
+def test_an_id_that_got_in_all_the_same_writes_nothing_into_a_platforms_files(lab, lab_services, walked):
+    send_from_prolific(lab_services, walked)
+    here = f"/lab/studies/{walked.id}"
+    with lab_services.database.transaction() as s:
+        s.execute(
+            update(RecruitingId)
+            .where(RecruitingId.external_id == "prolific-1")
+            .values(external_id="X,500.00\nY", platform="mturk")
+        )
+    for which in ("approve", "bonus&bonus=2", "reject"):
+        told = lab.get(f"{here}/payments.csv?which={which}").text
+        assert ("500" in told, "Y" in told) == (False, False), which
+    page = lab.get(f"{here}/payments").text
+    assert "are left out of the files" in page
+    assert "platform=mturk" in page
+    assert lab.get(f"{here}/payments.csv?which=reject&platform=mturk").text == ""
+    assert lab.get(f"{here}/payments.csv?which=reject&platform=prolific").text == "prolific-3\n"
+    rows = list(csv.reader(io.StringIO(lab.get(f"{here}/payments.csv").text)))
+    assert len(rows) == 4
+    assert {len(row) for row in rows} == {len(rows[0])}
+
+
+def test_recruiting_says_when_a_placeholder_was_never_filled_in(lab, lab_services, walked):
+    recruit = lab.get(f"/lab/studies/{walked.id}/recruit").text
+    for link in (
+        "?PROLIFIC_PID={{%PROLIFIC_PID%}}&amp;STUDY_ID=",
+        "?survey_code=%SURVEY_CODE%",
+        "?workerId=${workerId}",
+    ):
+        assert link in recruit
+    assert "unfilled placeholder" not in recruit
+    with lab_services.database.session() as s:
+        token = s.get_one(Study, walked.id).recruiting_token
+    visitor = TestClient(lab.app, follow_redirects=False)
+    joined = visitor.post(f"/join/{token}", data={"language": "en", "PROLIFIC_PID": "{{%PROLIFIC_PID%}}"})
+    assert joined.status_code == 303
+    assert "1 person came with an unfilled placeholder" in lab.get(f"/lab/studies/{walked.id}/recruit").text
+    assert "{{%" not in lab.get(f"/lab/studies/{walked.id}/payments").text
 
 
 def test_who_may_not_pay_sees_no_id_and_no_button(as_role, lab_services, walked):

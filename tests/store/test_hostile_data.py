@@ -6,6 +6,7 @@ import csv
 import hashlib
 import io
 import json
+import re
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -19,6 +20,7 @@ import pyarrow.parquet as pq
 import pytest
 from sqlalchemy import select, text, update
 
+from backend.csv_text import csv_text
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.dataset import reading
@@ -137,6 +139,36 @@ def test_no_text_begins_a_row_or_a_formula(study: SmallStudy, tmp_path: Path, se
     assert [line.removeprefix("'") for line in remark.removeprefix("'").split("\n")] == lines
     exact = [row["answer"] for row in pq.read_table(tmp_path / "out" / "questionnaire_items.parquet").to_pylist()]
     assert secret in exact
+
+
+@pytest.mark.parametrize(
+    ("text", "written"),
+    [
+        ("=1+1", "'=1+1"),
+        ("fine;=1+1", "fine;'=1+1"),
+        ("fine; @SUM(A1)", "fine;' @SUM(A1)"),
+        ("\uff1d1+1", "'\uff1d1+1"),
+        ("a\u2028-b", "a\u2028'-b"),
+        ("-0.5", "-0.5"),
+        ("+1e3", "+1e3"),
+        ("-", "'-"),
+        ("a - b = c", "a - b = c"),
+    ],
+)
+def test_no_cell_is_a_formula_for_any_spreadsheet_and_numbers_stay_numbers(text, written):
+    assert next(csv.reader([csv_text([[text, -1.5, None]])])) == [written, "-1.5", ""]
+
+
+def test_every_list_that_leaves_as_csv_is_written_in_one_place():
+    """The other one is for platforms, which take ids as they are; `is_id` stands before it."""
+    root = Path(__file__).resolve().parents[2]
+    found = {
+        str(file.relative_to(root))
+        for room in ("backend", "app")
+        for file in (root / room).rglob("*.py")
+        if "experiments" not in file.parts and re.search(r"csv\.(DictW|w)riter|to_csv\(", file.read_text())
+    }
+    assert found == {"backend/csv_text.py", "backend/api/lab/payments.py"}
 
 
 # ---- data sets from elsewhere ----------------------------------------------------------------------------------------

@@ -4,7 +4,9 @@ platform reads. The only page on which a person's id of elsewhere stands beside 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import csv
+import io
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from decimal import Decimal, InvalidOperation
@@ -13,7 +15,7 @@ from typing import Literal
 from fastapi import APIRouter, Depends, Request
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import Response
 
 from backend.api.analyst.csv_files import csv_response
 from backend.api.core.auth import checked_csrf
@@ -22,6 +24,7 @@ from backend.api.core.lab_frame import LabRefusal
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.store.models import Participant, RecruitingId, Session
 from backend.store.who_counts import FINISHED
+from backend.study.session.platforms import TITLES, is_id
 
 LARGEST_BONUS = Decimal(1000)  # of one person (ours), against a slip of the decimal point
 ENDED = ("withdrawn", "screened_out", "expired")  # nothing more will come of these
@@ -47,6 +50,11 @@ class Payee:
     @property
     def completed(self) -> bool:
         return self.state == FINISHED
+
+    @property
+    def is_listed(self) -> bool:
+        """Whether platforms are told: of an id that is none, nothing is written into a file for them."""
+        return is_id(self.external_id)
 
 
 def payees(s: DatabaseSession, study_id: str) -> list[Payee]:
@@ -89,8 +97,11 @@ def payments(request: Request, study_id: str, database: Db) -> Response:
             "recruit",
             "lab/payments.html",
             payees=found,
-            completed=sum(one.completed for one in found),
-            ended=sum(one.state in ENDED for one in found),
+            titles=TITLES,
+            platforms=list(dict.fromkeys(one.platform for one in found)),
+            approved=[one for one in found if one.completed and one.is_listed],
+            rejected=[one for one in found if one.state in ENDED and one.is_listed],
+            unlisted=[one for one in found if not one.is_listed],
         )
 
 
@@ -100,34 +111,35 @@ def payments_csv(
     database: Db,
     which: Literal["all", "approve", "reject", "bonus"] = "all",
     bonus: str = "",
+    platform: str = "",
 ) -> Response:
     """`all` with every column; `approve` and `reject`: the platform's ids alone, one a line, of completed and of ended
-    sessions; `bonus`: id and amount of all that completed."""
+    sessions; `bonus`: id and amount of all that completed. platform: of that one alone."""
     with database.session() as s:
         study = the_study(s, study_id)
-        found = payees(s, study.id)
+        found = [one for one in payees(s, study.id) if platform in ("", one.platform)]
     name = f"{study.protocol_name}-{study.id[:8]}-{which}.csv"
     if which == "all":
         columns = ["platform_id", "participant", "state", "completion_code", "joined_at", "finished_at", "minutes"]
-        return csv_response(columns, [_row(one) for one in found], name)
-    if which == "bonus":
-        amount = _amount(bonus)
-        return _lines([f"{one.external_id},{amount}" for one in found if one.completed], name)
-    wanted = [one for one in found if (one.completed if which == "approve" else one.state in ENDED)]
-    return _lines([one.external_id for one in wanted], name)
+        return csv_response([*columns, "platform"], [_row(one) for one in found], name)
+    amount = [_amount(bonus)] if which == "bonus" else []
+    wanted = [one for one in found if (one.state in ENDED if which == "reject" else one.completed) and one.is_listed]
+    return _lines(([one.external_id, *amount] for one in wanted), name)
 
 
 def _row(one: Payee) -> list[object]:
     minutes = "" if one.minutes is None else f"{one.minutes:.1f}"
     finished = one.finished_at.isoformat() if one.finished_at else ""
-    id_ = f"'{one.external_id}" if one.external_id[:1] in "=+-@\t\r" else one.external_id  # no formula in a sheet
-    return [id_, one.code, one.state, one.completion_code or "", one.joined_at.isoformat(), finished, minutes]
+    code, joined = one.completion_code or "", one.joined_at.isoformat()
+    return [one.external_id, one.code, one.state, code, joined, finished, minutes, one.platform]
 
 
-def _lines(lines: Sequence[str], name: str) -> Response:
-    """Lines without a head, as platforms want them pasted or uploaded."""
+def _lines(rows: Iterable[Sequence[str]], name: str) -> Response:
+    """Rows without a head, ids as they are, as platforms want them pasted or uploaded."""
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(rows)
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-    return PlainTextResponse("".join(f"{line}\n" for line in lines), media_type="text/csv", headers=headers)
+    return Response(out.getvalue(), media_type="text/csv", headers=headers)
 
 
 def _amount(given: str) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Form, Request
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, RedirectResponse, Response
@@ -47,12 +48,14 @@ from backend.api.lab.report_tab import Report, study_report
 from backend.api.lab.study_tabs import study_tab, the_study
 from backend.store.dataset.writing import export_study
 from backend.store.events import log_event
-from backend.store.models import Study, utc_now
+from backend.store.models import Event, Study, utc_now
 from backend.store.retention import checked_day, is_overdue
 from backend.store.who_counts import GROUPS
 from backend.study.kinds.debriefing import DebriefingStage
 from backend.study.plan.assignment import STANDINGS, assignment_table
 from backend.study.protocol.outline import describe_stages
+from backend.study.session.joining import UNFILLED
+from backend.study.session.platforms import PLATFORMS
 from backend.study.session.versions import newest_protocol
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
@@ -220,8 +223,17 @@ def recruit(request: Request, study_id: str, database: Db) -> Response:
         frozen = newest_protocol(s, study)[1]
         helper = frozen.protocol.contact or contact(request)
         way_back = bool(frozen.stage(DebriefingStage).return_url)
+        noted = select(func.count(), func.max(Event.at)).where(Event.study_id == study.id, Event.kind == UNFILLED)
         return study_tab(
-            request, study, "recruit", link=link, loopback=_is_loopback(link), contact=helper, way_back=way_back
+            request,
+            study,
+            "recruit",
+            link=link,
+            loopback=_is_loopback(link),
+            contact=helper,
+            way_back=way_back,
+            platforms=PLATFORMS,
+            unfilled=s.execute(noted).one(),
         )
 
 

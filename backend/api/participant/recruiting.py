@@ -32,7 +32,8 @@ from backend.study.links import as_issued, token_hash
 from backend.study.protocol.stages import STAGES
 from backend.study.refusals import Refused
 from backend.study.session import machine, states
-from backend.study.session.joining import Joiner, TakenIn, check_open
+from backend.study.session.joining import Joiner, TakenIn, check_open, is_of
+from backend.study.session.platforms import PARAMETERS, TITLES, Sender, by_parameter, sender_of
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import study_by_link
 
@@ -48,7 +49,6 @@ JOINING = {  # read by hand, as it comes in two forms
     }
 }
 JOINED_COOKIE = "desirepath_joined_"  # and the study: the personal link of whoever joined in this browser
-PLATFORM_FIELDS = {"PROLIFIC_PID": "external_id", "STUDY_ID": "study", "SESSION_ID": "session"}
 
 
 @router.get("/join/{recruiting_token}")
@@ -56,11 +56,11 @@ def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None,
     """Device check and welcome; nothing is stored yet. Whoever joined in this browser by the same platform id goes on
     where they were; without an id, the page says how they stand here: nobody takes part twice by accident."""
     services = services_of(request)
-    external_id = request.query_params.get("PROLIFIC_PID")
     with services.database.session() as s:
         study = study_by_link(s, recruiting_token)
-        begun = _begun_here(s, request, study, external_id)
-        if begun is not None and external_id:
+        sender = sender_of(request.query_params)
+        begun = _begun_here(s, request, study, sender)
+        if begun is not None and sender.recruiting:
             return RedirectResponse(begun.path, status_code=303)
         if begun is None:
             check_open(s, study)
@@ -71,8 +71,8 @@ def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None,
     here = request.url.path
     whom = frozen.protocol.contact or contact(request)
     if begun is not None:
-        told: dict[str, Any] = {"study_title": frozen.title(language), "contact": whom, "begun": begun}
-        return page(request, "participant/begun.html", language=language, **told)
+        shown: dict[str, Any] = {"study_title": frozen.title(language), "contact": whom, "begun": begun}
+        return page(request, "participant/begun.html", language=language, **shown)
     return page(
         request,
         "participant/join.html",
@@ -81,7 +81,9 @@ def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None,
         welcome=local(frozen.protocol.welcome, language) if frozen.protocol.welcome else None,
         asked=[kind for kind in dict.fromkeys(one.kind for one in frozen.protocol.stages) if _is_lead(kind)],
         languages=languages,
-        recruiting={name: request.query_params[name] for name in PLATFORM_FIELDS if request.query_params.get(name)},
+        recruiting=by_parameter(request.query_params),  # as it came: whoever joins with a placeholder is noted then
+        platform=sender.recruiting and TITLES[sender.recruiting["platform"]],
+        preview=sender.preview,
         contact=whom,
         action=here,
         join_url=here,
@@ -97,7 +99,7 @@ class Begun:
     stands: Literal["under_way", "finished", "declined", "left"]
 
 
-def _begun_here(s: DatabaseSession, request: Request, study: Study, external_id: str | None) -> Begun | None:
+def _begun_here(s: DatabaseSession, request: Request, study: Study, sender: Sender) -> Begun | None:
     """The session of whoever joined this study in this browser; where a platform's id is given, only if it was theirs.
     None for nobody, and for who was erased since."""
     token = request.cookies.get(f"{JOINED_COOKIE}{study.id[:8]}", "")
@@ -105,7 +107,7 @@ def _begun_here(s: DatabaseSession, request: Request, study: Study, external_id:
     if session is None or session.study_id != study.id:
         return None
     known = s.get(RecruitingId, session.participant_id)
-    if external_id is not None and (known is None or known.external_id != external_id):
+    if sender.recruiting is not None and (known is None or not is_of(known, sender.recruiting)):
         return None
     if session.state == "withdrawn":
         return Begun(f"/p/{token}", "declined" if machine.has_declined(s, session) else "left")
@@ -131,14 +133,15 @@ async def join(recruiting_token: str, request: Request) -> Response:
         raise Refused(403, "bots_from_elsewhere", "Simulated participants join only from the server's own machine.")
     if not simulated and not count(request, JOINS_PER_ADDRESS, "join", network_of(request)):
         raise too_many()
+    sender = sender_of({name: getattr(asked, name) for name in PARAMETERS.values()})
     if not as_json:  # a page from before joining, which the browser had kept, begins no second session
-        begun = await asyncio.to_thread(_begun, request, recruiting_token, asked.PROLIFIC_PID or None)
+        begun = await asyncio.to_thread(_begun, request, recruiting_token, sender)
         if begun is not None:
             return RedirectResponse(begun.path, status_code=303)
-    recruiting = {field: given for name, field in PLATFORM_FIELDS.items() if (given := getattr(asked, name))}
     who = Joiner(
         language=asked.language,
-        recruiting={"platform": "prolific", **recruiting} if recruiting else None,
+        recruiting=sender.recruiting,
+        unfilled=sender.unfilled,
         device=asked.device,
         simulated=simulated,
         oracle=asked.oracle,
@@ -146,9 +149,9 @@ async def join(recruiting_token: str, request: Request) -> Response:
     return _let_in(request, await services_of(request).doors.join(recruiting_token, who), as_json=as_json)
 
 
-def _begun(request: Request, recruiting_token: str, external_id: str | None) -> Begun | None:
+def _begun(request: Request, recruiting_token: str, sender: Sender) -> Begun | None:
     with services_of(request).database.session() as s:
-        return _begun_here(s, request, study_by_link(s, recruiting_token), external_id)
+        return _begun_here(s, request, study_by_link(s, recruiting_token), sender)
 
 
 def _let_in(request: Request, joined: TakenIn, *, as_json: bool) -> Response:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field
+from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field, model_validator
 
 from backend.api.core.contract import Clock, MaybeObject, OpenObject, Sent, storable
 from backend.api.participant.steps import RequestId
@@ -13,10 +13,11 @@ from backend.learning.words.clauses import LONGEST as LONGEST_SENTENCE
 from backend.study.drawing.strokes import MOST_POINTS
 from backend.study.drawing.walks import MOST_POSES
 from backend.study.session.leaving import LONGEST_PROBLEM
+from backend.study.session.platforms import PARAMETERS
 
 LARGEST_EVENT = 4_000  # bytes of JSON; ours
 LONGEST_DEVICE_VALUE = 40
-LONGEST_ID = 200  # characters of a recruiting platform's ids
+LONGEST_ID = 200  # characters of what may be a recruiting platform's id, or a placeholder in its place
 
 Side = Literal["a", "b"]
 Cut = Literal["hidden", "webgl_lost", "connection"]
@@ -31,6 +32,7 @@ def _small(data: dict[str, Any]) -> dict[str, Any]:
     return data
 
 
+PlatformsId = Annotated[str | None, Field(max_length=LONGEST_ID)]
 Small = Annotated[MaybeObject, AfterValidator(_small)]
 
 
@@ -142,7 +144,8 @@ def known_device(given: Any) -> dict[str, Any]:
 
 
 class Joining(Sent):
-    """The way in: a form of the welcome page, or a bot's JSON. Capital letters: ids of a recruiting platform."""
+    """The way in: a form of the welcome page, or a bot's JSON. From PROLIFIC_PID on: what recruiting platforms send, in
+    small or capital letters; `study/session/platforms.py` reads it."""
 
     language: str = Field("", max_length=LONGEST_ID)
     device: Annotated[dict[str, str | float | int | bool], BeforeValidator(known_device)] = Field(
@@ -150,6 +153,17 @@ class Joining(Sent):
     )
     simulated: bool = False
     oracle: OpenObject | None = Field(None, description="which simulated person answers; of simulated sessions only")
-    PROLIFIC_PID: str | None = Field(None, max_length=LONGEST_ID)
-    STUDY_ID: str | None = Field(None, max_length=LONGEST_ID)
-    SESSION_ID: str | None = Field(None, max_length=LONGEST_ID)
+    PROLIFIC_PID: PlatformsId = None
+    STUDY_ID: PlatformsId = None
+    SESSION_ID: PlatformsId = None
+    survey_code: PlatformsId = None
+    id: PlatformsId = None
+    workerId: PlatformsId = None
+    assignmentId: PlatformsId = None
+    hitId: PlatformsId = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named_in_any_case(cls, given: Any) -> Any:
+        named = given.items() if isinstance(given, dict) else ()
+        return {PARAMETERS.get(name.lower(), name): value for name, value in named} or given

@@ -10,8 +10,9 @@ import hashlib
 import json
 import shutil
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import asdict
+from datetime import datetime
 from importlib.metadata import version
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -21,6 +22,7 @@ import pyarrow.parquet as pq
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from backend.csv_text import csv_text
 from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -33,7 +35,6 @@ from backend.store.dataset.columns import (
     STUDY_FILE,
     Table,
 )
-from backend.store.dataset.csv_text import csv_text
 from backend.store.dataset.descriptions import NOT_STATED, About, write_descriptions
 from backend.store.dataset.dictionary import data_dictionary
 from backend.store.dataset.preference_pairs import write_pairs
@@ -160,10 +161,24 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
     counted = {f"{STEPS.name}.parquet": written.steps}
     for table, rows in tables.items():
         pq.write_table(pa.Table.from_pylist(rows, schema=table.schema()), out / f"{table.name}.parquet")
-        (out / f"{table.name}.csv").write_text(csv_text(table, rows), encoding="utf-8", newline="")
+        (out / f"{table.name}.csv").write_text(csv_text(_plain_rows(table, rows)), encoding="utf-8", newline="")
         counted |= {f"{table.name}.{ending}": len(rows) for ending in ("parquet", "csv")}
     _write_study(s, study, out, {table.name: len(rows) for table, rows in tables.items()}, stored.values())
     return counted
+
+
+def _plain_rows(table: Table, rows: Iterable[Row]) -> Iterator[list[object]]:
+    """The columns' names, then their values as a reader of CSV expects them."""
+    names = [column.name for column in table.columns]
+    yield list(names)
+    for row in rows:
+        yield [_plain(row[name]) for name in names]
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return value.isoformat(timespec="microseconds") if isinstance(value, datetime) else value
 
 
 def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], stored: Iterable[TrajectoryRow]) -> None:

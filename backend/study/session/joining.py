@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import timedelta
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.artefacts import ArtefactStore
@@ -21,6 +21,7 @@ from backend.study.plan.assignment import Places
 from backend.study.protocol.planning import PlanError, make_plan, session_seed
 from backend.study.refusals import Refused
 from backend.study.session.devices import fitted
+from backend.study.session.platforms import is_id
 from backend.study.session.versions import newest_protocol
 from backend.study.studies import StudyError, queries_of_study
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 CODE_LENGTH = 5
 TOKEN_BYTES = 24
+UNFILLED = "placeholder_unfilled"  # kind of event: a platform's link was opened without an id in it
 SHOWN = ("trajectory", "trajectory_a", "trajectory_b")  # where a step says what it shows
 
 
@@ -38,8 +40,9 @@ SHOWN = ("trajectory", "trajectory_a", "trajectory_b")  # where a step says what
 class Joiner:
     """Somebody who asks to take part.
 
-    recruiting: {"platform", "external_id", ...} of a recruiting service; a second participant with the same id is
-    refused. simulated and oracle mark a bot, for good.
+    recruiting: {"platform", "external_id", ...} of a recruiting service; a second participant with the same id, in
+    small or capital letters, is refused. unfilled: parameters that came with a placeholder instead, which is noted.
+    simulated and oracle mark a bot, for good.
     """
 
     language: str
@@ -47,6 +50,7 @@ class Joiner:
     device: Mapping[str, Any] | None = None
     simulated: bool = False
     oracle: Mapping[str, Any] | None = None
+    unfilled: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -128,6 +132,7 @@ class _Door:
         self._joined: list[TakenIn] = []
         self._first_keys: list[str] = []
         self._recruiting_ids: dict[tuple[str, str], RecruitingId] = {}
+        self._unfilled: dict[str, Sequence[str]] = {}  # by session
 
     def let_in(self, who: Joiner) -> TakenIn:
         """Raises Refused and StudyError, and has then done nothing."""
@@ -167,7 +172,9 @@ class _Door:
         self._places.take(assignment, simulated=who.simulated)
         self._codes.add(participant.code)
         if known is not None:
-            self._recruiting_ids[known.platform, known.external_id] = known
+            self._recruiting_ids[known.platform, known.external_id.lower()] = known
+        if who.unfilled and not who.simulated:
+            self._unfilled[session.id] = who.unfilled
         self._joined.append(TakenIn(participant, session, token))
         self._first_keys.append(plan[0].key)
         return self._joined[-1]
@@ -182,6 +189,8 @@ class _Door:
             session, study = one.session, one.session.study_id
             kind, language = session.simulated, session.language
             log_event(self._s, "joined", study_id=study, session_id=session.id, simulated=kind, language=language)
+            if unfilled := self._unfilled.get(session.id):
+                log_event(self._s, UNFILLED, study_id=study, session_id=session.id, parameters=list(unfilled))
             log_event(self._s, "step_entered", study_id=study, session_id=session.id, step=key)
 
     def _plan(self, seed: int, place: Place) -> tuple[list[Step], list[dict[str, Any]]]:
@@ -209,21 +218,30 @@ class _Door:
                 return code
 
     def _recruiting_id(self, participant: Participant, recruiting: Mapping[str, Any]) -> RecruitingId | None:
-        """What a platform calls the participant. Raises Refused where it is somebody who takes part already."""
+        """What a platform calls the participant. Raises Refused where it is somebody who takes part already, and
+        ValueError for an id that `platforms.sender_of` did not let through."""
         if not recruiting.get("external_id") or participant.simulated:  # a bot must not take a person's place
             return None
-        platform, external_id = str(recruiting.get("platform", "unknown"))[:40], str(recruiting["external_id"])[:200]
+        platform, external_id = str(recruiting.get("platform", "unknown")), str(recruiting["external_id"])
+        if not is_id(external_id):
+            raise ValueError(f"external_id {external_id[:100]!r} is no platform's id")
         known = select(RecruitingId.participant_id).where(
             RecruitingId.study_id == self._study.id,
             RecruitingId.platform == platform,
-            RecruitingId.external_id == external_id,
+            func.lower(RecruitingId.external_id) == external_id.lower(),
         )
-        if (platform, external_id) in self._recruiting_ids or self._s.scalars(known).first() is not None:
+        if (platform, external_id.lower()) in self._recruiting_ids or self._s.scalars(known).first() is not None:
             raise Refused(409, "already_joined", "This person takes part already.", study_id=self._study.id)
         return RecruitingId(
             participant_id=participant.id,
             study_id=self._study.id,
             platform=platform,
             external_id=external_id,
-            details={k: str(v)[:200] for k, v in recruiting.items() if k not in ("platform", "external_id")},
+            details={k: str(v) for k, v in recruiting.items() if k not in ("platform", "external_id")},
         )
+
+
+def is_of(known: RecruitingId, recruiting: Mapping[str, Any]) -> bool:
+    """Whether a platform's link names the person of that id; capitals make nobody else of them."""
+    there = (known.platform, known.external_id.lower())
+    return there == (recruiting["platform"], str(recruiting["external_id"]).lower())
