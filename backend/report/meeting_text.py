@@ -7,7 +7,7 @@ import math
 from backend.analysis.tested import Mean
 from backend.explain.printed import Section, Table
 from backend.report.findings import Findings
-from backend.report.report_cells import NONE, named
+from backend.report.report_cells import NONE
 
 TITLE = "Meeting their robot"
 
@@ -16,11 +16,9 @@ def meeting_section(found: Findings) -> Section:
     """Empty where nobody met one."""
     if found.met is None:
         return Section(TITLE)
-    others = ", ".join(f"{count} {named(verdict)}" for verdict, count in found.met.others.items())
     sentence = (
-        f"After everything blind, {found.met.shown} people met the robot that learned from them, beside the usual one"
-        f"{f'; for the others there was none to show ({others})' if others else ''}. They knew which was theirs, so "
-        "nothing of this is in any test above or in what models learn from."
+        f"After everything blind, {found.met.shown} people met the robot that learned from them, beside the usual one. "
+        "They knew which was theirs, so nothing of this is in any test above or in what models learn from."
     )
     rows = [
         ["agreement: is that you? (1 not at all, 5 exactly)", *_cells(found.met.agreement, 2)],

@@ -116,14 +116,13 @@ class Guess:
 
 @dataclass(frozen=True)
 class Meeting:
-    """A person met their robot, after everything blind. verdict: `shown`, or why there was none; agreement: 1 to 5;
-    distance: from learned to corrected weights, None where there was no own robot and nothing was set."""
+    """A person met their robot, after everything blind. agreement: 1 to 5; distance: from learned to corrected
+    weights."""
 
     person: str
-    verdict: str
     agreement: int
     corrected: bool
-    distance: float | None
+    distance: float
 
 
 @dataclass(frozen=True)

@@ -124,13 +124,12 @@ def tidy(
         meetings=[
             Meeting(
                 row["participant"],
-                str(row["value"]["verdict"]),
                 int(row["value"]["agreement"]),
                 bool(row["value"]["corrected"]),
-                row["value"]["distance"],
+                float(row["value"]["distance"]),
             )
             for row in tables["responses"]
-            if row["kind"] == "meet_your_robot" and "verdict" in row["value"]
+            if row["kind"] == "meet_your_robot"
         ],
         importance=list(_importance(tables)),
         method_choices=[

@@ -136,7 +136,7 @@ def walked_services(fresh_data: Path, tmp_path_factory: pytest.TempPathFactory) 
     with services.database.transaction() as s:
         study = create_study(s, services.files, freeze(QUICK), name=NAME, created_by=None)
     finished = _walk(services, study, until=None)
-    half_way = _walk(services, study, until="block.09", choice="b")
+    half_way = _walk(services, study, until="block.09", letters="b")
     with services.database.transaction() as s:
         s.add(ProblemReport(session_id=half_way[0], text="The picture <b>froze</b> once."))
     fresh = _walk(services, study, until="information")
@@ -205,9 +205,10 @@ def enter_as(application: Application, study_id: str, everywhere: str, *here: st
 
 
 def _walk(
-    services: Services, study: Study, *, until: str | None, choice: str = "a", simulated: bool = False
+    services: Services, study: Study, *, until: str | None, letters: str = "aab", simulated: bool = False
 ) -> tuple[str, str]:
-    """Answer every step before `until` on a clock of our own that ends now. Returns session id and participant code."""
+    """Answer every step before `until` on a clock of our own that ends now, with these letters in turn. Returns session
+    id and participant code."""
     now = utc_now() - timedelta(minutes=20)
     with services.database.transaction() as s:
         session, token = join_study(s, study, language="en", simulated=simulated, files=services.files)
@@ -217,7 +218,9 @@ def _walk(
             view = machine.current(s, s.get_one(Session, session_id))
         if view.key == until or view.kind == "debriefing":
             break
-        value = VALUES.get(view.key, {"choice": choice})
+        value = VALUES.get(view.key, {"choice": letters[view.index % len(letters)]})
+        if view.kind == "meet_your_robot":
+            value = {"agreement": 4, "weights": view.payload["start"]}
         if view.kind == "wait":
             _finish_training(services, session_id)
         with acting(services.database, token, request="test", now=now) as (s, session):

@@ -81,3 +81,18 @@ def test_a_study_without_queries_shows_and_links_nothing_that_is_learned(lab, la
         refused = lab.get(f"{person}/learnt{ending}")
         assert refused.status_code == 404
         assert "This study asks no queries" in refused.text
+
+
+def test_weights_are_named_only_where_answers_are_predicted_better_than_chance(lab, walked, monkeypatch):
+    """Simulated. Seven answers that nothing predicts say nothing of a taste; nor do those of one letter."""
+    address = page_of(walked, walked.half_way)
+    told = "Preference weights the policy is conditioned on"
+    for odds, one_sided, said in ((1.2, False, False), (80.0, False, True), (80.0, True, False)):
+        monkeypatch.setattr("backend.study.personalising.learnt.known_so_far", OrderedDict())
+        monkeypatch.setattr("backend.learning.preferences.predictive_power.odds_against_chance", lambda _, o=odds: o)
+        letters = ["a"] * 8 if one_sided else ["a", "b"] * 4
+        monkeypatch.setattr("backend.study.personalising.learnt.chosen_letters", lambda *_, of=letters: of)
+        page = lab.get(address).text
+        assert (told in page) == said
+        assert ("not predicted better than chance (odds 1.2 : 1; 5 : 1 are needed)" in page) == (odds < 5)
+        assert ("Position bias: A in 8 of 8 (p = 0.008)" in page) == one_sided

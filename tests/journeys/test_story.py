@@ -215,11 +215,19 @@ def test_3_a_participant_teaches_the_robot_and_compares(
         screenshots(page, "participant_waiting")
         page.wait_for_selector("#start", timeout=ALIGNMENT_PATIENCE_MS)
         state = state_of(installation, token)
-    compared = guessed = 0
+    compared = guessed = met = 0
     while state["state"] == "active" and state["step"]["kind"] != "debriefing":
         if state["step"]["kind"] == "comparison":
             watch_and_choose(page, by_keyboard=False)
             compared += 1
+        elif state["step"]["kind"] == "meet_your_robot":
+            page.locator("[data-drive][aria-disabled=false]").click(timeout=60_000)
+            page.locator("[data-drive][data-driving]").wait_for()
+            page.locator("[data-drive]:not([data-driving])").wait_for(timeout=90_000)
+            page.locator("label:has([data-agreement][value='4'])").click()
+            screenshots(page, "participant_meets_the_robot")
+            page.locator("[data-done][aria-disabled=false]").click()
+            met += 1
         else:
             assert state["step"]["kind"] == "guess"
             screenshots(page, "participant_guess")
@@ -228,9 +236,13 @@ def test_3_a_participant_teaches_the_robot_and_compares(
         state = _next_state(installation, token, state)
     assert compared == 3
     assert guessed >= 1
+    assert met == 1
     expect(page.locator("#completion-code")).to_be_visible()
     code = page.locator("#completion-code").inner_text()
     assert len(code.strip()) >= 6
+    expect(page.locator(".about-me")).to_contain_text(
+        re.compile(r"You chose it in [0-3] of 3 pairs, and in the last pair")
+    )
     screenshots(page, "participant_debriefing")
     installation.notes["simulated"] = joined["participant"]
 

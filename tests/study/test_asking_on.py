@@ -35,7 +35,8 @@ def answer_until(walker, key: str) -> None:
     while (view := walker.view).key != key:
         if view.kind in ("trial", "comparison"):
             walker.watch(view.key)
-        walker.submit(view.key, {"choice": "a"} if view.kind in ("trial", "comparison") else {})
+            walker.later(1.0)  # to think
+        walker.submit(view.key, {"choice": "ab"[view.index % 2]} if view.kind in ("trial", "comparison") else {})
 
 
 def end_job(walker, *, sure: bool) -> Job:
@@ -100,7 +101,7 @@ def test_never_more_than_the_protocol_says_and_then_nothing_is_compared(walker):
     end_job(walker, sure=False)
     settle(walker)
     assert walker.view.kind == "debriefing"
-    assert walker.view.payload["learning"] == "not_surely_better"
+    assert walker.view.payload["about"]["outcome"] == "not_surely_better"
     further = rows(walker, Trial, Trial.role == "further")
     assert len(further) == 5
     assert len({trial.query_id for trial in rows(walker, Trial)}) == 8, "no pair is asked twice"

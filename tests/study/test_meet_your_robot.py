@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,15 +11,17 @@ from sqlalchemy import select
 from backend.api.core.catalogues import Texts
 from backend.grammar.source import ProtocolError
 from backend.learning.measures.named import NAMED
+from backend.learning.preferences.objectives import NAMES
 from backend.report.analysis_plan import AnalysisPlan
 from backend.report.findings import analyse
 from backend.report.meeting_findings import met as met_of
 from backend.report.meeting_text import meeting_section
 from backend.report.study_data import Meeting
 from backend.report.tidy_tables import read_study
-from backend.store.models import Job, Study
+from backend.store.models import Job, Session, Study
 from backend.store.snapshots import take_snapshot
 from backend.study.kinds.live import distance
+from backend.study.personalising import believed, next_query
 from backend.study.personalising.believed import beyond_nine
 from backend.study.personalising.live_rollouts import conditioned_on, looks_at, rolled_out, scenes_of
 from backend.study.refusals import Refused
@@ -72,26 +73,62 @@ def met(walker) -> None:
     assert walker.view.kind == "meet_your_robot"
 
 
-def test_people_are_told_what_was_learned_and_how_sure_it_is(taught):
-    learned(taught)
+def test_people_are_told_what_was_learned_and_how_sure_it_is(taught, monkeypatch):
+    monkeypatch.setattr(believed, "SAID_FROM", 0.1)  # three answers say little
+    learned(taught, check=PREDICTED)
     met(taught)
     payload = taught.view.payload
-    assert payload["verdict"] == "shown"
-    assert payload["start"] == payload["believed"]["weights"]
-    assert payload["believed"]["answers"] == 3
-    assert 0 < payload["believed"]["rather_sure"] <= 1
-    assert payload["believed"]["foremost"] != payload["believed"]["rather_than"]
+    told = payload["believed"]
+    assert payload["start"] == told["weights"]
+    assert (told["answers"], told["told"]) == (3, "rather")
+    assert told["foremost"] != told["rather_than"]
+    with taught.database.session() as s:
+        posterior = next_query.posterior_of(s, taught.files, s.get_one(Session, taught.session.id))
+    first, second = (NAMES.index(told[name]) for name in ("foremost", "rather_than"))
+    more = posterior.masses()[posterior.weights[:, first] > posterior.weights[:, second]].sum()
+    assert told["rather_sure"] == pytest.approx(0.9 * more, abs=1e-3), "that the nine describe them, and the order"
+    taught.submit("meet_your_robot", {"agreement": 4, "weights": payload["start"]})
+    value = answer(taught, "meet_your_robot").value
+    assert (value["told"], value["sure"]) == ("rather", told["rather_sure"])
 
 
-CHECK = {"something_else": 0.83, "words": {"turning_on_the_spot": -1.0, "free_range_ahead": 0.7, "jerk": -0.2}}
+PREDICTED = {"better_than_chance": True, "something_else": 0.1, "words": {}, "agreeing": {}, "answers": 15}
+CHECK = {
+    **PREDICTED,
+    "something_else": 0.83,
+    "words": {"turning_on_the_spot": -1.0, "free_range_ahead": 0.7, "jerk": -0.2},
+    "agreeing": {"turning_on_the_spot": 12, "free_range_ahead": 8, "jerk": 10},
+}
+
+
+@pytest.mark.parametrize(
+    "check", [None, {**PREDICTED, "better_than_chance": False}, {**CHECK, "better_than_chance": False}]
+)
+def test_nothing_is_said_of_a_taste_that_is_not_predicted_better_than_chance(taught, check, monkeypatch):
+    monkeypatch.setattr(believed, "SAID_FROM", 0.0)
+    learned(taught, **({"check": check} if check else {}))
+    met(taught)
+    assert taught.view.payload["believed"]["told"] is None
+    taught.submit("meet_your_robot", {"agreement": 4, "weights": taught.view.payload["start"]})
+    value = answer(taught, "meet_your_robot").value
+    assert (value["told"], value["sure"], value["something_else"]) == (None, None, None)
+
+
+def test_what_is_little_more_probable_than_its_opposite_is_no_sentence(taught):
+    learned(taught, check=PREDICTED | {"something_else": 0.3})
+    met(taught)
+    assert taught.view.payload["believed"]["rather_sure"] < believed.SAID_FROM
+    assert taught.view.payload["believed"]["told"] is None
 
 
 def test_who_was_shown_a_free_form_robot_is_told_of_something_else_and_where_it_shows(taught):
     learned(taught, free_form=True, check=CHECK)
     met(taught)
+    assert taught.view.payload["believed"]["told"] == "beyond"
     beyond = taught.view.payload["believed"]["beyond"]
-    assert beyond["sure"] == 0.83
-    assert [list(one) for one in beyond["words"]] == [["turning_on_the_spot", "less"], ["free_range_ahead", "more"]]
+    assert (beyond["sure"], beyond["answers"]) == (0.83, 15)
+    in_words = [list(one) for one in beyond["words"]]
+    assert in_words == [["turning_on_the_spot", "less", 12], ["jerk", "less", 10]], "not what 8 of 15 answers show"
     taught.submit("meet_your_robot", {"agreement": 4, "weights": taught.view.payload["start"]})
     assert answer(taught, "meet_your_robot").value["something_else"] == 0.83
 
@@ -102,7 +139,7 @@ def test_who_was_shown_a_free_form_robot_is_told_of_something_else_and_where_it_
         (CHECK, {}, True),
         ({**CHECK, "something_else": 0.3}, {}, False),
         ({**CHECK, "something_else": 0.3}, {"free_form": True}, True),
-        (None, {"free_form": True}, False),
+        ({}, {"free_form": True}, False),
     ],
 )
 def test_something_else_is_told_where_it_is_more_probable_or_was_shown(check, shown, told):
@@ -123,7 +160,7 @@ def test_agreement_correction_and_the_distance_between_are_the_answer(taught):
     history = [{"seconds": 2.5, "place": 1, "by": "keys", "objective": one, "weight": 0.1}]
     taught.submit("meet_your_robot", {"agreement": 2, "weights": {**start, one: 0.1}, "history": history})
     value = answer(taught, "meet_your_robot").value
-    assert (value["agreement"], value["corrected"], value["verdict"]) == (2, True, "shown")
+    assert (value["agreement"], value["corrected"]) == (2, True)
     assert value["learned"] == start
     assert value["distance"] == pytest.approx(distance(start, {**start, one: 0.1}))
     assert taught.view.kind == "debriefing"
@@ -142,11 +179,7 @@ def test_who_keeps_their_robot_corrected_nothing(taught):
 def test_nobody_is_shown_a_robot_as_theirs_that_is_not_surely_better(taught):
     learned(taught, **UNSURE)
     view = taught.view
-    assert (view.kind, view.payload["verdict"]) == ("meet_your_robot", "not_surely_better")
-    assert view.payload["start"] == {}
-    assert view.payload["believed"]["weights"]
-    taught.submit("meet_your_robot", {"agreement": 3, "weights": {}})
-    assert answer(taught, "meet_your_robot").value["distance"] is None
+    assert (view.kind, view.payload["about"]["outcome"]) == ("debriefing", "not_surely_better"), "no empty step"
 
 
 def test_nothing_of_it_reaches_the_blind_data(taught, files):
@@ -181,12 +214,10 @@ def test_the_report_shows_agreement_and_correction_beside_everything_tested(taug
     section = meeting_section(found)
     assert section.sentences[0].startswith("After everything blind, 1 people met")
     assert [row[1] for row in section.tables[0].rows][:2] == ["4.00", "1.00"]
-    others = replace(found, met=met_of([Meeting("S1", "late", 2, False, None)]))
-    assert "1 late" in meeting_section(others).sentences[0]
 
 
 def test_intervals_stand_beside_what_people_said():
-    people = [Meeting(f"S{k}", "shown", 3 + k % 3, k % 2 == 0, 0.4 * (k % 2 == 0)) for k in range(12)]
+    people = [Meeting(f"S{k}", 3 + k % 3, k % 2 == 0, 0.4 * (k % 2 == 0)) for k in range(12)]
     found = met_of(people)
     assert found.agreement.low < 4 < found.agreement.high
     assert 0 <= found.corrected.low < 0.5 < found.corrected.high <= 1

@@ -102,7 +102,17 @@ def test_three_blind_pairs_then_a_guess_about_the_last_then_the_code(database, f
     with database.session() as s:
         guess = s.scalars(select(Response).where(Response.kind == "guess")).one()
     assert guess.value == {"choice": own, "about": "comparison.3", "right": True}
+    assert waiting.view.kind == "meet_your_robot"
+    waiting.submit("meet_your_robot", {"agreement": 4, "weights": waiting.view.payload["start"]})
     assert waiting.view.kind == "debriefing"
+    chosen = sum(trial.arms["own"] == "b" for trial in trials)
+    assert waiting.view.payload["about"] == {
+        "outcome": "shown",
+        "learns_from": "answers",
+        "answers": 3,
+        "compared": [{"against": "base", "own": chosen, "pairs": 3}],
+        "guessed": True,
+    }
     ended = state(database, waiting)
     assert (ended.state, ended.personalisation) == ("completed", "shown")
     assert len(ended.completion_code) == 8
@@ -135,7 +145,7 @@ def test_without_a_policy_to_show_the_session_ends_kindly_and_says_why(database,
     assert waiting.view.kind == "debriefing"
     ended = state(database, waiting)
     assert (ended.state, ended.personalisation) == ("completed", outcome)
-    assert waiting.view.payload["learning"] == outcome  # and they are told so
+    assert waiting.view.payload["about"]["outcome"] == outcome  # and they are told so
     with database.session() as s:
         event = s.scalars(select(Event).where(Event.kind == "personalisation")).one()
         data, _ = read_study(s, files, s.get_one(Study, study.id))
@@ -278,7 +288,7 @@ def test_who_is_not_surely_served_better_waits_no_longer(database, instant):
         assert progress_of(s, session) == 0
     assert settle(instant)
     assert state(database, instant).personalisation == "not_surely_better"
-    assert (instant.view.key, instant.view.payload["learning"]) == ("debriefing", "not_surely_better")
+    assert (instant.view.key, instant.view.payload["about"]["outcome"]) == ("debriefing", "not_surely_better")
 
 
 def test_the_verdict_that_is_kept_is_of_the_policy_that_is_shown(database, instant):

@@ -48,7 +48,7 @@ def test_the_quick_study_step_by_step():
         *["trial"] * 16,
         *("questionnaire", "wait"),
         *["comparison"] * 3,
-        *("guess", "debriefing"),
+        *("guess", "meet_your_robot", "debriefing"),
     ]
     assert Counter(step["role"] for step in trials(plan)) == {"practice": 1, "regular": 15}
     assert trials(plan)[0]["role"] == "practice"
@@ -115,7 +115,7 @@ def test_too_few_queries_are_refused_with_the_number_needed():
 
 
 def test_without_a_comparison_nobody_waits_for_the_training():
-    lines = [line for line in TEXT.splitlines(keepends=True) if "- comparison" not in line]
+    lines = [line for line in TEXT.splitlines(keepends=True) if "- comparison" not in line and "- meet" not in line]
     plan = planned(freeze_text("".join(lines)).protocol, 1, QUERIES)
     assert "wait" not in {step["kind"] for step in plan}
     assert any(step.get("then") == "train" for step in plan)

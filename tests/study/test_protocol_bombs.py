@@ -46,13 +46,13 @@ def test_a_file_that_is_too_much_is_refused_before_anything_is_built(name: str):
 
 MANY_TRIALS = QUICK.replace("- queries: {count: 15", "- queries: {count: 200}\n        " * 9 + "- queries: {count: 200")
 LETTERS = "[q, r, s, t, u, v, w, x]"
-CROSSED = QUICK.replace("view: top_down", f"each: {{view: [top_down, immersive], a: {LETTERS}, b: {LETTERS}}}")
+CROSSED = QUICK.replace("view: top_down", f"each: {{view: [top_down, immersive], a: {LETTERS}, b: {LETTERS}}}", 1)
 
 
 @pytest.mark.parametrize(
     ("text", "field", "says"),
     [
-        (QUICK + PAGE * 3_000, "stages[100]", "has 3,008 stages; a protocol has at most 100"),
+        (QUICK + PAGE * 3_000, "stages[100]", "has 3,009 stages; a protocol has at most 100"),
         (QUICK.replace("version: 1\n", "version: 3000000000\n"), "version", "at most 2147483647"),
         (MANY_TRIALS, "stages[4].block.trials", "brings a participant to 2,001 trials"),
         (CROSSED, "stages[4].block.each", "makes 128 conditions"),

@@ -77,7 +77,7 @@ def test_a_closed_study_takes_nobody_in(database, files, study):
 
 def test_a_full_study_takes_nobody_in_but_bots_and_drop_outs_do_not_count(database, files, twenty_queries):
     with database.transaction() as s:
-        text = QUICK.read_text().replace("minutes: 12", "participants: 1")
+        text = QUICK.read_text().replace("minutes: 15", "participants: 1")
         frozen = freeze_text(text.replace("study_room/queries_varied_200", str(twenty_queries)))
         study = create_study(s, files, frozen, name="One", created_by=None)
     join(database, files, study, simulated=True)

@@ -104,7 +104,8 @@ class Walker:
         while (view := self.view).key != key:
             if view.kind in ("trial", "comparison"):
                 self.watch(view.key)
-                self.submit(view.key, {"choice": "a"})
+                self.later(1.0)  # who chooses at once, or always the same letter, teaches nothing
+                self.submit(view.key, {"choice": "ab"[view.index % 2]})
             else:
                 self.submit(view.key, VALUES[view.key])
 

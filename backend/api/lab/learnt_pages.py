@@ -16,6 +16,7 @@ from backend.api.core.auth import checked_csrf
 from backend.api.core.dependencies import Db, Files, services_of
 from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.api.lab.study_tabs import TABS, the_participant, the_study
+from backend.learning.preferences.predictive_power import CONVINCING
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Participant, Session
 from backend.study.personalising.learnt import Learnt, learnt_in, takes_long
@@ -43,6 +44,7 @@ def learnt(request: Request, study_id: str, code: str, database: Db, files: File
             tabs=TABS,
             participant=participant,
             learnt=now,
+            convincing=CONVINCING,
             strip=_strip(t, code, now) if now and now.shares else None,
             plans=[_plan(t, now, k) for k in range(len(now.pairs))] if now else [],
         )

@@ -21,11 +21,18 @@ from backend.report.study_data import TRIAD
 from backend.store.models import Event, Response, Session, Trial
 from backend.store.sides import is_side, shown_on
 from backend.store.who_counts import is_practice
+from backend.study.personalising.clicking import (
+    FAST_FROM,
+    FAST_SHARE,
+    NO_CHOICES,
+    ONE_SIDED_P,
+    ONE_SIDED_SHARE,
+    TOO_FAST_S,
+    PositionBias,
+    is_too_fast,
+    position_bias,
+)
 
-TOO_FAST_S = 0.5  # a choice between two seen trajectories in less was hardly a choice
-FAST_SHARE = 0.5  # of the choices so fast ...
-FAST_FROM = 5  # ... among so many
-ONE_SIDED_FROM = 8  # preferences; eight times the same letter by chance: 1 in 128
 INCONSISTENT_FROM = 4  # repeats and swaps; half of so many differ by chance in most cases: a hint, no proof
 INCONSISTENT_SHARE = 0.5
 CIRCULAR_FROM = 2  # triads of transitivity probes in which A was chosen over B, B over C and C over A ...
@@ -43,7 +50,7 @@ RULES: dict[str, dict[str, float]] = {
     "problem": {},
     "restarts": {"from": MANY_RESTARTS},
     "too_fast": {"share": FAST_SHARE, "seconds": TOO_FAST_S, "from": FAST_FROM},
-    "one_sided": {"from": ONE_SIDED_FROM},
+    "one_sided": {"share": ONE_SIDED_SHARE, "p": ONE_SIDED_P},
     "failed_checks": {},
     "inconsistent": {"share": INCONSISTENT_SHARE, "from": INCONSISTENT_FROM, "circular": CIRCULAR_FROM},
     "lost_focus": {"from": LOST_FOCUS_FROM},
@@ -53,10 +60,12 @@ RULES: dict[str, dict[str, float]] = {
 
 @dataclass(frozen=True)
 class Signs:
-    """What stands out in one participant's answers. `trial_s`: median seconds from answer to answer, over trials."""
+    """What stands out in one participant's answers. `trial_s`: median seconds from answer to answer, over trials.
+    sides: of their preferences, how often the same letter."""
 
     flags: tuple[str, ...] = ()
     trial_s: float | None = None
+    sides: PositionBias = NO_CHOICES
 
 
 NOTHING = Signs()
@@ -95,7 +104,7 @@ def signs(s: DatabaseSession, study_id: str, *, only: str | None = None) -> dict
         flags = [sign for sign in ANSWER_SIGNS if _behind(sign, given)]
         if lost[participant] >= LOST_FOCUS_FROM:
             flags.append("lost_focus")
-        found[participant] = Signs(tuple(flags), _trial_s(given))
+        found[participant] = Signs(tuple(flags), _trial_s(given), _sides(given))
     return found
 
 
@@ -110,19 +119,27 @@ def _behind(sign: str, given: Sequence[_Given]) -> list[_Given]:
     """One participant's answers behind a flag; none where there is no reason for it."""
     match sign:
         case "too_fast":
-            timed = [a for a in given if a.chosen is not None and a.decision_s is not None]
-            fast = [a for a in timed if a.decision_s is not None and a.decision_s < TOO_FAST_S]
-            return fast if len(timed) >= FAST_FROM and len(fast) >= FAST_SHARE * len(timed) else []
+            timed = [(a, a.decision_s) for a in given if a.chosen is not None and a.decision_s is not None]
+            hasty = is_too_fast([seconds for _, seconds in timed])
+            return [a for a, seconds in timed if seconds < TOO_FAST_S] if hasty else []
         case "one_sided":
-            chosen = [a for a in given if a.kind == "preference" and not is_practice(a.role) and a.chosen is not None]
-            sides = Counter(str(a.value["choice"]) for a in chosen)
-            return chosen if len(chosen) >= ONE_SIDED_FROM and len(sides) == 1 else []
+            chosen = _preferences(given)
+            return chosen if _sides(given).is_found else []
         case "failed_checks":
             return [a for a in given if a.value.get("passed") is False]
     probes = [(a, same) for a in given if (same := _agrees(a, given)) is not None]
     differing = [a for a, same in probes if not same]
     enough = len(probes) >= INCONSISTENT_FROM and len(differing) >= INCONSISTENT_SHARE * len(probes)
     return (differing if enough else []) + _going_round(given)
+
+
+def _preferences(given: Sequence[_Given]) -> list[_Given]:
+    """The choices between two trajectories, practice apart."""
+    return [a for a in given if a.kind == "preference" and not is_practice(a.role) and a.chosen is not None]
+
+
+def _sides(given: Sequence[_Given]) -> PositionBias:
+    return position_bias([str(a.value["choice"]) for a in _preferences(given)])
 
 
 def _going_round(given: Sequence[_Given]) -> list[_Given]:

@@ -16,6 +16,7 @@ from backend.api.lab import people_rows, study_rows
 from backend.api.lab.answer_rows import AnswerFilter, answers
 from backend.api.lab.learnt_pages import answers_teach
 from backend.api.lab.study_tabs import study_tab, the_participant, the_study
+from backend.learning.preferences.predictive_power import CONVINCING
 from backend.store.erasure import erase_participant
 from backend.store.events import log_event
 from backend.store.models import Note, Participant, Session, Study, utc_now
@@ -56,6 +57,7 @@ def _person_page(
         answers_teach=bool(sessions) and answers_teach(s, sessions[-1]),
         log=study_rows.events(s, study.id, participant=code),
         problem=problem,
+        convincing=CONVINCING,
     )
 
 

@@ -19,6 +19,7 @@ from backend.api.lab.answer_rows import PAGES_READ
 from backend.api.lab.study_rows import counted
 from backend.store.models import Participant, ProblemReport, Response, Session, Trial
 from backend.store.who_counts import group_of, left_out
+from backend.study.personalising.clicking import PositionBias
 from backend.study.plan.assignment import OrderLine
 
 HERE = timedelta(seconds=90)  # (ours) an open page is heard of far more often
@@ -33,8 +34,8 @@ class PersonRow:
     """A participant with the newest session, as one row.
 
     `presence`: here, away, paused, silent, completed, withdrawn, screened_out or expired. `progress` in [0, 1].
-    `answers` (without pages that were only read), `restarts`, `problems` and flags are over all sessions. `trial_s`:
-    median time from answer to answer.
+    `answers` (without pages that were only read), `restarts`, `problems` and flags are over all sessions. `sides`: of
+    their preferences, how often the same letter. `trial_s`: median time from answer to answer.
     """
 
     id: str
@@ -59,6 +60,7 @@ class PersonRow:
     restarts: int
     problems: int
     flags: tuple[str, ...]
+    sides: PositionBias
     personalisation: str | None
     predictive_check: Mapping[str, Any] | None
     last_seen_at: datetime | None
@@ -134,6 +136,7 @@ def people(s: DatabaseSession, study_id: str, now: datetime, *, only: str | None
                 restarts=restarts.get(participant.id, 0),
                 problems=problems.get(participant.id, 0),
                 flags=tuple(flags),
+                sides=seen.sides,
                 trial_s=seen.trial_s,
                 order=_order_of(session.assignment),
                 personalisation=session.personalisation,

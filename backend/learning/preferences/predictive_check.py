@@ -1,18 +1,21 @@
 """Do somebody's answers look like what is believed of them? Each answer foretold from those before it, against how many
-should have come true by what was claimed. A posterior predictive check, answer by answer; ours.
+should have come true by what was claimed, and against a coin (`predictive_power.py`). A posterior predictive check, one
+step ahead; ours.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.learning.measures.named import NAMES as NAMED
 from backend.learning.measures.pairs import PairDifferences
 from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from backend.learning.preferences.population_prior import WeightPrior
+from backend.learning.preferences.predictive_power import better_than_chance, odds_against_chance
 
 Doubles = NDArray[np.float64]
 FEWEST = 5
@@ -25,7 +28,9 @@ class PredictiveCheck:
     """answers: how many were foretold; foretold: of them how many came true; claimed: how many should have, by what was
     claimed; p_value: probability of so few by that. log_score: mean natural log probability of an answer, a coin has
     -0.69. something_else: probability that what they are about is not among the nine objectives; words: named measures
-    that weigh most, more (above 0) or less preferred, the largest 1 or -1."""
+    that weigh most, more (above 0) or less preferred, the largest 1 or -1; agreeing: by measure, of how many answers
+    that is true (the chosen trajectory has more, or less, of it than the other); odds: how many times more probable the
+    answers are by what was foretold than by a coin."""
 
     answers: int
     foretold: int
@@ -34,6 +39,8 @@ class PredictiveCheck:
     log_score: float
     something_else: float
     words: dict[str, float]
+    agreeing: dict[str, int] = field(default_factory=dict)
+    odds: float = 1.0
 
     @property
     def verdict(self) -> str:
@@ -43,7 +50,7 @@ class PredictiveCheck:
         return "overclaimed" if self.p_value < SUSPICIOUS else "as_claimed"
 
     def as_dict(self) -> dict[str, Any]:
-        return {**asdict(self), "verdict": self.verdict}
+        return {**asdict(self), "verdict": self.verdict, "better_than_chance": better_than_chance(self.odds)}
 
 
 def checked_answers(
@@ -65,6 +72,7 @@ def checked_answers(
     right = int((given > 0.5).sum())
     weights = posterior.named_weights()
     most = sorted(weights, key=lambda name: -abs(weights[name]))[:3]
+    towards = (differences.named * np.where(chosen, 1, -1)[:, None])[:MOST_CHECKED]  # chosen minus rejected
     return posterior, PredictiveCheck(
         answers=len(given),
         foretold=right,
@@ -73,6 +81,8 @@ def checked_answers(
         log_score=float(np.log(given).mean()) if len(given) else 0.0,
         something_else=posterior.something_else(),
         words={name: round(weights[name], 3) for name in most},
+        agreeing={name: int((towards[:, NAMED.index(name)] * weights[name] > 0).sum()) for name in most},
+        odds=odds_against_chance(given),
     )
 
 

@@ -81,13 +81,15 @@ SESSIONS = Table(
             TEXT,
             "whether the comparison with the own policy was shown, and why not: shown, too_few_answers, job_failed, "
             "late, gate_not_passed, not_surely_better (for this very person), no_consent (to learning from the "
-            "answers), no_scenes",
+            "answers), one_sided (position bias), too_fast (to have compared), no_scenes",
         ),
         Column(
             "predictive_check",
             TEXT,
             "whether the answers look like what is believed of them: answers foretold one by one, how many came true "
-            "and should have, p; something_else: probability that they are about more than the nine objectives; "
+            "and should have, p; odds: how many times more probable they are by that than by a coin; "
+            "better_than_chance: whether that is enough to say what this person prefers; "
+            "something_else: probability that they are about more than the nine objectives; "
             "personal: probability that the own policy is better for this person; prior: how many earlier "
             "participants' answers these were read by the light of, where the protocol says so",
             json=True,

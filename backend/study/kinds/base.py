@@ -217,14 +217,12 @@ A = TypeVar("A", bound=Answer)
 
 @dataclass
 class Page:
-    """What a step's texts are made from. earlier: answers by which items are left out; None: none is. personalisation:
-    what became of learning from the session's own answers, None where nothing did yet."""
+    """What a step's texts are made from. earlier: answers by which items are left out; None: none is."""
 
     frozen: FrozenProtocol
     language: str
     completion_code: str | None = None
     earlier: Earlier | None = None
-    personalisation: str | None = None
 
     def titled(self, text: str) -> dict[str, Any]:
         """Title and text of a markdown file, as pages are given them."""

@@ -1,4 +1,4 @@
-"""Kind of step `debriefing`: the last page, with the completion code and the way back."""
+"""Kind of step `debriefing`: the last page, with the completion code, the way back, and what concerns this person."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from backend.study.kinds.base import Acting, Ending, Moment, Page, Planning, Sta
 from backend.study.kinds.text_page import TextPage, TextStep
 from backend.study.kinds.wire import Confirmed
 from backend.study.links import code_and_way_back
+from backend.study.personalising.about_person import about_person
 
 
 class DebriefingStage(Stage):
@@ -35,11 +36,12 @@ class Debriefing(TextPage[DebriefingStep, Confirmed]):
     stages = {"debriefing": DebriefingStage}
 
     def payload(self, step: DebriefingStep, page: Page) -> dict[str, Any]:
-        return (
-            super().payload(step, page)
-            | code_and_way_back(page.completion_code, page.frozen.stage(DebriefingStage).return_url)
-            | {"learning": page.personalisation}
-        )
+        ending = page.frozen.stage(DebriefingStage)
+        return super().payload(step, page) | code_and_way_back(page.completion_code, ending.return_url)
+
+    def payload_now(self, step: DebriefingStep, moment: Moment) -> dict[str, Any]:
+        about = about_person(moment)
+        return {"about": about} if about else {}
 
     def check_time(self, step: DebriefingStep, moment: Moment, value: Mapping[str, Any]) -> None:
         raise moment.refused("finished", "This session is finished.")

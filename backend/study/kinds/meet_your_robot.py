@@ -45,14 +45,13 @@ if TYPE_CHECKING:
 
 TAKES_S = 150.0  # ours
 POINTS = 5
-NOTHING_LEARNED = (None, "no_consent", "too_few_answers")
 BEGAN = "met_robot"
 
 
 class MeetYourRobotStage(LiveStage, Stage):
     """After the blind comparison: what was learned and how sure it is, in plain words; own and usual robot in the same
-    scenes; whether that is them; the weights to correct it. Passed over where nothing was learned. reasons: what each
-    robot looks at on its way is said, too.
+    scenes; whether that is them; the weights to correct it. Passed over where no own robot was shown: the debriefing
+    says why. reasons: what each robot looks at on its way is said, too.
     """
 
     reasons: bool = False
@@ -103,15 +102,16 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
     stages = {"meet_your_robot": MeetYourRobotStage}
     stored = {
         "agreement": "whether that is them: 1 not at all, 5 exactly",
-        "verdict": "whether an own robot was shown: shown, or why not (sessions.personalisation)",
         "learned": "objective -> weight: what their answers taught",
-        "sure": "probability that what was named first matters most to them",
+        "told": "which sentence about their preference they were told: rather (the first of two objectives rather than "
+        "the other), beyond (something that is none of the nine); null: none, as nothing was predicted well enough",
+        "sure": "probability of what they were told, as it stood there; null: none",
         "something_else": "probability that their answers are about none of the nine objectives, where they "
         "were told so; else null",
         "corrected": "whether any weight was changed",
-        "start": "the weights that the controls began with: the learned ones, none where no own robot was shown",
+        "start": "the weights that the controls began with: the learned ones",
         "weights": "the weights at the end",
-        "distance": "Euclidean, from learned to corrected weights; 0: shown and not corrected; null: neither",
+        "distance": "Euclidean, from learned to corrected weights; 0: not corrected",
         "history": "every change in order, as of `tuning`; also as the table tuning_changes",
     }
 
@@ -130,7 +130,6 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
     def payload(self, step: MeetYourRobotStep, page: Page) -> dict[str, Any]:
         return super().payload(step, page) | {
             "start": startable(step, {}),
-            "verdict": "shown",
             "believed": None,
             "points": POINTS,
             "reasons": step.reasons,
@@ -138,21 +137,19 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
 
     def payload_now(self, step: MeetYourRobotStep, moment: Moment) -> dict[str, Any]:
         noted = began_with(moment, step, BEGAN)
-        return {name: noted[name] for name in ("start", "verdict", "believed") if name in noted}
+        return {name: noted[name] for name in ("start", "believed") if name in noted}
 
     def is_asked(self, step: MeetYourRobotStep, moment: Moment) -> bool:
-        return moment.session.personalisation not in NOTHING_LEARNED
+        return moment.session.personalisation == "shown"
 
     def may_come(self, step: MeetYourRobotStep, moment: Moment) -> bool:
-        return moment.session.personalisation not in NOTHING_LEARNED[1:]
+        return moment.session.personalisation in (None, "shown")
 
     def arrive(self, step: MeetYourRobotStep, acting: Acting) -> None:
-        verdict = str(acting.session.personalisation)
-        job = ready_job(acting.s, acting.session) if verdict == "shown" else None
-        found = believed_of(acting.s, acting.files, acting.session, job)
-        start = startable(step, found.weights if found is not None and verdict == "shown" else {})
+        found = believed_of(acting.s, acting.files, acting.session, ready_job(acting.s, acting.session))
+        start = startable(step, found.weights if found is not None else {})
         believed = found.as_dict() if found is not None else None
-        said: dict[str, Any] = {"step": step.key, "verdict": verdict, "believed": believed, "start": start}
+        said: dict[str, Any] = {"step": step.key, "believed": believed, "start": start}
         log_event(acting.s, BEGAN, session_id=acting.session.id, **said)
 
     def check(self, step: MeetYourRobotStep, answer: MetAnswer, page: Page) -> dict[str, Any]:
@@ -164,14 +161,14 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         noted = began_with(acting, step, BEGAN)
         start, believed = noted.get("start", {}), noted.get("believed") or {}
         checked_history(start, stored)
-        learned, shown = believed.get("weights", {}), noted.get("verdict") == "shown"
+        learned, told = believed.get("weights", {}), believed.get("told")
         corrected = bool(stored["history"]) and distance(start, stored["weights"]) > 0
-        apart = distance(startable(step, learned), stored["weights"]) if corrected else 0.0 if shown else None
+        apart = distance(startable(step, learned), stored["weights"]) if corrected else 0.0
         return {
-            "verdict": noted.get("verdict"),
             "learned": learned,
-            "sure": believed.get("sure"),
-            "something_else": (believed.get("beyond") or {}).get("sure"),
+            "told": told,
+            "sure": believed.get("rather_sure") if told == "rather" else None,
+            "something_else": (believed.get("beyond") or {}).get("sure") if told == "beyond" else None,
             "start": start,
             "corrected": corrected,
             "distance": apart,
@@ -195,7 +192,7 @@ def _own(moment: Moment, files: ArtefactStore) -> Policy | None:
     """The policy that was compared as theirs, None where there was none."""
     from backend.learning.policies.policy import Policy
 
-    job = ready_job(moment.s, moment.session) if moment.session.personalisation == "shown" else None
+    job = ready_job(moment.s, moment.session)
     artefact = moment.s.get(Artefact, str((job.result or {}).get("policy"))) if job is not None else None
     return Policy.from_bytes(files.get(artefact.id)) if artefact is not None else None
 

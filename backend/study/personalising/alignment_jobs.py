@@ -18,6 +18,7 @@ from backend.store.events import log_event
 from backend.store.models import Job, Participant, Response, Session, TrajectoryRow, Trial
 from backend.store.outbox import ENDED, PARTICIPANT_WAITS, cancel_job, enqueue_job
 from backend.store.snapshots import SnapshotError, take_snapshot
+from backend.study.personalising.clicking import without_comparing
 from backend.study.personalising.earlier import earlier_snapshots
 from backend.study.personalising.lending import Lent, lent_policy, policy_key
 from backend.study.personalising.verdicts import verdict
@@ -67,14 +68,20 @@ class Training:
 def start_training(acting: Acting) -> None:
     """Freeze the session's answers and put the alignment into the outbox, in the answer's own transaction.
 
-    Recipe instant: two jobs, the second the conditioning search behind it. None where there are too few answers, or
-    where the participant did not consent to learning from theirs; the session's `personalisation` says so.
+    Recipe instant: two jobs, the second the conditioning search behind it. None where there are too few answers, where
+    the participant did not consent to learning from theirs, or where they chose without comparing (`clicking.py`); the
+    session's `personalisation` says so.
     """
     s, files, session, training = acting.s, acting.files, acting.session, acting.frozen.training
     assert training is not None  # noqa: S101  a step begins it only where a stage says so
     if (s.get_one(Participant, session.participant_id).consents or {}).get("training") is False:
         session.personalisation = "no_consent"
         log_event(s, "personalisation", session_id=session.id, outcome="no_consent")
+        return
+    careless = without_comparing(s, session)
+    if careless is not None:
+        session.personalisation = careless
+        log_event(s, "personalisation", session_id=session.id, outcome=careless)
         return
     try:
         if training.job == "demonstrations":
@@ -215,7 +222,8 @@ def outcome_of(moment: Moment) -> str | None:
     recipes for one snapshot one that can be shown is enough; of several environments each is waited for.
 
     Else: shown, job_failed, late, gate_not_passed, not_surely_better (for this very person), too_few_answers,
-    no_consent, no_scenes (a policy that passed the gate, but no scene in which both trajectories can be compared).
+    no_consent, one_sided, too_fast (`clicking.py`), no_scenes (a policy that passed the gate, but no scene in which
+    both trajectories can be compared).
     """
     s, session, training = moment.s, moment.session, moment.frozen.training
     if session.personalisation is not None or training is None:

@@ -16,25 +16,30 @@ from backend.store.models import Artefact, Job, Session
 from backend.study.personalising import alignment_jobs, next_query
 
 SOMETHING_ELSE = 0.5  # from this probability on, as in `jobs/free_form.py`
+SAID_FROM = 0.8  # ours: what is less probable is no sentence
 TOLD = 2  # ours: more measures than that nobody keeps in mind
+SEEN_IN = 2 / 3  # ours: of the answers; what fewer of them show is not told
 
 
 @dataclass(frozen=True)
 class Beyond:
     """That answers are about something that is none of the nine objectives: sure: how probably; words: named measures
-    that show it best, at most two, each with whether more or less of it is preferred.
+    that show it best, at most two, each with whether more or less of it is preferred, and in how many of `answers` the
+    chosen trajectory had it; none where no measure shows it.
     """
 
     sure: float
-    words: list[tuple[str, Literal["more", "less"]]]
+    words: list[tuple[str, Literal["more", "less"], int]]
+    answers: int
 
 
 @dataclass(frozen=True)
 class Believed:
     """weights: preference weights above 0, by objective. foremost: what most probably matters most, with that
-    probability `sure`; rather_than: what matters least of what does not exclude it, and how probable it is that it
-    matters less (`rather_sure`). answers: from how many. beyond: where the nine objectives do not describe them, so
-    that weights are only what comes closest.
+    probability `sure`; rather_than: what matters least of what does not exclude it; rather_sure: how probable it is
+    that the nine objectives describe this person and that the first matters more. answers: from how many. beyond: where
+    the nine objectives do not describe them, so that weights are only what comes closest. told: which sentence this
+    person is told of it, None where their answers are not predicted better than chance, or nothing is probable enough.
     """
 
     weights: dict[str, float]
@@ -44,6 +49,7 @@ class Believed:
     rather_sure: float
     answers: int
     beyond: Beyond | None = None
+    told: Literal["rather", "beyond"] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -57,8 +63,6 @@ def believed_of(
     answers = next_query.answers_of(s, session)
     if not answers:
         return None
-    import numpy as np
-
     from backend.learning.preferences.objectives import objectives_of
 
     posterior = next_query.posterior_of(s, files, session)
@@ -68,7 +72,15 @@ def believed_of(
     importance = posterior.shares()
     others = [k for k in range(len(names)) if k != foremost and names[k] != objectives[foremost].opposite]
     least = min(others, key=lambda k: float(importance[k]))
-    apart = np.sign(posterior.weights[:, foremost] - posterior.weights[:, least])  # where neither counts: even chances
+    more = posterior.weights[:, foremost] > posterior.weights[:, least]
+    check = alignment_jobs.check_of(s, session) or {}
+    beyond = beyond_nine(check, (shown.result or {}) if shown is not None else {})
+    rather_sure = (1 - float(check.get("something_else") or 0.0)) * float(posterior.masses() @ more)
+    told: Literal["rather", "beyond"] | None = None
+    if check.get("better_than_chance"):
+        told = "rather" if rather_sure >= SAID_FROM else None
+        if beyond is not None:
+            told = "beyond" if beyond.words else None
     weights = _weights_of(s, shown)
     if weights is None:
         weights = {name: float(w) for name, w in zip(names, posterior.mean_weights(), strict=True)}
@@ -77,20 +89,25 @@ def believed_of(
         foremost=names[foremost],
         sure=round(float(posterior.foremost()[foremost]), 3),
         rather_than=names[least],
-        rather_sure=round(float(np.sum(posterior.masses() * (1 + apart) / 2)), 3),
+        rather_sure=round(rather_sure, 3),
         answers=len(answers),
-        beyond=beyond_nine(alignment_jobs.check_of(s, session), (shown.result or {}) if shown is not None else {}),
+        beyond=beyond,
+        told=told,
     )
 
 
-def beyond_nine(check: Mapping[str, Any] | None, shown: Mapping[str, Any]) -> Beyond | None:
+def beyond_nine(check: Mapping[str, Any], shown: Mapping[str, Any]) -> Beyond | None:
     """What the predictive check says where a free-form policy is shown, or where something else is more probable."""
-    words = (check or {}).get("words") or {}
-    sure = float((check or {}).get("something_else") or 0.0)
+    words, agreeing = check.get("words") or {}, check.get("agreeing") or {}
+    sure = float(check.get("something_else") or 0.0)
     if not words or not (shown.get("free_form") or sure >= SOMETHING_ELSE):
         return None
-    most = sorted(words, key=lambda name: -abs(words[name]))[:TOLD]
-    return Beyond(round(sure, 3), [(name, "more" if words[name] > 0 else "less") for name in most])
+    answers = int(check.get("answers") or 0)
+    most = [name for name in sorted(words, key=lambda name: -abs(words[name])) if agreeing[name] >= SEEN_IN * answers]
+    told: list[tuple[str, Literal["more", "less"], int]] = [
+        (name, "more" if words[name] > 0 else "less", int(agreeing[name])) for name in most[:TOLD]
+    ]
+    return Beyond(round(sure, 3), told, answers)
 
 
 def _weights_of(s: DatabaseSession, shown: Job | None) -> dict[str, float] | None:

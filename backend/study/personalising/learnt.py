@@ -16,6 +16,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.artefacts import ArtefactStore
 from backend.store.models import Session
 from backend.study.personalising import next_query
+from backend.study.personalising.clicking import PositionBias, chosen_letters, position_bias
 from backend.study.protocol_rows import row_of
 
 if TYPE_CHECKING:
@@ -30,12 +31,17 @@ KEPT = 64  # pages ask every few seconds, answers come every half minute
 @dataclass(frozen=True)
 class Learnt:
     """shares: after each answer, the expected share of each objective in what is preferred, by name. weights:
-    what the conditioned policy is conditioned on now, those above zero. pairs: trajectories of base and conditioned
+    what the conditioned policy is conditioned on now, those above zero. odds: how many times more probable the answers
+    are by what was predicted of each from those before it than by a coin; says_something: whether that is enough to say
+    what this person prefers. sides: how often the same letter was chosen. pairs: trajectories of base and conditioned
     policy in the same scenes; empty where no conditioned policy comes with the setup."""
 
     shares: tuple[dict[str, float], ...]
     weights: dict[str, float]
     entropy_bits: float
+    odds: float
+    says_something: bool
+    sides: PositionBias
     pairs: tuple[tuple[Trajectory, Trajectory], ...]
 
 
@@ -54,13 +60,23 @@ def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Lea
         known_so_far.move_to_end(key)
         return known_so_far[key]
     from backend.learning.preferences.objectives import SIZE, names_of
+    from backend.learning.preferences.predictive_power import better_than_chance, odds_against_chance
 
     after = [next_query.posterior_after(measured, answers[:n]) for n in range(len(answers) + 1)]
+    places, given = measured.index(), []
+    for before, (query, chosen) in zip(after, answers, strict=False):
+        probable = float(before.predict(measured.differences[[places[query]]])[0])
+        given.append(probable if chosen == measured.queries[places[query]].trajectory_a else 1 - probable)
+    odds = odds_against_chance(np.array(given))
+    sides = position_bias(chosen_letters(s, session))
     weights = after[-1].mean_weights() if answers else np.zeros(SIZE, dtype=np.float32)
     known_so_far[key] = learnt = Learnt(
         shares=tuple(posterior.importance() for posterior in after[1:]),
         weights={name: float(weight) for name, weight in zip(names_of(measured.setup), weights, strict=True) if weight},
         entropy_bits=after[-1].entropy_bits(),
+        odds=odds,
+        says_something=better_than_chance(odds) and not sides.is_found,
+        sides=sides,
         pairs=_trajectories(measured.setup, weights),
     )
     while len(known_so_far) > KEPT:

@@ -165,7 +165,7 @@ def submit(
 def _checked(acting: Acting, step: Step, value: Any, named: str | None) -> dict[str, Any]:
     """The answer as it is stored. Raises BadValue, which names the session."""
     session = acting.session
-    page = Page(acting.frozen, session.language, session.completion_code, acting.answer_to, session.personalisation)
+    page = Page(acting.frozen, session.language, session.completion_code, acting.answer_to)
     try:
         kind = kind_of(step)
         if named not in (None, kind.name):

@@ -106,7 +106,7 @@ def current(s: DatabaseSession, session: Session, *, now: datetime | None = None
     if not appointments.is_open(session, now):
         return StepView("too_soon", "too_soon", payload=window_of(session), **behind)
     step, kind = moment.step, kind_of(moment.step)
-    page = Page(moment.frozen, session.language, session.completion_code, moment.answer_to, session.personalisation)
+    page = Page(moment.frozen, session.language, session.completion_code, moment.answer_to)
     payload = kind.payload(step, page) | kind.payload_now(step, moment)
     trial = trial_of(s, session) if kind.shows == "trajectories" else None
     state = _trial_state(s, trial) if trial is not None else kind.state(step, moment)

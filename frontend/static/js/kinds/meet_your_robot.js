@@ -40,7 +40,7 @@ class Meeting extends LivePanel {
 
   /** @param {number[][]} colours */
   legend(colours) {
-    const own = this.root.dataset.verdict === "shown" && !this.correcting ? "own" : "settings";
+    const own = this.correcting ? "settings" : "own";
     return [own, "usual"].map((name, i) => ({ name: this.own(name), colour: colours[i], hollow: i > 0 }));
   }
 
