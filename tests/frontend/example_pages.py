@@ -31,6 +31,14 @@ GATE: dict[str, Any] = {
     "min_frame_rate": None,
     "light_below": None,
 }
+
+
+def _gate(request: Request) -> dict[str, Any]:
+    """What a device must have: the example's, with what the address says otherwise."""
+    said = {name: value for name, value in request.query_params.items() if name in GATE}
+    return GATE | {name: [value] if name == "pointers" else float(value) for name, value in said.items()}
+
+
 WHEN = datetime(2026, 11, 28, 12, 30, tzinfo=UTC)
 
 
@@ -262,14 +270,16 @@ def example_application() -> FastAPI:
     @application.get("/join")
     def join(request: Request, language: str = "en") -> Response:
         context = {"languages": ["en", "de"], "recruiting": {"PROLIFIC_PID": "p1"}, "action": "/join"}
-        context["device"] = GATE | {name: float(rate) for name, rate in request.query_params.items() if name in GATE}
+        context["device"] = _gate(request)
         return page(
             request, "participant/join.html", language, study_title=TITLE, join_url="/join", asked=["block"], **context
         )
 
     @application.get("/device")
     def device(request: Request, language: str = "en") -> Response:
-        return page(request, "participant/device.html", language, study_title=TITLE, action="/device", device=GATE)
+        return page(
+            request, "participant/device.html", language, study_title=TITLE, action="/device", device=_gate(request)
+        )
 
     @application.get("/refusal/{code}")
     def refusal(request: Request, code: str, language: str = "en") -> Response:

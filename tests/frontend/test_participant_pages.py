@@ -382,6 +382,52 @@ def test_a_phone_is_refused_kindly_and_a_tablet_is_asked_to_turn(opened: Open) -
     tablet.locator("#begin:enabled").wait_for()
 
 
+@pytest.mark.parametrize("address", ["/join", "/device"])
+def test_what_a_device_lacks_is_the_first_line_of_the_first_page(opened: Open, address: str) -> None:
+    page = opened(address, width=390, height=844, touch=True)
+    first = page.locator("main .content > :visible").first
+    assert first.get_attribute("role") == "alert"
+    words = "This study needs a larger screen. Please open the same link on a computer or a tablet."
+    assert first.inner_text().startswith(words)
+    mouse = opened(address, width=1024, height=768, touch=True, gate="pointers=fine")
+    assert "on a computer with a mouse" in mouse.get_by_role("alert").inner_text()
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (390, 664), (360, 560)])
+def test_on_a_phone_the_bar_is_one_line_and_the_room_keeps_its_size(
+    opened: Open, width: int, height: int, language: str
+) -> None:
+    page = opened("/step/trial", width=width, height=height, touch=True, language=language)
+    bar = page.locator("#topbar").bounding_box()
+    assert bar is not None
+    assert bar["height"] <= 56
+    assert page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]") == [
+        width,
+        height,
+    ]
+    heights = page.evaluate(
+        """names => names.map((name) => {
+            for (const part of document.querySelectorAll("[data-phase]")) part.hidden = part.dataset.phase !== name;
+            return document.getElementById("stage").offsetHeight; })""",
+        ["ready", "playing", "choosing", "sending"],
+    )
+    assert len(set(heights)) == 1
+
+
+def test_the_menu_of_a_phone_gives_the_focus_back(opened: Open) -> None:
+    page = opened("/step/instruction", width=390, height=844, touch=True)
+    assert not page.locator("#menu [data-pause]").is_visible()
+    page.locator(".menu-button").click()
+    assert page.locator("#menu [data-pause]").is_visible()
+    assert violations(page) == []
+    page.locator("#menu [data-opens=help-dialog]").click()
+    assert page.locator("#help-dialog").is_visible()
+    assert not page.locator("#menu").is_visible()
+    page.keyboard.press("Escape")
+    assert page.evaluate("document.activeElement.className") == "plain menu-button"
+
+
 def test_a_phone_is_let_in_where_the_protocol_asks_for_less(opened: Open) -> None:
     phone = opened("/join", width=400, height=800, touch=True, gate="min_width=360&min_height=600")
     phone.locator("[data-check=size][data-result=good]").wait_for()
