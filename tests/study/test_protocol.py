@@ -506,12 +506,12 @@ blocks:
 )
 def test_numbers_are_those_of_yaml_1_2(tmp_path, written, found):
     """1:30 was 90 minutes, 012 was 10, and nobody said so."""
-    result = quick(tmp_path, "minutes: 12", f"minutes: {written}")
+    result = quick(tmp_path, "minutes: 15", f"minutes: {written}")
     if found is not None:
         assert freeze(tmp_path / "protocols" / QUICK.name).protocol.minutes == found
         return
     (error,) = result["errors"]
-    assert (error["field"], error["line"]) == ("minutes", QUICK.read_text().split("minutes: 12")[0].count("\n") + 1)
+    assert (error["field"], error["line"]) == ("minutes", QUICK.read_text().split("minutes: 15")[0].count("\n") + 1)
     assert error["message"] == "must be a whole number" + ", without quotes" * (written == "'12'")
 
 
