@@ -3,6 +3,8 @@
 import gymnasium, backend.gymnasium_envs
 env = gymnasium.make("desirepath/study_room-v0")        # one reward
 env = mo_gymnasium.make("desirepath/mo-study_room-v0")  # a vector of them
+
+An episode out of steps is truncated; `make(..., time_limit="terminated")` ends it as our own learners are told.
 """
 
 from __future__ import annotations

@@ -126,11 +126,13 @@ def list_studies(as_json: JsonFlag = False) -> None:
     from sqlalchemy import func, select
 
     from backend.store.models import Participant, Study
+    from backend.store.who_counts import GROUPS, in_group
 
     database, _ = open_store()
     per_study = select(Participant.study_id, func.count()).group_by(Participant.study_id)
     with database.session() as s:
-        counts = {row[0]: row[1] for row in s.execute(per_study)}
+        groups = {name: s.execute(per_study.where(in_group(name))).all() for name in GROUPS}
+        counts = {(study, name): count for name, rows in groups.items() for study, count in rows}
         studies = [
             {
                 "study": study.id,
@@ -138,7 +140,9 @@ def list_studies(as_json: JsonFlag = False) -> None:
                 "protocol": f"{study.protocol_name} v{study.protocol_version}",
                 "state": study.state,
                 "pilot": study.pilot,
-                "participants": counts.get(study.id, 0),
+                "people": counts.get((study.id, "people"), 0),
+                "pilot_participants": counts.get((study.id, "pilot"), 0),
+                "simulated": counts.get((study.id, "simulated"), 0),
             }
             for study in s.scalars(select(Study).order_by(Study.created_at))
         ]

@@ -1,13 +1,14 @@
 """The engines behind the interfaces that reinforcement-learning libraries expect: Gymnasium and SB3's VecEnv.
 
-Running out of steps is `terminated`, not `truncated`, in both: the core reward charges for it (ch. 6: -20, ch. 7:
--1), so the episode really ends there and a learner must not add the value of a state beyond.
+Running out of steps is `truncated` in Gymnasium's environments, as its users expect, unless `time_limit="terminated"`
+asks for what our own learners are given, `FastVecEnv`'s SB3 arms included: the core reward charges for it (ch. 6: -20,
+ch. 7: -1), so the episode really ends there and a learner must not add the value of a state beyond.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal, cast
+from typing import Any, Literal, cast, get_args
 
 import gymnasium
 import numpy as np
@@ -23,6 +24,9 @@ from backend.simulation.scenes import LARGEST_SEED, ScenePool, row_to_scene
 from backend.simulation.setups import Setup, get_setup
 from backend.simulation.trajectory import Outcome
 
+TimeLimit = Literal["truncated", "terminated"]
+"""What an episode that ran out of steps was."""
+
 
 def observation_space(setup: Setup) -> spaces.Space[Floats]:
     """The setup's observations as a finite box."""
@@ -37,7 +41,8 @@ def action_space() -> spaces.Space[Floats]:
 class NavigationEnv(gymnasium.Env[Floats, Floats]):
     """One robot as a Gymnasium environment, on the fast engine or on PyBullet.
 
-    `reset(seed=...)` begins a new series of scenes, `reset(options={"scene": scene})` uses that very scene. `info`
+    `reset(seed=...)` begins a new series of scenes, `reset(options={"scene": scene})` uses that very scene. time_limit:
+    whether an episode that ran out of steps was truncated or terminated. `info`
     holds outcome (name), human_distance_m, obstacle_clearance_m and self_intersections.
     """
 
@@ -51,8 +56,12 @@ class NavigationEnv(gymnasium.Env[Floats, Floats]):
         drive_mode: DriveMode = "velocity",
         progress_weight: float = 0.0,
         seed: int = 0,
+        time_limit: TimeLimit = "truncated",
     ) -> None:
         self.setup = get_setup(setup) if isinstance(setup, str) else setup
+        if time_limit not in get_args(TimeLimit):
+            raise ValueError(f"time_limit = {time_limit!r}: must be 'truncated' or 'terminated'")
+        self._truncates = time_limit == "truncated"
         if engine not in ("fast", "pybullet"):
             raise ValueError(f"engine = {engine!r}: must be 'fast' or 'pybullet'")
         self.observation_space, self.action_space = observation_space(self.setup), action_space()
@@ -82,10 +91,17 @@ class NavigationEnv(gymnasium.Env[Floats, Floats]):
         engine = self._engine
         if isinstance(engine, ReferenceEngine):
             engine.step(action)
-            return engine.observation.copy(), engine.reward, engine.done, False, self._info()
+            return engine.observation.copy(), engine.reward, *self._ends(engine.done), self._info()
         engine.step(np.asarray(action, dtype=np.float32).reshape(1, -1))
         observation, reward = engine.next_observations[0].copy(), float(engine.rewards[0])
-        return observation, reward, bool(engine.dones[0]), False, self._info()
+        return observation, reward, *self._ends(bool(engine.dones[0])), self._info()
+
+    def _ends(self, done: bool) -> tuple[bool, bool]:
+        """(terminated, truncated) of an episode that is done or not."""
+        engine = self._engine
+        outcome = engine.outcome if isinstance(engine, ReferenceEngine) else engine.outcomes[0]
+        truncated = done and self._truncates and int(outcome) == Outcome.TIMEOUT
+        return done and not truncated, truncated
 
     def _info(self) -> dict[str, Any]:
         engine = self._engine

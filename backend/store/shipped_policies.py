@@ -41,12 +41,27 @@ def policy_artefact(s: Session, name: str) -> Artefact:
     return artefact
 
 
+def artefact_called(s: Session, called: str) -> Artefact | None:
+    """The artefact of that id, or the shipped policy of that name; None where there is none."""
+    found = s.get(Artefact, called)
+    if found is None and (sha := _shipped().get(called)) is not None:
+        found = s.get(Artefact, sha)
+    return found
+
+
+@cache
+def _shipped() -> dict[str, str]:
+    """Name -> id of every shipped policy."""
+    from backend.learning.shipped_files import load_card, shipped_names
+
+    cards = ((name, load_card(name)) for name in shipped_names())
+    return {name: card.sha256 for name, card in cards if card.kind in REGISTERED}
+
+
 @cache
 def shipped_as(artefact_id: str) -> str | None:
     """The name under which it was shipped, by which commands know it however it is called here; None: it was not."""
-    from backend.learning.shipped_files import load_card, shipped_names
-
-    return next((name for name in shipped_names() if load_card(name).sha256 == artefact_id), None)
+    return next((name for name, sha in _shipped().items() if sha == artefact_id), None)
 
 
 def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple[str, str]]:

@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import io
+import json
 import threading
 import time
 import zipfile
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import select, update
+from sqlalchemy import select, true, update
 from starlette.responses import Response
 
 from backend.api.core.dependencies import Services
+from backend.api.lab import study_rows
 from backend.api.lab.whole_reports import ReportError, ReportFiles, Reports
+from backend.commands import study as study_commands
+from backend.report.analysis_plan import AnalysisPlan
+from backend.report.findings import analyse
+from backend.report.tidy_tables import read_study
 from backend.store.models import Participant, Session, Study, new_id, utc_now
 from backend.store.models import Response as Answer
-from backend.study.protocol.freezing import freeze
+from backend.study.protocol.freezing import freeze, shipped_protocols
+from backend.study.simulated.in_process import walk_in_process
 from backend.study.studies import create_study
 from tests.api.lab_services import QUICK
 
@@ -114,6 +121,37 @@ def test_a_report_of_pilots_alone_says_where_the_pilot_phase_ends(lab, lab_servi
     assert "none of them counts" not in page
     german = lab.get(f"{here}/analysis/simulated", headers={"Accept-Language": "de"}).text
     assert "während der Pilotphase" in german
+
+
+def test_counts_of_simulated_people_agree_whatever_the_phase(lab, lab_services, monkeypatch, capsys):
+    """Three walk through a study's pilot: pages, tabs, the list and the full report count the same three."""
+    services = lab_services
+    drawing = next(file for file in shipped_protocols() if file.stem == "crowd_explanation_study")
+    with services.database.transaction() as s:
+        study = create_study(s, services.files, freeze(drawing), name="Simulated", created_by=None)
+        study.pilot = True
+    walk_in_process(services.database, services.files, study, 3)
+    here = f"/lab/studies/{study.id}"
+    report = lab.get(f"{here}/report").text  # opens at who is there
+    assert "No participant of the main study" not in report
+    assert '?who=simulated" aria-current="true">Simulated <span class="number soft">3<' in report
+    assert "No participant of the main study has joined yet" in lab.get(f"{here}/report?who=people").text
+    assert (
+        "An der Pilotphase hat noch niemand"
+        in lab.get(f"{here}/report?who=pilot", headers={"Accept-Language": "de"}).text
+    )
+    assert lab.get(f"/api/lab/studies/{study.id}/report?who=simulated").json()["joined"] == 3
+    assert 'Simulated <span class="number soft">3<' in lab.get(f"{here}/people").text
+    with services.database.session() as s:
+        (line,) = [one for one in study_rows.study_lines(s, true()) if one.study.id == study.id]
+        assert (line.people, line.simulated, line.completed_simulated) == (0, 3, 3)
+        data, _ = read_study(s, services.files, s.get_one(Study, study.id))
+    assert len([one for one in data.people if one.simulated]) == 3
+    assert analyse(data, None, "simulated", AnalysisPlan(metrics=())).flow.analysed == 3
+    monkeypatch.setattr(study_commands, "open_store", lambda: (services.database, services.files))
+    study_commands.list_studies(as_json=True)
+    (listed,) = [one for one in json.loads(capsys.readouterr().out)["studies"] if one["study"] == study.id]
+    assert (listed["people"], listed["pilot_participants"], listed["simulated"]) == (0, 0, 3)
 
 
 def test_the_report_needs_a_sign_in(visitor, lab_services):

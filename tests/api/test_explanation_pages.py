@@ -73,6 +73,18 @@ def test_two_policies_are_explained_side_by_side(analyst: TestClient, known: Sim
     assert picture.content.startswith(b"\x89PNG")
 
 
+def test_policies_are_named_as_on_the_command_line(analyst: TestClient, known: SimpleNamespace) -> None:
+    by_name = analyst.get(f"{PAGE}?policy_a=study_room/base&scene=3500000003")
+    assert by_name.status_code == 200, by_name.text
+    assert f'<option value="{known.base}" selected' in by_name.text
+    weighed = analyst.get("/lab/live?policy_a=study_room/conditioned@farther=1&scene=3500000003").text
+    assert "study_room/conditioned@farther=1" in weighed
+    compared = analyst.get("/lab/compare?policy_a=study_room/base&policy_b=study_room/conditioned@farther=1").text
+    assert f'<option value="{known.base}" selected' in compared
+    assert 'value="farther=1"' in compared
+    assert analyst.get(f"{PAGE}?policy_a=study_room/nobody").status_code == 404
+
+
 def test_german_pages_name_things_in_german(analyst: TestClient, known: SimpleNamespace) -> None:
     analyst.cookies.set("language", "de")
     page = analyst.get(

@@ -39,10 +39,11 @@ def test_every_registered_environment_passes_the_libraries_own_check() -> None:
 def test_the_task_stands_first_and_every_objective_is_priced(setup: str) -> None:
     single = gymnasium.make(f"desirepath/{setup}-v0")
     many = mo_gymnasium.make(f"desirepath/mo-{setup}-v0")
-    scene, action, terminated = draw_scene(setup, 3), np.array([1.0, 0.4], np.float32), False
+    scene, action, ended = draw_scene(setup, 3), np.array([1.0, 0.4], np.float32), False
     assert np.array_equal(single.reset(options={"scene": scene})[0], many.reset(options={"scene": scene})[0])
-    while not terminated:
-        observation, reward, terminated, _, _ = many.step(action)
+    while not ended:
+        observation, reward, terminated, truncated, _ = many.step(action)
+        ended = terminated or truncated
         assert reward.shape == (1 + len(NAMES),)
         assert many.unwrapped.reward_space.contains(reward)
         again, task, *_ = single.step(action)
@@ -58,10 +59,10 @@ def test_the_library_runs_many_of_them_at_once_and_counts_their_episodes() -> No
     ahead = np.tile(np.float32([1, 0]), (3, 1))
     ends: list[np.ndarray] = []
     for _ in range(310):
-        _, rewards, terminated, _, info = envs.step(ahead)
+        _, rewards, terminated, truncated, info = envs.step(ahead)
         assert rewards.shape == (3, 4)
         if "episode" in info:
-            ends.append(info["episode"]["r"][terminated])
+            ends.append(info["episode"]["r"][terminated | truncated])
     assert (np.concatenate(ends)[:, 3] <= -10).all()  # every step costs 10
 
 

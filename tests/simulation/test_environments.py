@@ -36,18 +36,31 @@ def test_gymnasium_and_sb3_find_nothing_to_complain_about(name: str, engine: str
         env.close()
 
 
-def test_an_episode_ends_by_itself_tells_how_and_is_never_truncated() -> None:
-    env = NavigationEnv("study_room")
-    scene = draw_scene("study_room", 5)
-    observation, info = env.reset(options={"scene": scene})
+@pytest.mark.parametrize("engine", ["fast", "pybullet"])
+@pytest.mark.parametrize(("time_limit", "ends"), [(None, (False, True)), ("terminated", (True, False))])
+def test_an_episode_out_of_steps_is_truncated_or_what_was_asked_for(
+    engine: str, time_limit: str | None, ends: tuple[bool, bool]
+) -> None:
+    env = NavigationEnv("study_room", engine=engine, **({"time_limit": time_limit} if time_limit else {}))
+    observation, info = env.reset(options={"scene": draw_scene("study_room", 5)})
     assert info["outcome"] == "running"
-    assert observation in env.observation_space
-    terminated = False
-    while not terminated:
+    terminated = truncated = False
+    while not (terminated or truncated):
         observation, _, terminated, truncated, info = env.step(np.array([-1.0, 0.1], dtype=np.float32))
-        assert not truncated
-    assert info["outcome"] == "timeout"
+    assert (info["outcome"], terminated, truncated) == ("timeout", *ends)
     assert observation in env.observation_space
+    env.close()
+
+
+def test_an_episode_that_ends_by_itself_is_terminated() -> None:
+    env = NavigationEnv("study_room")
+    env.reset(options={"scene": draw_scene("study_room", 5)})
+    ends = (False, False)
+    while not any(ends):
+        _, _, *ends, info = env.step(np.array([1.0, 0.0], dtype=np.float32))  # into a wall
+    assert (info["outcome"], ends) == ("collision", [True, False])
+    with pytest.raises(ValueError, match="time_limit = 'never': must be 'truncated' or 'terminated'"):
+        NavigationEnv("study_room", time_limit="never")
 
 
 def test_unknown_engines_and_drive_modes_are_named() -> None:

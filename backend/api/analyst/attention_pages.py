@@ -25,6 +25,7 @@ from backend.explain.shown_explanation import ShownAttention, ShownExplanation
 from backend.grammar.words import View
 from backend.store.artefact_upkeep import offered
 from backend.store.models import Artefact
+from backend.store.shipped_policies import artefact_called
 
 if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
     from backend.simulation.trajectory import Trajectory
@@ -53,7 +54,7 @@ def attention(
         rights = rights_in(request)
         rows = select(Artefact).where(Artefact.kind == KIND, offered(), seen_artefacts(rights))
         choices = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
-        chosen = s.get(Artefact, policy) if policy else None
+        chosen = artefact_called(s, policy) if policy else None
         if policy and (chosen is None or chosen.kind != KIND or not may_with(s, rights, Right.LOOK, chosen)):
             raise LabRefusal(404, "no_artefact")
     if chosen is not None and chosen.quarantined_at is not None:

@@ -27,7 +27,7 @@ from backend.store.artefact_upkeep import offered
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 from backend.store.models import Artefact
-from backend.store.shipped_policies import shipped_as
+from backend.store.shipped_policies import artefact_called, shipped_as
 
 if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
     from backend.learning.policies.policy import Policy
@@ -108,7 +108,7 @@ def form_of(request: Request, database: Database) -> dict[str, Any]:
     """What the form on such a page is drawn from (`analyst/chosen_policies.html`)."""
     with database.session() as s:
         choices = choices_of(s, rights_in(request))
-    given = request.query_params
+        given = given_by_id(s, request.query_params)
     chosen = {side: given.get(f"policy_{side}", "") for side in SIDES}
     chosen_of = {one.id: one for one in choices}
     return {
@@ -150,7 +150,7 @@ def asked_of(request: Request, s: DatabaseSession) -> Asked | None:
     """What the address asks for, None if it names no policy. Raises Undrawable, or LabRefusal for no such policy."""
     from backend.simulation.scenes import LARGEST_SEED
 
-    given = request.query_params
+    given = given_by_id(s, request.query_params)
     if not given.get("policy_a"):
         return None
     rights = rights_in(request)
@@ -164,6 +164,20 @@ def asked_of(request: Request, s: DatabaseSession) -> Asked | None:
     if not scene.isdecimal() or not scene.isascii() or len(scene) > 16 or int(scene) > LARGEST_SEED:
         raise Undrawable("scene", value=scene, largest=str(LARGEST_SEED))
     return Asked(tuple(sides), int(scene), query_of(given))
+
+
+def given_by_id(s: DatabaseSession, params: Mapping[str, str]) -> dict[str, str]:
+    """An address's parameters with policies by id, however it names them.
+
+    Of `policy_a=study_room/conditioned@farther=1` that policy's id, and `a_farther=1`."""
+    given = dict(params)
+    for side in SIDES:
+        called, _, weights = given.get(f"policy_{side}", "").partition("@")
+        if (artefact := artefact_called(s, called)) is not None:
+            pairs = (one.partition("=") for one in weights.split(",") if one)
+            own = {f"{side}_{name.strip()}": weight.strip() for name, _, weight in pairs}
+            given = {**own, **given, f"policy_{side}": artefact.id}
+    return given
 
 
 def _side(given: Mapping[str, str], s: DatabaseSession, side: str, rights: Rights) -> Side:

@@ -40,6 +40,7 @@ from backend.simulation.trajectory import Trajectory
 from backend.store.artefacts import ArtefactStore, lineage
 from backend.store.database import Database
 from backend.store.models import Artefact, Job
+from backend.store.shipped_policies import artefact_called
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 
@@ -93,8 +94,12 @@ def compare(
 ) -> Response:
     """Choose two policies, conditioned ones with their weights, and the comparisons there are."""
     said = {"policy_a": policy_a, "policy_b": policy_b, "weights_a": weights_a, "weights_b": weights_b}
-    given = {name: value for name, value in said.items() if value}
     with database.session() as s:
+        for name in ("policy_a", "policy_b"):
+            called, _, weights = said[name].partition("@")
+            if (artefact := artefact_called(s, called)) is not None:
+                said |= {name: artefact.id, f"weights_{name[-1]}": said[f"weights_{name[-1]}"] or weights}
+        given = {name: value for name, value in said.items() if value}
         rights = rights_in(request)
         evaluated = select(Artefact).where(Artefact.kind == "evaluation", seen_artefacts(rights))
         evaluations = [one for one in s.scalars(evaluated.order_by(Artefact.created_at.desc())) if is_comparison(one)]

@@ -18,7 +18,7 @@ from backend.api.core.lab_frame import LabRefusal, lab_language, lab_page
 from backend.api.lab.study_tabs import TABS, the_participant, the_study
 from backend.learning.preferences.predictive_power import CONVINCING
 from backend.store.artefacts import ArtefactStore
-from backend.store.models import Participant, Session
+from backend.store.models import Artefact, Participant, Session
 from backend.study.personalising.learnt import Learnt, learnt_in, takes_long
 from backend.study.protocol_rows import row_of
 
@@ -71,8 +71,10 @@ def learnt_svg(request: Request, study_id: str, code: str, database: Db, files: 
 
 
 def answers_teach(s: DatabaseSession, session: Session) -> bool:
-    """Whether the session's protocol asks queries: else nothing is learned answer by answer."""
-    return row_of(s, session).protocol.get("query_set") is not None
+    """Whether the session's protocol asks queries: else (paths, rankings) nothing is learned answer by answer."""
+    queries = row_of(s, session).protocol.get("materials", {}).get("query_set")
+    found = s.get(Artefact, queries) if queries is not None else None
+    return found is not None and found.kind == "query_set"
 
 
 def _learnt(s: DatabaseSession, files: ArtefactStore, participant: Participant) -> Learnt:

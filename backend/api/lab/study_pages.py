@@ -341,13 +341,16 @@ def dictionary() -> Response:
 
 
 @router.get("/lab/studies/{study_id}/report")
-def report(request: Request, study_id: str, database: Db, who: str = "people") -> Response:
+def report(request: Request, study_id: str, database: Db, who: str = "") -> Response:
     """The summary numbers, each linked to its rows; `who`: people (of the live study), pilot or simulated, never two of
-    them in one number."""
-    who = who if who in GROUPS else "people"
+    them in one number; unless it says, the first of them that has anybody."""
     with database.session() as s:
         study = the_study(s, study_id)
-        return study_tab(request, study, "report", report=study_report(s, study, who, utc_now()), who=who)
+        joined = study_rows.joined_of(s, study.id)
+        if who not in GROUPS:
+            who = next((name for name in GROUPS if joined[name]), "people")
+        shown = study_report(s, study, who, utc_now())
+        return study_tab(request, study, "report", report=shown, who=who, joined=joined)
 
 
 @router.get("/api/lab/studies/{study_id}/report", response_model=Report)

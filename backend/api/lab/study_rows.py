@@ -27,7 +27,7 @@ from backend.store.models import (
     utc_now,
 )
 from backend.store.retention import is_overdue
-from backend.store.who_counts import FINISHED, in_group
+from backend.store.who_counts import FINISHED, GROUPS, Group, in_group
 
 ROWS_PER_PAGE = 100
 
@@ -59,6 +59,12 @@ class Page:
     total: int
     page: int
     pages: int
+
+
+def joined_of(s: DatabaseSession, study_id: str) -> dict[Group, int]:
+    """How many joined a study, by group."""
+    of_study = select(func.count()).select_from(Participant).where(Participant.study_id == study_id)
+    return {group: s.scalar(of_study.where(in_group(group))) or 0 for group in GROUPS}
 
 
 def study_lines(s: DatabaseSession, seen: ColumnElement[bool]) -> list[StudyLine]:

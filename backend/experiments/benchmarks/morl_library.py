@@ -59,7 +59,7 @@ def capql(transitions: int, seed: int, demonstration: DemonstrationReward) -> Pr
         from morl_baselines.multi_policy.capql.capql import CAPQL
     except ImportError as missing:
         raise ImportError(f"{missing}: install morl-baselines beside the product, as this module's text says") from None
-    env = AdaptableEnv(seed=seed, demonstration=demonstration, scale=SCALE)
+    env = AdaptableEnv(seed=seed, demonstration=demonstration, scale=SCALE, time_limit="terminated")
     agent = CAPQL(
         env, gamma=AdaptableConfig().gamma, batch_size=AdaptableConfig().batch_size, buffer_size=transitions,
         learning_starts=transitions // 10, log=False, seed=seed, device="cpu",

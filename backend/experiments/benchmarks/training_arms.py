@@ -215,7 +215,7 @@ def train_sb3(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Train
 
 def pybullet_seconds_per_step(setup: Setup, steps: int) -> float:
     """Wheel motors, restarts included: what a user's training would pay per step, without network and updates."""
-    env = NavigationEnv(setup, engine="pybullet", drive_mode="wheels", progress_weight=1.0)
+    env = NavigationEnv(setup, engine="pybullet", drive_mode="wheels", progress_weight=1.0, time_limit="terminated")
     random = np.random.default_rng(0)
     env.reset(seed=0)
     began = time.process_time()

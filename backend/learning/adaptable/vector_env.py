@@ -19,7 +19,7 @@ from backend.learning.adaptable.objectives import (
     DemonstrationReward,
     objective_rewards,
 )
-from backend.simulation.environments import NavigationEnv
+from backend.simulation.environments import NavigationEnv, TimeLimit
 
 Floats = NDArray[np.float32]
 
@@ -32,8 +32,15 @@ class AdaptableEnv(gymnasium.Env[Floats, Floats]):
 
     metadata: dict[str, Any] = {"render_modes": []}
 
-    def __init__(self, *, seed: int = 0, demonstration: DemonstrationReward | None = None, scale: float = 1.0) -> None:
-        self._env = NavigationEnv("adaptable", seed=seed, progress_weight=PROGRESS_PER_M)
+    def __init__(
+        self,
+        *,
+        seed: int = 0,
+        demonstration: DemonstrationReward | None = None,
+        scale: float = 1.0,
+        time_limit: TimeLimit = "truncated",
+    ) -> None:
+        self._env = NavigationEnv("adaptable", seed=seed, progress_weight=PROGRESS_PER_M, time_limit=time_limit)
         self.setup = self._env.setup
         self._demonstration, self._scale = demonstration or shipped_demonstration(), np.float32(scale)
         self.observation_space, self.action_space = self._env.observation_space, self._env.action_space

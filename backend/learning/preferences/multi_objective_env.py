@@ -14,7 +14,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from backend.learning.preferences.objectives import NAMES, names_of, step_terms_of
-from backend.simulation.environments import NavigationEnv
+from backend.simulation.environments import NavigationEnv, TimeLimit
 
 Floats = NDArray[np.float32]
 REWARDS = ("task", *NAMES)
@@ -28,8 +28,8 @@ class MultiObjectiveNavigationEnv(gymnasium.Env[Floats, Floats]):
 
     metadata: dict[str, Any] = {"render_modes": []}
 
-    def __init__(self, setup: str, *, seed: int = 0) -> None:
-        self._env = NavigationEnv(setup, seed=seed)
+    def __init__(self, setup: str, *, seed: int = 0, time_limit: TimeLimit = "truncated") -> None:
+        self._env = NavigationEnv(setup, seed=seed, time_limit=time_limit)
         self.setup = self._env.setup
         self.observation_space, self.action_space = self._env.observation_space, self._env.action_space
         self.rewards = ("task", *names_of(setup))

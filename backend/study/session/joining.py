@@ -144,7 +144,7 @@ class _Door:
             study_id=study.id,
             code=self._new_code(who.simulated),
             simulated=who.simulated,
-            pilot=study.pilot,
+            pilot=study.pilot and not who.simulated,  # a simulated participant is one whatever the phase
             oracle=dict(who.oracle) if who.oracle and who.simulated else None,
         )
         known = self._recruiting_id(participant, who.recruiting or {})
