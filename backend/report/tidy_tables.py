@@ -254,7 +254,7 @@ def _ratings(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> It
             for name, value in row["value"].items():
                 if name not in MARKS:
                     yield Rating(
-                        row["participant"], step.get("block"), step["questionnaire"], name, value, step["stage"]
+                        row["participant"], step.get("block"), step["questionnaire"], name, value, step.get("stage", "")
                     )
     for (person, condition, stage, item), values in shown.items():
         yield Rating(person, condition, stage, item, sum(values) / len(values), stage)

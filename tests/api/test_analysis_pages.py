@@ -150,7 +150,9 @@ def test_counts_of_simulated_people_agree_whatever_the_phase(lab, lab_services, 
     assert analyse(data, None, "simulated", AnalysisPlan(metrics=())).flow.analysed == 3
     monkeypatch.setattr(study_commands, "open_store", lambda: (services.database, services.files))
     study_commands.list_studies(as_json=True)
-    (listed,) = [one for one in json.loads(capsys.readouterr().out)["studies"] if one["study"] == study.id]
+    (listed,) = [
+        one for one in json.loads(capsys.readouterr().out.splitlines()[-1])["studies"] if one["study"] == study.id
+    ]
     assert (listed["people"], listed["pilot_participants"], listed["simulated"]) == (0, 0, 3)
 
 
