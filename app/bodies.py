@@ -1,12 +1,16 @@
 """The robot and the person: a TurtleBot whose heading reads at a glance, a wooden mannequin that faces +x.
 
-Both stand at the origin of their own frame, floor at z = 0. Looks only: what the robot hits is decided elsewhere.
+Both stand at the origin of their own frame, floor at z = 0. Looks only: what the robot hits is decided elsewhere, and
+how legs move is the page's (`client/people.js`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from app.shapes import Colour, Shape, ball, box, disc, flat, limb, merged, turned
 from backend.simulation.setups import ROBOT_RADIUS_M
@@ -17,10 +21,12 @@ _GRAPHITE: Colour = (58, 60, 64)
 _GRAPHITE_LIGHT: Colour = (92, 95, 100)
 _PLATE: Colour = (196, 196, 192)
 _LAMP: Colour = (206, 244, 255)
-_BEECH: Colour = (214, 174, 126)
-_BEECH_DARK: Colour = (176, 134, 90)
+_WALNUT: Colour = (88, 58, 41)  # dark on every floor of `surfaces.py`, also where the page dims both
+_WALNUT_DARK: Colour = (58, 38, 28)
+_FACE: Colour = (112, 78, 54)
 _BLUE: Colour = (52, 120, 214)
-_GREEN: Colour = (46, 140, 78)
+_GREEN: Colour = (26, 118, 62)
+_CHALK: Colour = (250, 248, 240)
 GOAL_CONE_HEIGHT_M = 0.55
 
 
@@ -75,34 +81,52 @@ def robot_glow(colours: RobotColours = NEUTRAL) -> Shape:
     return merged([shade, light])
 
 
+THIGH, SHIN, ARM = 1, 2, 3
+"""What of a mannequin swings when it walks: about the hip, about the knee and the hip, about the shoulder."""
+
+
 def mannequin(height: float = 1.7) -> Shape:
     """A jointed wooden figure facing +x, arms a little forward, nose and feet telling front from back."""
-    s = height / 1.7
-    parts = [
-        ball((0.0, 0, 1.575), (0.098, 0.078, 0.122), _BEECH),
-        limb((0.085, 0, 1.575), (0.135, 0, 1.550), 0.018, 0.014, _BEECH_DARK, segments=8),
-        limb((-0.005, 0, 1.40), (0.0, 0, 1.47), 0.045, 0.042, _BEECH_DARK),
-        ball((0.0, 0, 1.25), (0.118, 0.172, 0.185), _BEECH),
-        limb((0, -0.165, 1.36), (0, 0.165, 1.36), 0.055, 0.055, _BEECH),
-        ball((0.0, 0, 1.04), (0.088, 0.118, 0.10), _BEECH_DARK),
-        ball((0.0, 0, 0.92), (0.108, 0.158, 0.105), _BEECH),
+    figure = merged(part for part, _, _ in _joints())
+    return Shape(figure.positions * (height / 1.7), figure.normals, figure.colours, figure.faces).lit()
+
+
+def gait_marks(height: float = 1.7) -> NDArray[np.float32]:
+    """(N, 3) of every corner of the mannequin: its part (0 for the trunk), side (-1 right, 1 left) and figure's height
+    (m), by which the page makes it walk.
+    """
+    marks = [np.tile([part, side, height], (len(shape.positions), 1)) for shape, part, side in _joints()]
+    return np.concatenate(marks).astype(np.float32)
+
+
+def _joints() -> list[tuple[Shape, int, int]]:
+    """The parts of a figure of 1.7 m, each with what it swings with and its side."""
+    trunk = [
+        ball((0.0, 0, 1.575), (0.098, 0.078, 0.122), _FACE),
+        limb((0.085, 0, 1.575), (0.135, 0, 1.550), 0.018, 0.014, _WALNUT_DARK, segments=8),
+        limb((-0.005, 0, 1.40), (0.0, 0, 1.47), 0.045, 0.042, _WALNUT_DARK),
+        ball((0.0, 0, 1.25), (0.118, 0.172, 0.185), _WALNUT),
+        limb((0, -0.165, 1.36), (0, 0.165, 1.36), 0.055, 0.055, _WALNUT),
+        ball((0.0, 0, 1.04), (0.088, 0.118, 0.10), _WALNUT_DARK),
+        ball((0.0, 0, 0.92), (0.108, 0.158, 0.105), _WALNUT),
     ]
+    parts = [(shape, 0, 0) for shape in trunk]
     for side in (-1, 1):
         shoulder, elbow, hand = (0.0, side * 0.222, 1.355), (0.03, side * 0.262, 1.09), (0.20, side * 0.235, 0.93)
         hip, knee, ankle = (0.0, side * 0.088, 0.88), (0.018, side * 0.094, 0.49), (-0.01, side * 0.098, 0.09)
+        palm = (hand[0] + 0.04, hand[1], hand[2] - 0.03)
         parts += [
-            ball(shoulder, (0.062, 0.062, 0.062), _BEECH_DARK, segments=12, rings=7),
-            limb(shoulder, elbow, 0.046, 0.038, _BEECH),
-            ball(elbow, (0.042, 0.042, 0.042), _BEECH_DARK, segments=10, rings=6),
-            limb(elbow, hand, 0.037, 0.029, _BEECH),
-            ball((hand[0] + 0.04, hand[1], hand[2] - 0.03), (0.055, 0.026, 0.036), _BEECH_DARK, segments=10, rings=6),
-            limb(hip, knee, 0.076, 0.054, _BEECH),
-            ball(knee, (0.058, 0.055, 0.058), _BEECH_DARK, segments=10, rings=6),
-            limb(knee, ankle, 0.052, 0.036, _BEECH),
-            ball((0.062, side * 0.104, 0.040), (0.135, 0.050, 0.042), _BEECH_DARK, segments=12, rings=6),
+            (ball(shoulder, (0.062, 0.062, 0.062), _WALNUT_DARK, segments=12, rings=7), ARM, side),
+            (limb(shoulder, elbow, 0.046, 0.038, _WALNUT), ARM, side),
+            (ball(elbow, (0.042, 0.042, 0.042), _WALNUT_DARK, segments=10, rings=6), ARM, side),
+            (limb(elbow, hand, 0.037, 0.029, _WALNUT), ARM, side),
+            (ball(palm, (0.055, 0.026, 0.036), _FACE, segments=10, rings=6), ARM, side),
+            (limb(hip, knee, 0.076, 0.054, _WALNUT), THIGH, side),
+            (ball(knee, (0.058, 0.055, 0.058), _WALNUT_DARK, segments=10, rings=6), THIGH, side),
+            (limb(knee, ankle, 0.052, 0.036, _WALNUT), SHIN, side),
+            (ball((0.062, side * 0.104, 0.040), (0.135, 0.050, 0.042), _WALNUT_DARK, segments=12, rings=6), SHIN, side),
         ]
-    figure = merged(parts)
-    return Shape(figure.positions * s, figure.normals, figure.colours, figure.faces).lit()
+    return parts
 
 
 def person_place(*, facing: bool) -> Shape:
@@ -122,3 +146,24 @@ def goal_cone() -> Shape:
     height, foot = GOAL_CONE_HEIGHT_M, 0.12
     slope = [(foot * 1.35, 0.012), (foot * 1.3, 0.03), (foot, 0.03), (0.012, height), (0.0, height)]
     return turned(slope, _GREEN, segments=24).lit(turning=True)
+
+
+def goal_ring(radius: float) -> Shape:
+    """On the floor around the cone, as far as the goal reaches (m): green between two light rims. Translucent."""
+    inside = turned([(radius, 0.009), (0.0, 0.009)], _GREEN, segments=48, alpha=0.2)
+    return merged([inside, _ring(radius, 0.05)])
+
+
+def robot_ring() -> Shape:
+    """On the floor around a robot, which is found by it in any picture and keeps its own size. Translucent."""
+    return _ring(1.75 * ROBOT_RADIUS_M, 0.03)
+
+
+def _ring(radius: float, width: float) -> Shape:
+    """A green band on the floor that ends at `radius`, with a light rim on either side, m."""
+    rim = 0.4 * width
+    bands = ((rim, 0.0, _CHALK, 0.9), (rim + width, rim, _GREEN, 0.95), (2 * rim + width, rim + width, _CHALK, 0.9))
+    return merged(
+        turned([(radius - outside, 0.0095), (radius - inside, 0.0095)], colour, segments=48, alpha=alpha)
+        for inside, outside, colour, alpha in bands
+    )

@@ -15,7 +15,8 @@ from app import furniture
 from app.glb import Surface, to_glb
 from app.orders import Attention, Explained, Solid
 from app.outlines import body
-from app.shapes import Colour, Shape, turned
+from app.scene_nodes import squares
+from app.shapes import Colour, turned
 from backend.explain.shown_explanation import ShownAttention, ShownExplanation, solids_of
 from backend.simulation.crowds.crowd_setups import PED_DEPTH_M, PED_WIDTH_M
 from backend.simulation.scene import Obstacle, Scene
@@ -35,11 +36,11 @@ def add_explained(api: viser.SceneApi, root: str, scene: Scene, shown: ShownExpl
     """Add the meshes; returns what the page must know of them, and their names."""
     names: dict[str, str] = {"ring": f"{root}/ring", "line": f"{root}/line"}
     _add(api, names["ring"], _ring(scene.goal_radius), (scene.goal.x, scene.goal.y))
-    _add(api, names["line"], _squares(DASHES, 4, _GREEN))
+    _add(api, names["line"], squares(DASHES, 4, _GREEN))
     beams = get_setup(scene.setup).lidar.beams
     if shown.lidar:
         names["rays"] = f"{root}/rays"
-        _add(api, names["rays"], _squares(beams, CORNERS_PER_RAY, _GREEN))
+        _add(api, names["rays"], squares(beams, CORNERS_PER_RAY, _GREEN))
     objects = solids_of(scene, shown.things, (len(shown.scores) - 1) * CONTROL_DT_S)
     if shown.outlines:
         for index, obstacle in enumerate(objects):
@@ -48,7 +49,7 @@ def add_explained(api: viser.SceneApi, root: str, scene: Scene, shown: ShownExpl
     if shown.attention is not None:
         names["attention"] = f"{root}/attention"
         attended = len(shown.attention.spatial[0]) + len(shown.attention.temporal[0])
-        _add(api, names["attention"], _squares(attended, CORNERS_PER_WEIGHT, _GREEN))
+        _add(api, names["attention"], squares(attended, CORNERS_PER_WEIGHT, _GREEN))
     attention = _attention(shown.attention, names["attention"]) if shown.attention is not None else None
     person = scene.person
     order: Explained = {
@@ -96,23 +97,11 @@ def _ring(radius: float) -> bytes:
     return to_glb([Surface(turned(tube, _GREEN, segments=40, smooth=True).lit(turning=True))])
 
 
-@cache
-def _squares(count: int, corners: int, colour: Colour) -> bytes:
-    """So many times `corners` / 4 squares, all in one place: the page moves their corners."""
-    positions = np.zeros((count * corners, 3), np.float32)
-    positions[:, 2] = -1.0  # under the floor until it does
-    colours = np.ones((len(positions), 4), np.float32)
-    colours[:, :3] = np.asarray(colour, np.float32) / 255
-    first = 4 * np.arange(count * corners // 4)
-    faces = np.concatenate([first[:, None] + [0, 1, 2], first[:, None] + [0, 2, 3]]).astype(np.uint32)
-    return to_glb([Surface(Shape(positions, positions, colours, faces), translucent=True)])
-
-
 @lru_cache(maxsize=256)
 def _outline(obstacle: Obstacle, index: int) -> bytes:
-    """An object's body twice, white and rim, with the way outwards of each corner as its normal: the page moves corners
+    """An object's body twice, white and rim, marked with the way outwards of each corner: the page moves corners
     along it and shows the far sides alone, so that what sticks out behind the object is its outline.
     """
     own = furniture.piece(obstacle, index)
-    hulls = [Surface(body(own, colour), with_normals=True) for colour in (_WHITE, _RIM)]
-    return to_glb(hulls)
+    hulls = [body(own, colour) for colour in (_WHITE, _RIM)]
+    return to_glb([Surface(hull, marks=hull.normals) for hull in hulls])

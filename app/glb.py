@@ -23,8 +23,8 @@ class Surface:
     """One draw call.
 
     uv: (N, 2) float32 texture coordinates, or None. image: PNG or JPEG bytes that multiply the vertex colours.
-    translucent: blend by alpha. repeat: tile the image. with_normals: the shape's normals go along; nothing is lit by
-    them, but the page may want them.
+    translucent: blend by alpha. repeat: tile the image. marks: (N, 3), what the page wants to know of each corner,
+    there the attribute `_mark`; normals do not go along, as nothing is lit and viser makes its own.
     """
 
     shape: Shape
@@ -32,7 +32,7 @@ class Surface:
     image: bytes | None = None
     translucent: bool = False
     repeat: bool = False
-    with_normals: bool = False
+    marks: NDArray[np.float32] | None = None
 
 
 def to_glb(surfaces: Sequence[Surface]) -> bytes:
@@ -78,8 +78,8 @@ def to_glb(surfaces: Sequence[Surface]) -> bytes:
                 np.round(np.clip(shape.colours, 0, 1) * 255).astype(np.uint8), _UINT8, "VEC4", normalized=True
             ),
         }
-        if surface.with_normals:
-            attributes["NORMAL"] = add_accessor(shape.normals.astype(np.float32), _FLOAT, "VEC3")
+        if surface.marks is not None:
+            attributes["_MARK"] = add_accessor(surface.marks.astype(np.float32), _FLOAT, "VEC3")
         pbr: dict[str, Any] = {"metallicFactor": 0.0, "roughnessFactor": 1.0}
         if surface.image is not None:
             if surface.uv is None:

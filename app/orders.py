@@ -96,7 +96,7 @@ class Walker(TypedDict):
 
 class ShowOrder(TypedDict):
     """A scene has been built; say so once all of it can be seen. halted: where the robot stands already, after its
-    rollout was watched. crowd: who walks beside the person.
+    rollout was watched. crowd: who walks beside the person. goal (x, y, radius): where it is shown, with a trail.
     """
 
     type: Literal["show"]
@@ -107,6 +107,7 @@ class ShowOrder(TypedDict):
     robots: list[str]
     person: str
     crowd: list[Walker]
+    goal: list[float] | None
     stands: list[float]
     start: list[float]
     sharpness: float

@@ -41,7 +41,8 @@ _CLIENT = Path(__file__).parent / "client"
 _PEN = ("clearance.js", "ink.js", "sections.js", "draw.js", "walk.js")
 _EXPLAINED = ("rays.js", "attention.js", "explained.js", "picking.js")
 _LATER = ("steer.js", *_EXPLAINED, "stage.js")
-_SCRIPTS = ("bridge.js", "viser_hooks.js", "sheet.js", "camera.js", "pictures.js", "player.js", *_PEN, *_LATER)
+_PLACE = ("scheme.js", "bodies.js", "sheet.js", "camera.js", "finder.js", "trail.js", "pictures.js", "player.js")
+_SCRIPTS = ("bridge.js", "viser_hooks.js", *_PLACE, *_PEN, *_LATER)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from app import bodies, furniture, surfaces
 from app.glb import Surface, to_glb
-from app.shapes import Shape, disc, merged
+from app.shapes import Colour, Shape, disc, merged
 from app.views import Camera, View
 from backend.simulation.pedestrians import where_on_route
 from backend.simulation.scene import Scene
@@ -28,6 +28,7 @@ Detail = Literal["full", "light"]
 
 PLAIN_FLOOR = {"wood": (216, 188, 154), "concrete": (208, 202, 192)}  # the middle of the materials in surfaces.py
 GRID_LINE_M = 0.025  # width of a line of the plain floor
+TRAIL_PIECES = 60  # as in client/trail.js
 FIELD_SOLID_M = 12.0  # open ground is fully there up to here, from the middle of the scene
 FIELD_RADIUS_M = 26.0  # and gone here
 
@@ -57,7 +58,7 @@ def build(
     robots: tuple[bodies.RobotColours, ...],
     detail: Detail = "full",
 ) -> Nodes:
-    """Add the scene under the node name `root`, robots at the start. Nothing tells the goal; see `add_goal`."""
+    """Add the scene under the node name `root`, robots at the start. Nothing tells the goal; see `add_marks`."""
     meshes = [f"{root}/place"]
     with _drawing:
         cut = scene.room is not None and view == "top_down"
@@ -113,16 +114,46 @@ def _segments(path: np.ndarray, height: float) -> np.ndarray:
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
-def add_goal(api: viser.SceneApi, name: str, scene: Scene) -> str:
-    """The cone at the scene's goal; returns `name`, its mesh's."""
-    api.add_glb(name, _goal(), position=(scene.goal.x, scene.goal.y, 0.0), cast_shadow=False, receive_shadow=False)
-    return name
+def add_marks(api: viser.SceneApi, root: str, scene: Scene, robots: Sequence[str]) -> list[str]:
+    """What the eye holds on to: the scene's goal, the trail that the page draws behind a robot, a ring around each.
+    Returns their names. robots: names of their frames.
+    """
+    at = (scene.goal.x, scene.goal.y, 0.0)
+    marks = [
+        (f"{root}/goal", _goal(scene.goal_radius), at),
+        (f"{root}/trail", squares(TRAIL_PIECES, 4, (0, 0, 0)), _HERE),
+    ]
+    marks += [(f"{robot}/ring", _robot_ring(), _HERE) for robot in robots]
+    for name, glb, position in marks:
+        api.add_glb(name, glb, position=position, cast_shadow=False, receive_shadow=False)
+    return [name for name, _, _ in marks]
+
+
+_HERE = (0.0, 0.0, 0.0)
 
 
 @cache
-def _goal() -> bytes:
+def _robot_ring() -> bytes:
+    return to_glb([Surface(bodies.robot_ring(), translucent=True)])
+
+
+@cache
+def squares(count: int, corners: int, colour: Colour) -> bytes:
+    """So many times `corners` / 4 squares, all in one place: the page moves their corners."""
+    positions = np.zeros((count * corners, 3), np.float32)
+    positions[:, 2] = -1.0  # under the floor until it does
+    colours = np.ones((len(positions), 4), np.float32)
+    colours[:, :3] = np.asarray(colour, np.float32) / 255
+    first = 4 * np.arange(count * corners // 4)
+    faces = np.concatenate([first[:, None] + [0, 1, 2], first[:, None] + [0, 2, 3]]).astype(np.uint32)
+    return to_glb([Surface(Shape(positions, positions, colours, faces), translucent=True)])
+
+
+@cache
+def _goal(radius: float) -> bytes:
+    ring = Surface(bodies.goal_ring(radius), translucent=True)
     shade = disc(0.22, 0.007, (38, 26, 18), alpha=0.5, rim_alpha=0.0)
-    return to_glb([Surface(shade, translucent=True), Surface(bodies.goal_cone())])
+    return to_glb([ring, Surface(shade, translucent=True), Surface(bodies.goal_cone())])
 
 
 @cache
@@ -136,7 +167,7 @@ def _person(height: float, *, seen: bool) -> bytes:
     marks = [Surface(bodies.person_place(facing=seen), translucent=True)]
     if seen:
         marks.insert(0, Surface(disc(0.34, 0.008, (38, 26, 18), alpha=0.55, rim_alpha=0.0), translucent=True))
-        marks.append(Surface(bodies.mannequin(height)))
+        marks.append(Surface(bodies.mannequin(height), marks=bodies.gait_marks(height)))
     return to_glb(marks)
 
 
@@ -144,7 +175,7 @@ def _person(height: float, *, seen: bool) -> bytes:
 def _pedestrian() -> bytes:
     """Somebody of the crowd: seen in every view, without the mark of the participant's place."""
     shade = Surface(disc(0.34, 0.008, (38, 26, 18), alpha=0.55, rim_alpha=0.0), translucent=True)
-    return to_glb([shade, Surface(bodies.mannequin())])
+    return to_glb([shade, Surface(bodies.mannequin(), marks=bodies.gait_marks())])
 
 
 def _about_z(yaw: float) -> tuple[float, float, float, float]:

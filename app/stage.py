@@ -2,8 +2,7 @@
 study and no trial.
 
 Playback itself runs in the page (`client/player.js`); the page tells its parent window when a trajectory has been
-watched to its end. Nothing that is sent there names a policy or a participant, and a goal
-only where a path is to be drawn to it.
+watched to its end. Nothing that is sent there names a policy or a participant, and a goal only where it is to be seen.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from app.beside import Beside
 from app.camera_pictures import CameraPictures
 from app.orders import Order
 from app.paper import Paper, crowd_tracks, surroundings, walk_track
-from app.views import View, camera_for, frame_of, require_view
+from app.views import Frame, View, camera_for, holds, require_view
 from backend.explain.shown_explanation import ShownExplanation
 from backend.simulation.scene import Scene
 from backend.simulation.trajectory import Floats, Trajectory
@@ -37,7 +36,7 @@ HOLD_S = 0.6  # ours: the end stays in sight before the next thing happens
 class _Showing:
     scene: Scene
     view: View
-    frame: tuple[float, float, float, float]
+    frame: Frame
     robots: tuple[bodies.RobotColours, ...]
     goal: bool = False
     explained: ShownExplanation | None = None
@@ -66,17 +65,31 @@ class Stage:
         view: View,
         *,
         trajectories: Sequence[Trajectory] = (),
+        goal: bool = False,
         explained: ShownExplanation | None = None,
         halted: bool = False,
     ) -> None:
         """Build the scene with the robot at its start. The page posts `ready` when all of it can be seen.
 
         trajectories: everything that will be played in this scene; give A and B together, so that the view from
-        above is framed once for both. explained: what is shown of the reasons of the one that will be played; halted:
-        it was, so the robot stands at its end. Raises ViewError for an unknown view.
+        above is framed once for both, closely. goal: it stands there and a trail fades behind the robot; reasons show
+        it anyway.
+        explained: what is shown of the reasons of the one that will be played, in the whole room; halted: it was, so
+        the robot stands at its end. Raises ViewError for an unknown view.
         """
         end = trajectories[0].poses[-1] if halted and trajectories else None
-        self._show(scene, require_view(view), trajectories, (bodies.NEUTRAL,), explained=explained, end=end)
+        goal = goal and explained is None
+        close = bool(trajectories) and explained is None
+        self._show(
+            scene,
+            require_view(view),
+            trajectories,
+            (bodies.NEUTRAL,),
+            goal=goal,
+            close=close,
+            explained=explained,
+            end=end,
+        )
 
     def draw(self, scene: Scene, view: View, paper: Paper) -> None:
         """Show the scene with its goal and let a path be drawn from the robot; the page posts `drawing` and `stroke`.
@@ -116,16 +129,20 @@ class Stage:
 
         Builds the scene first when another one stands there, or one whose frame is too small for this trajectory.
         label: "A", "B", or "" for none; it stands for `label_s` seconds before the robot moves. trajectories: as for
-        `show`. goal: whether its cone stands there.
+        `show`. goal: as for `show`.
         The scene's person walks as its walk says; walking: the participant does, and `played` brings their `walk`.
         paper: lies on the floor where the scene is built anew; what lies there already stays. explained: as for `show`.
         """
+        goal = goal and explained is None
         with self._lock:
             anew = not self._stands(trajectory, require_view(view), goal, explained)
             if anew:
                 shown = trajectories or (trajectory,)
+                close = paper is None and explained is None
                 robots = (bodies.NEUTRAL,)
-                self._show(trajectory.scene, require_view(view), shown, robots, goal=goal, explained=explained)
+                self._show(
+                    trajectory.scene, require_view(view), shown, robots, goal=goal, close=close, explained=explained
+                )
             self._run(
                 {
                     "type": "play",
@@ -226,10 +243,7 @@ class Stage:
         wanted = (trajectory.scene, view, (bodies.NEUTRAL,), goal, explained)
         if now is None or (now.scene, now.view, now.robots, now.goal, now.explained) != wanted:
             return False
-        need = frame_of(trajectory.scene, (trajectory,))
-        return all(a <= b for a, b in zip(now.frame[:2], need[:2], strict=True)) and all(
-            a >= b for a, b in zip(now.frame[2:], need[2:], strict=True)
-        )
+        return holds(now.frame, trajectory)
 
     def _show(
         self,
@@ -239,10 +253,11 @@ class Stage:
         robots: tuple[bodies.RobotColours, ...],
         *,
         goal: bool = False,
+        close: bool = False,
         explained: ShownExplanation | None = None,
         end: Floats | None = None,
     ) -> None:
-        camera = camera_for(scene, view, trajectories)
+        camera = camera_for(scene, view, trajectories, close=close, goal=goal)
         showing = _Showing(scene, view, camera.frame, robots, goal, explained)
         with self._lock:
             if self._gone or showing == self._showing:
@@ -254,11 +269,8 @@ class Stage:
                     self._client.scene, self._root, scene, view, camera, robots, self.detail
                 )
                 if goal:
-                    meshes = (
-                        *self._nodes.meshes,
-                        scene_nodes.add_goal(self._client.scene, f"{self._root}/goal", scene),
-                    )
-                    self._nodes = replace(self._nodes, meshes=meshes)
+                    marks = scene_nodes.add_marks(self._client.scene, self._root, scene, self._nodes.robots)
+                    self._nodes = replace(self._nodes, meshes=(*self._nodes.meshes, *marks))
                 reasons = None
                 if explained:
                     reasons, added = explained_nodes.add_explained(self._client.scene, self._root, scene, explained)
@@ -276,6 +288,7 @@ class Stage:
                             {"name": name, "track": track}
                             for name, track in zip(self._nodes.crowd, crowd_tracks(scene), strict=True)
                         ],
+                        "goal": [scene.goal.x, scene.goal.y, scene.goal_radius] if goal else None,
                         "stands": [scene.person.pose.x, scene.person.pose.y, scene.person.pose.yaw],
                         "start": [scene.start.x, scene.start.y, scene.start.yaw],
                         "sharpness": SHARPNESS[self.detail],

@@ -23,13 +23,17 @@
     const [xMin, yMin, xMax, yMax] = camera.frame;
     const width = xMax - xMin;
     const height = yMax - yMin;
-    const aspect = window.innerWidth / Math.max(1, window.innerHeight);
+    const covered = window.desirePath.sheet.covered();
+    const free = Math.max(1, window.innerHeight - covered);
+    const aspect = window.innerWidth / free;
     const upright = Math.max(height, width / aspect);
     const lying = Math.max(width, height / aspect);
     // A long room lies along the long side of the window, the same way for A and B.
     const up = lying < 0.95 * upright ? [1, 0, 0] : [0, 1, 0];
-    const distance = Math.min(upright, up[0] ? lying : upright) / 2 / Math.tan(camera.fov_rad / 2);
-    const middle = [(xMin + xMax) / 2, (yMin + yMax) / 2];
+    const metres = (Math.min(upright, up[0] ? lying : upright) * window.innerHeight) / free;
+    const distance = metres / 2 / Math.tan(camera.fov_rad / 2);
+    const higher = ((covered / 2) * metres) / window.innerHeight; // the picture begins under the legend
+    const middle = [(xMin + xMax) / 2 + up[0] * higher, (yMin + yMax) / 2 + up[1] * higher];
     // Far off, a near plane at the nose would leave too little depth to tell a lid from the crate under it.
     window.desirePath.viser.look({
       eye: [...middle, distance], target: [...middle, 0], up, fovRad: camera.fov_rad, near: distance / 2,
@@ -40,12 +44,17 @@
     if (!camera) return;
     const [xMin, yMin, xMax, yMax] = camera.frame;
     const [width, height] = [xMax - xMin, yMax - yMin];
-    const aspect = window.innerWidth / Math.max(1, window.innerHeight);
+    const covered = window.desirePath.sheet.covered();
+    const free = Math.max(1, window.innerHeight - covered);
+    const aspect = window.innerWidth / free;
     const [long, short] = [Math.max(width, height), Math.min(width, height)];
-    const distance = (0.58 * Math.max(long / aspect, short)) / Math.tan(ASLANT_FOV_RAD / 2) + short / 4;
+    const near = (0.58 * Math.max(long / aspect, short)) / Math.tan(ASLANT_FOV_RAD / 2) + short / 4;
+    const distance = (near * window.innerHeight) / free;
     const back = distance * Math.cos(ASLANT_RAD);
-    const middle = [(xMin + xMax) / 2, (yMin + yMax) / 2];
-    const eye = width >= height ? [middle[0], middle[1] - back] : [middle[0] - back, middle[1]];
+    const farther = ((covered / window.innerHeight) * distance * Math.tan(ASLANT_FOV_RAD / 2)) / Math.sin(ASLANT_RAD);
+    const lies = width >= height;
+    const middle = [(xMin + xMax) / 2 + (lies ? 0 : farther), (yMin + yMax) / 2 + (lies ? farther : 0)];
+    const eye = lies ? [middle[0], middle[1] - back] : [middle[0] - back, middle[1]];
     window.desirePath.viser.look({
       eye: [...eye, distance * Math.sin(ASLANT_RAD)], target: [...middle, 0], up: [0, 0, 1], fovRad: ASLANT_FOV_RAD, near: 0.3,
     });
@@ -67,6 +76,20 @@
       const target = [watched[0], watched[1], camera.target[2]];
       window.desirePath.viser.look({ eye: camera.eye, target, up: [0, 0, 1], fovRad: camera.fov_rad });
     }
+    find();
+  }
+
+  let finding = false;
+  /** In the next picture, when the eye looks where it was told to, an arrow tells where the robot is. */
+  function find() {
+    if (finding) return;
+    finding = true;
+    requestAnimationFrame(() => {
+      finding = false;
+      const { finder } = window.desirePath;
+      if (!camera || free || camera.view === "top_down" || !Number.isFinite(watched[0])) finder.rest();
+      else finder.look(watched[0], watched[1]);
+    });
   }
 
   window.addEventListener("resize", () => requestAnimationFrame(apply));
@@ -95,7 +118,10 @@
     watch(x, y) {
       watched = [x, y];
       if (camera?.view === "first_person") apply();
+      else find();
     },
+    /** What covers the picture has another height. */
+    fit: apply,
     /** Whether the gaze can be turned now. */
     mayTurn: () =>
       camera !== null && !free && (camera.view === "immersive" || ((gazing || walking) && camera.view !== "top_down")),
@@ -152,6 +178,7 @@
     release() {
       if (camera?.view === "top_down") lookFromAslant();
       free = true;
+      find();
       window.desirePath.viser.orbit(true);
       document.documentElement.dataset.camera = "free";
     },

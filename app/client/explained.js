@@ -131,11 +131,22 @@
     });
   }
 
-  /** The sign stands over the robot wherever it is seen. */
+  const STOP_PX = 44; // as in stage.css
+  /** @type {{x: number, foot: number, width: number, height: number}[]} */
+  let signs = [];
+
+  /** The sign stands over the robot wherever it is seen, and on none of it. */
   function pinStop() {
-    const at = order && halted ? viser.projector()(atX, atY, 0.62) : null;
+    const project = order && halted ? viser.projector() : null;
+    const at = project?.(atX, atY, 0.42);
     stop.hidden = !at;
-    if (at) stop.style.transform = `translate(${at[0]}px, ${at[1]}px) translate(-50%, -100%)`;
+    signs = [];
+    if (!project || !at) return;
+    const edge = order?.robot_radius ?? 0;
+    const around = [[edge, 0], [-edge, 0], [0, edge], [0, -edge]].map(([dx, dy]) => project(atX + dx, atY + dy, 0.42)?.[1] ?? at[1]);
+    const [x, foot] = [at[0], Math.min(...around) - 4];
+    stop.style.transform = `translate(${x}px, ${foot}px) translate(-50%, -100%)`;
+    signs = [{ x, foot, width: STOP_PX + 4, height: STOP_PX + 4 }];
   }
 
   function showLegend() {
@@ -149,7 +160,7 @@
       item.append(icon, ink.say(`reasons.${name}`));
       return item;
     }));
-    window.desirePath.sheet.element.append(legend);
+    window.desirePath.sheet.strip.append(legend);
   }
 
   window.desirePath.explained = {
@@ -171,10 +182,10 @@
       };
       [rayMesh, lineMesh] = [one(given.rays), one(given.line)];
       hulls = given.objects.map(({ outline }) => (outline ? viser.meshes(outline) : []).map((mesh, k) => {
-        const { position, normal } = mesh.geometry.attributes;
+        const { position, _mark: outwards } = mesh.geometry.attributes;
         Object.assign(mesh, { visible: false, frustumCulled: false });
         Object.assign(mesh.material, { side: 1, needsUpdate: true }); // the far sides alone
-        return { mesh, corners: Float32Array.from(position.array), outwards: Float32Array.from(normal.array), rim: k ? RIM_M : 0 };
+        return { mesh, corners: Float32Array.from(position.array), outwards: Float32Array.from(outwards.array), rim: k ? RIM_M : 0 };
       }));
       stop.hidden = true;
       window.desirePath.sheet.element.append(stop);
@@ -224,6 +235,8 @@
 
     /** Keeps the sign over the robot when the camera turns. */
     follow: pinStop,
+    /** Where the sign is, which nothing else may cover. */
+    sign: () => signs,
     objects: () => order?.objects ?? [],
     /** @param {any} message of the page */
     obey(message) {

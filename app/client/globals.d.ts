@@ -45,6 +45,8 @@ interface DesirePath {
     floorAt(px: number, py: number): number[] | null;
     ray(px: number, py: number): { eye: number[]; along: number[] };
     meshes(name: string): any[];
+    tint(name: string, factor: number, figure: number): void;
+    gait(name: string): number[];
     redraw(): void;
     orbit(free: boolean): void;
     plainPicture(sharpness: number): void;
@@ -62,12 +64,28 @@ interface DesirePath {
     heading(): number;
     walk(on: boolean): void;
     stand(x: number, y: number): void;
+    fit(): void;
     hold(): void;
     release(): void;
   };
+  scheme: {
+    use(meshes: string[]): void;
+    isDark(): boolean;
+    trail(): number[];
+    colour(name: string): string;
+  };
+  bodies: {
+    use(robots: string[], people: string[]): void;
+    put(name: string, x: number, y: number, yaw: number): void;
+    uncover(pen: CanvasRenderingContext2D, project: Projector): void;
+  };
+  trail: { use(name: string): void; at(track: Track, t: number): void };
+  finder: { rest(): void; look(x: number, y: number): void };
   sheet: {
     element: HTMLElement;
-    label(text: string): void;
+    strip: HTMLElement;
+    covered(): number;
+    label(text: string, keeps?: number[][]): void;
     legend(entries: { name: string; colour: number[]; hollow?: boolean }[]): void;
   };
   pictures: {
@@ -76,7 +94,7 @@ interface DesirePath {
   };
   player: {
     along(track: Track, t: number): number[];
-    use(names: string[], who?: string, where?: number[], people?: Orders["show"]["crowd"]): void;
+    use(names: string[], who?: string, where?: number[], people?: Orders["show"]["crowd"], aim?: number[] | null): void;
     /** x, y, yaw of everybody in the crowd now. */
     walkers(): number[][];
     walkTo(walked: Track, t: number): void;
@@ -159,6 +177,7 @@ interface DesirePath {
     at(t: number, x: number, y: number, yaw: number): void;
     hide(on: boolean): void;
     follow(): void;
+    sign(): { x: number; foot: number; width: number; height: number }[];
     objects(): import("../../frontend/static/js/contract.js").ExplainedObject[];
     obey(message: any): void;
   };

@@ -12,11 +12,13 @@
   const SLOW = [64, 44, 140];
   const MIDDLE = [30, 140, 140];
   const FAST = [250, 200, 40];
-  const WOOD = [216, 188, 154]; // a see-through stroke would show where its pieces overlap
-  const RED = "rgb(190 32 22)";
-  const AMBER = "rgb(206 122 10)";
-  const INK = "rgb(34 32 28)";
-  const PAPER = "rgb(251 249 244)";
+  const WOOD = { light: [216, 188, 154], dark: [91, 79, 65] }; // a see-through stroke would show where its pieces overlap
+  const RED = "--wrong";
+  const AMBER = "--tight";
+  const GREEN = "--path";
+  const INK = "--ink";
+  const PAPER = "--paper";
+  const { scheme } = window.desirePath;
 
   /**
    * @typedef {object} Picture what is to be seen
@@ -63,7 +65,8 @@
     const u = 2 * share(speed);
     const [from, to] = u < 1 ? [SLOW, MIDDLE] : [MIDDLE, FAST];
     const full = from.map((value, i) => value + (to[i] - value) * (u < 1 ? u : u - 1));
-    return `rgb(${full.map((value, i) => Math.round(faded ? 0.5 * (value + WOOD[i]) : value))})`;
+    const wood = scheme.isDark() ? WOOD.dark : WOOD.light;
+    return `rgb(${full.map((value, i) => Math.round(faded ? 0.5 * (value + wood[i]) : value))})`;
   }
 
   /** A text of the page's catalogue. @param {string} key @param {Record<string, string>} [values] */
@@ -140,7 +143,7 @@
 
   /** Bars across a stretch that is too tight. @param {(number[] | null)[]} spots @param {number[]} wide @param {any} place */
   function hatch(spots, wide, place) {
-    pen.strokeStyle = place.near.metres < 0 ? RED : AMBER;
+    pen.strokeStyle = scheme.colour(place.near.metres < 0 ? RED : AMBER);
     pen.lineWidth = 2.5;
     const size = 7 + wide[place.worst] / 2;
     let since = Infinity;
@@ -164,14 +167,14 @@
     const width = pen.measureText(text).width + 24;
     const x = Math.max(8, Math.min(window.innerWidth - width - 8, at[0] + 18));
     const y = Math.max(8, Math.min(window.innerHeight - 40, at[1] - 42));
-    pen.fillStyle = PAPER;
-    pen.strokeStyle = tone;
+    pen.fillStyle = scheme.colour(PAPER);
+    pen.strokeStyle = scheme.colour(tone);
     pen.lineWidth = 2;
     pen.beginPath();
     pen.roundRect(x, y, width, 30, 6);
     pen.fill();
     pen.stroke();
-    pen.fillStyle = INK;
+    pen.fillStyle = scheme.colour(INK);
     pen.textBaseline = "middle";
     pen.fillText(text, x + 12, y + 16);
   }
@@ -183,15 +186,15 @@
     for (const [radius, alpha] of [[0.3, 1], ...(waiting ? [[0.3 + 0.22 * phase, 1 - phase]] : [])]) {
       circle(project, x, y, radius);
       pen.globalAlpha = alpha;
-      pen.strokeStyle = "rgb(255 255 255 / 0.9)";
+      pen.strokeStyle = scheme.colour(PAPER);
       pen.lineWidth = 6;
       pen.stroke();
-      pen.strokeStyle = "rgb(28 104 62)";
+      pen.strokeStyle = scheme.colour(GREEN);
       pen.lineWidth = 3;
       pen.stroke();
     }
     pen.globalAlpha = 1;
-    if (waiting) note(project(x, y), say(onward ? "go_on_here" : "begin_here"), "rgb(28 104 62)");
+    if (waiting) note(project(x, y), say(onward ? "go_on_here" : "begin_here"), GREEN);
   }
 
   /** Where the goal is out of sight: on which side it lies. @param {Projector} project @param {number[]} goal */
@@ -201,8 +204,8 @@
     const left = window.desirePath.camera.isLeft(x, y);
     const [edge, way] = left ? [14, 1] : [window.innerWidth - 14, -1];
     const middle = window.innerHeight / 2;
-    pen.fillStyle = "rgb(28 104 62)";
-    pen.strokeStyle = "white";
+    pen.fillStyle = scheme.colour(GREEN);
+    pen.strokeStyle = scheme.colour(PAPER);
     pen.lineWidth = 3;
     pen.beginPath();
     pen.moveTo(edge, middle);
@@ -211,22 +214,12 @@
     pen.closePath();
     pen.stroke();
     pen.fill();
-    note([left ? edge : edge - 12, middle + 82], say("goal"), "rgb(28 104 62)");
-  }
-
-  /** @param {Projector} project @param {number[]} goal */
-  function target(project, [x, y, radius]) {
-    circle(project, x, y, radius);
-    pen.setLineDash([7, 6]);
-    pen.strokeStyle = "rgb(28 104 62 / 0.85)";
-    pen.lineWidth = 2.5;
-    pen.stroke();
-    pen.setLineDash([]);
+    note([left ? edge : edge - 12, middle + 82], say("goal"), GREEN);
   }
 
   /** The person's way as footprints, left and right in turn, each 0.3 m after the other. @param {Projector} project @param {number[][]} track */
   function footprints(project, track) {
-    pen.fillStyle = "rgb(46 86 140 / 0.8)";
+    pen.fillStyle = scheme.colour("--feet");
     let [since, left] = [Infinity, false];
     track.forEach(([, x, y, yaw], i) => {
       since += i ? Math.hypot(x - track[i - 1][1], y - track[i - 1][2]) : 0;
@@ -250,7 +243,7 @@
     const [here, there] = [project(at[0], at[1]), project(near.at[0], near.at[1])];
     if (!here || !there || near.metres > 1.5) return;
     pen.setLineDash([2, 5]);
-    pen.strokeStyle = INK;
+    pen.strokeStyle = scheme.colour(INK);
     pen.lineWidth = 2;
     pen.beginPath();
     pen.moveTo(here[0], here[1]);
@@ -282,7 +275,10 @@
     },
     /** @param {boolean} shown */
     show(shown) {
-      if (shown) window.desirePath.sheet.element.prepend(canvas, legend);
+      if (shown) {
+        window.desirePath.sheet.element.prepend(canvas);
+        window.desirePath.sheet.strip.append(legend);
+      }
       else for (const one of [canvas, legend]) one.remove();
       began = performance.now();
     },
@@ -290,16 +286,18 @@
     paint(picture) {
       fit();
       const project = window.desirePath.viser.projector();
-      target(project, picture.goal);
       for (const path of picture.kept) {
         const spots = path.map(([x, y]) => project(x, y));
-        pen.strokeStyle = "rgb(28 104 62 / 0.45)";
+        pen.strokeStyle = scheme.colour(GREEN);
+        pen.globalAlpha = 0.45;
         pen.lineWidth = 3;
         trace(spots, 0, spots.length - 1);
         pen.stroke();
+        pen.globalAlpha = 1;
       }
       if (picture.walk) footprints(project, picture.walk);
       if (picture.points.length > 1) stroke(project, picture);
+      window.desirePath.bodies.uncover(pen, project);
       if (picture.faded) return;
       towards(project, picture.goal);
       if (!picture.pen || picture.waiting) ring(project, picture);
@@ -308,7 +306,7 @@
         const at = project(picture.problem.at[0], picture.problem.at[1]);
         if (at) {
           circle(project, picture.problem.at[0], picture.problem.at[1], 0.2);
-          pen.strokeStyle = RED;
+          pen.strokeStyle = scheme.colour(RED);
           pen.lineWidth = 4;
           pen.stroke();
         }
@@ -322,9 +320,9 @@
         room(project, picture.pen);
         if (picture.cursor) {
           circle(project, picture.pen.at[0], picture.pen.at[1], 0.09);
-          pen.fillStyle = PAPER;
+          pen.fillStyle = scheme.colour(PAPER);
           pen.fill();
-          pen.strokeStyle = INK;
+          pen.strokeStyle = scheme.colour(INK);
           pen.lineWidth = 3;
           pen.stroke();
         }

@@ -9,7 +9,9 @@
   "use strict";
   const { bridge, viser } = window.desirePath;
   const STILL_PX = 8; // a press that moves farther turns the head
-  const ABOVE_M = 0.08;
+  const ABOVE_PX = 5;
+  const SHARES = [-1, -0.5, 0, 0.5, 1]; // of half a side, from its middle
+  const LEAST_SEEN = 0.02; // of a thing's surface: an edge behind a column is not the thing
 
   /** @typedef {ReturnType<DesirePath["explained"]["objects"]>[number]} Thing */
 
@@ -22,25 +24,69 @@
   /** @type {{id: number, x: number, y: number} | null} */
   let press = null;
 
+  /**
+   * Where a line from the eye enters a thing, in lengths of the line; Infinity where it does not.
+   * @param {Thing} thing @param {number[]} eye @param {number[]} along
+   */
+  function enters(thing, eye, along) {
+    const [c, s] = [Math.cos(thing.yaw), Math.sin(thing.yaw)];
+    const [x, y] = [eye[0] - thing.x, eye[1] - thing.y];
+    const from = [c * x + s * y, -s * x + c * y, eye[2] - thing.height / 2];
+    const way = [c * along[0] + s * along[1], -s * along[0] + c * along[1], along[2]];
+    const half = [thing.length / 2, thing.width / 2, thing.height / 2];
+    let [first, last] = [0, Infinity];
+    for (let k = 0; k < 3; k += 1) {
+      const [a, b] = [(-half[k] - from[k]) / way[k], (half[k] - from[k]) / way[k]];
+      first = Math.max(first, Math.min(a, b));
+      last = Math.min(last, Math.max(a, b));
+    }
+    return first <= last ? first : Infinity;
+  }
+
   /** The object under a pixel, nearest to the eye. @param {number} px @param {number} py @returns {string | null} */
   function under(px, py) {
     const { eye, along } = viser.ray(px, py);
     let [found, nearest] = [/** @type {string | null} */ (null), Infinity];
     for (const { thing } of tags) {
-      const [c, s] = [Math.cos(thing.yaw), Math.sin(thing.yaw)];
-      const [x, y] = [eye[0] - thing.x, eye[1] - thing.y];
-      const from = [c * x + s * y, -s * x + c * y, eye[2] - thing.height / 2];
-      const way = [c * along[0] + s * along[1], -s * along[0] + c * along[1], along[2]];
-      const half = [thing.length / 2, thing.width / 2, thing.height / 2];
-      let [enters, leaves] = [0, Infinity];
-      for (let k = 0; k < 3; k += 1) {
-        const [a, b] = [(-half[k] - from[k]) / way[k], (half[k] - from[k]) / way[k]];
-        enters = Math.max(enters, Math.min(a, b));
-        leaves = Math.min(leaves, Math.max(a, b));
-      }
-      if (enters <= leaves && enters < nearest) [found, nearest] = [thing.thing, enters];
+      const at = enters(thing, eye, along);
+      if (at < nearest) [found, nearest] = [thing.thing, at];
     }
     return found;
+  }
+
+  /** Places all over a thing that may be seen: its lid, and its sides from top to bottom. @param {Thing} thing */
+  function surface({ x, y, yaw, length, width, height }) {
+    const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+    const spots = [];
+    for (const z of SHARES) {
+      for (const a of SHARES) {
+        for (const b of SHARES) {
+          if (z < 1 && Math.abs(a) < 1 && Math.abs(b) < 1) continue; // inside
+          const [along, aside] = [(0.98 * a * length) / 2, (0.98 * b * width) / 2];
+          spots.push([x + c * along - s * aside, y + s * along + c * aside, ((0.98 * z + 1) / 2) * height]);
+        }
+      }
+    }
+    return spots;
+  }
+
+  /**
+   * Over what of a thing is seen: the middle and the upper edge of it in the picture, null where other things hide all.
+   * @param {Thing} thing @param {number[]} eye @param {Projector} project
+   */
+  function overhead(thing, eye, project) {
+    const others = tags.filter((one) => one.thing !== thing).map((one) => one.thing);
+    const [width, height, top] = [window.innerWidth, window.innerHeight, window.desirePath.sheet.covered()];
+    let [left, right, foot, seen] = [Infinity, -Infinity, Infinity, 0];
+    const spots = surface(thing);
+    for (const spot of spots) {
+      const at = project(spot[0], spot[1], spot[2]);
+      if (!at || at[0] < 0 || at[0] > width || at[1] < top || at[1] > height) continue;
+      const along = spot.map((value, k) => value - eye[k]);
+      if (others.some((other) => enters(other, eye, along) < 1)) continue;
+      [left, right, foot, seen] = [Math.min(left, at[0]), Math.max(right, at[0]), Math.min(foot, at[1]), seen + 1];
+    }
+    return seen >= LEAST_SEEN * spots.length ? { x: Math.round((left + right) / 2), foot: Math.round(foot) - ABOVE_PX } : null;
   }
 
   /** A name may be clicked as well as the object. @param {PointerEvent} event */
@@ -83,38 +129,47 @@
    * Nobody's name covers another's: each stands where it belongs, or as near above or below that as it is free.
    * @template {{x: number, foot: number, width: number, height: number}} Spot
    * @param {Spot[]} spots in an order that does not change while the camera turns
+   * @param {{x: number, foot: number, width: number, height: number}[]} taken by something else
    */
-  function apart(spots) {
+  function apart(spots, taken) {
     /** @type {Spot[]} */
-    const placed = [];
+    const found = [];
+    const placed = [...taken];
+    const top = window.desirePath.sheet.covered();
     for (const spot of spots) {
       const beside = placed.filter((one) => Math.abs(spot.x - one.x) < (spot.width + one.width) / 2);
       /** @param {number} foot */
       const free = (foot) => beside.every((one) => foot <= one.foot - one.height || foot - spot.height >= one.foot);
       const others = beside.flatMap((one) => [one.foot - one.height, one.foot + spot.height]);
-      const feet = [spot.foot, ...others.filter((foot) => foot >= spot.height)].filter(free);
+      const feet = [spot.foot, ...others.filter((foot) => foot >= top + spot.height)].filter(free);
       feet.sort((a, b) => Math.abs(a - spot.foot) - Math.abs(b - spot.foot));
-      placed.push({ ...spot, foot: feet[0] ?? spot.foot });
+      found.push({ ...spot, foot: feet[0] ?? spot.foot });
+      placed.push(found[found.length - 1]);
     }
-    return placed;
+    return found;
   }
 
-  /** Names stay over their objects when the camera turns. @param {number} mine */
+  /** Names stay over their objects when the camera turns; no name stands on what hides its object. @param {number} mine */
   function pin(mine) {
     if (mine !== turn) return;
-    const project = viser.projector();
+    const [project, { eye }] = [viser.projector(), viser.ray(0, 0)];
+    const { explained, sheet } = window.desirePath;
+    explained.follow();
     const spots = [];
     for (const { thing, tag } of tags) {
-      const spot = project(thing.x, thing.y, thing.height + ABOVE_M);
-      tag.hidden = !spot;
-      if (!spot) continue;
+      const over = overhead(thing, eye, project);
+      tag.hidden = !over;
+      if (!over) continue;
       const { width, height } = tag.getBoundingClientRect();
-      spots.push({ tag, x: Math.round(spot[0]), foot: Math.round(spot[1]), width: width + 1, height: Math.ceil(height) });
+      const half = width / 2 + 2;
+      const x = Math.max(half, Math.min(window.innerWidth - half, over.x));
+      const foot = Math.max(sheet.covered() + height + 2, over.foot);
+      spots.push({ tag, x, foot, belongs: foot, width: width + 2, height: Math.ceil(height) + 1 });
     }
-    for (const { tag, x, foot } of apart(spots)) {
+    for (const { tag, x, foot, belongs } of apart(spots, explained.sign())) {
       tag.style.transform = `translate(${x}px, ${foot}px) translate(-50%, -100%)`;
+      tag.style.setProperty("--stem", `${Math.max(0, belongs - foot)}px`);
     }
-    window.desirePath.explained.follow();
     requestAnimationFrame(() => pin(mine));
   }
 

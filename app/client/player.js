@@ -14,6 +14,8 @@
   let stands = [0, 0, 0];
   /** Who walks beside the person. @type {Orders["show"]["crowd"]} */
   let crowd = [];
+  /** x, y, radius, where it is shown. @type {number[] | null} */
+  let goal = null;
   /** Where they are now, x, y, yaw each. @type {number[][]} */
   let walkers = [];
   /** Counts playbacks; a frame of an older one sees that it is over. */
@@ -44,14 +46,14 @@
 
   /** @param {number[]} where x, y, yaw: the person is here now, and in their view so are the eyes */
   function put([x, y, yaw]) {
-    window.desirePath.viser.pose(person, x, y, yaw);
+    window.desirePath.bodies.put(person, x, y, yaw);
     window.desirePath.camera.stand(x, y);
   }
 
   /** Pedestrians are where they are at `t`, whatever else moves. @param {number} t */
   function poseCrowd(t) {
     walkers = crowd.map(({ track }) => at(track, t));
-    walkers.forEach(([x, y, yaw], k) => window.desirePath.viser.pose(crowd[k].name, x, y, yaw));
+    walkers.forEach(([x, y, yaw], k) => window.desirePath.bodies.put(crowd[k].name, x, y, yaw));
   }
 
   /** @param {Track[]} tracks @param {number} t @param {Track | null} walked */
@@ -61,10 +63,11 @@
     if (walked) put(at(walked, t));
     tracks.forEach((track, i) => {
       const [x, y, yaw] = at(track, t);
-      window.desirePath.viser.pose(robots[i], x, y, yaw);
+      window.desirePath.bodies.put(robots[i], x, y, yaw);
       if (i !== 0) return;
       window.desirePath.camera.watch(x, y);
       window.desirePath.explained.at(t, x, y, yaw);
+      window.desirePath.trail.at(track, t);
     });
   }
 
@@ -75,21 +78,21 @@
     along: at,
     walkers: () => walkers,
 
-    /** @param {string[]} names frames that move, one per track @param {string} [who] the person's @param {number[]} [where] @param {Orders["show"]["crowd"]} [people] who walk */
-    use(names, who = "", where = [0, 0, 0], people = []) {
+    /** @param {string[]} names frames that move, one per track @param {string} [who] the person's @param {number[]} [where] @param {Orders["show"]["crowd"]} [people] who walk @param {number[] | null} [aim] */
+    use(names, who = "", where = [0, 0, 0], people = [], aim = null) {
       this.interrupt("another-scene");
-      [robots, person, stands, crowd] = [names, who, where, people];
+      [robots, person, stands, crowd, goal] = [names, who, where, people, aim];
     },
 
     /** The person stands where that walk has them at `t`. @param {Track} walked @param {number} t */
     walkTo(walked, t) {
       const [x, y, yaw] = at(walked, t);
-      window.desirePath.viser.pose(person, x, y, yaw);
+      window.desirePath.bodies.put(person, x, y, yaw);
     },
 
     /** A robot stands there. @param {number} i which one @param {number[]} where x, y, yaw @param {boolean} watched the camera follows it where it follows any */
     place(i, [x, y, yaw], watched) {
-      window.desirePath.viser.pose(robots[i], x, y, yaw);
+      window.desirePath.bodies.put(robots[i], x, y, yaw);
       if (watched) window.desirePath.camera.watch(x, y);
     },
 
@@ -115,7 +118,10 @@
       pose(tracks, 0, walked);
       let met = false;
       if (order.label) {
-        window.desirePath.sheet.label(order.label);
+        // Where nothing stands before the robot moves, so that A and B have the same place.
+        const [, x, y] = tracks[0][0];
+        const above = document.documentElement.dataset.view === "top_down";
+        window.desirePath.sheet.label(order.label, [[x, y], ...(above ? [stands] : []), ...(goal ? [goal] : []), ...walkers]);
         bridge.post("label", { playback_id: id, label: order.label });
       }
       const step = () => {
@@ -133,7 +139,7 @@
           pose(tracks, t, walked);
           if (ground) {
             const here = walk.advance(Math.min(t, motionS), (/** @type {number} */ time) => at(tracks[0], time));
-            window.desirePath.viser.pose(person, here.x, here.y, window.desirePath.camera.heading());
+            window.desirePath.bodies.put(person, here.x, here.y, window.desirePath.camera.heading());
             met ||= here.met;
           }
           frames += 1;
@@ -160,7 +166,7 @@
     /** The robot stands where its rollout ended. @param {number[]} pose x, y, yaw */
     end([x, y, yaw]) {
       poseCrowd(Infinity);
-      window.desirePath.viser.pose(robots[0], x, y, yaw);
+      window.desirePath.bodies.put(robots[0], x, y, yaw);
       window.desirePath.camera.watch(x, y);
       window.desirePath.explained.at(Infinity, x, y, yaw);
     },
@@ -171,7 +177,7 @@
       window.desirePath.camera.hold();
       poseCrowd(0);
       put(stands);
-      window.desirePath.viser.pose(robots[0], x, y, yaw);
+      window.desirePath.bodies.put(robots[0], x, y, yaw);
       window.desirePath.camera.watch(x, y);
     },
 

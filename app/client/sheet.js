@@ -1,13 +1,16 @@
 // @ts-check
 /**
- * The sheet over viser's canvas: it takes every pointer and key before viser can, shows the label and the legend,
- * and turns the gaze where it may be turned. Nothing reaches viser's own controls but the analyst's free camera.
+ * The sheet over viser's canvas: it takes every pointer and key before viser can, shows the label and, in a strip above
+ * the picture, legends, and turns the gaze where it may be turned. Nothing reaches viser's own controls but the analyst's
+ * free camera.
  */
 (() => {
   "use strict";
   const { bridge } = window.desirePath;
   const RADIANS_PER_WINDOW_HEIGHT = 1.4; // a drag over the whole height turns the head by 80 degrees
   const KEY_RADIANS_PER_S = 1.4;
+  const APART_PX = 16; // of what lies at the window's edge
+  const FREE_PX = 56; // from the middle of a robot or a person to what lies beside it
   const ARROWS = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
   const sheet = document.createElement("div");
@@ -21,7 +24,11 @@
   const legend = document.createElement("ul");
   legend.id = "desire-path-legend";
   legend.hidden = true;
-  sheet.append(label, legend);
+  const strip = document.createElement("div");
+  strip.id = "desire-path-strip";
+  strip.append(legend);
+  sheet.append(label, strip);
+  new ResizeObserver(() => window.desirePath.camera?.fit()).observe(strip);
   document.addEventListener("DOMContentLoaded", () => document.body.append(sheet));
 
   /** @type {Set<string>} */
@@ -101,13 +108,36 @@
     window.desirePath.walk.release();
   });
 
+  /** The first place at the window's edge that is free of these pixels, or the one farthest from them. @param {HTMLElement} element @param {number[][]} taken */
+  function place(element, taken) {
+    const { width, height } = element.getBoundingClientRect();
+    const [right, bottom, top] = [window.innerWidth - width - APART_PX, window.innerHeight - height - APART_PX, strip.offsetHeight + APART_PX];
+    const [centre, middle] = [(APART_PX + right) / 2, (top + bottom) / 2];
+    const spots = [[APART_PX, top], [right, top], [APART_PX, bottom], [right, bottom], [centre, top], [centre, bottom], [APART_PX, middle], [right, middle]];
+    const room = (/** @type {number[]} */ [x, y]) => Math.min(Infinity, ...taken.map(([px, py]) =>
+      Math.hypot(Math.max(x - px, 0, px - x - width), Math.max(y - py, 0, py - y - height))));
+    const [x, y] = spots.find((spot) => room(spot) > FREE_PX) ?? spots.reduce((a, b) => (room(b) > room(a) ? b : a));
+    element.style.transform = `translate(${x}px, ${y}px)`;
+  }
+
   window.desirePath.sheet = {
     /** Where other scripts of ours put what they show. */
     element: sheet,
-    /** @param {string} text "" hides the label */
-    label(text) {
+    /** Where they put legends: above the picture, which begins under it. */
+    strip,
+    /** How much of the window's upper edge is no picture, pixels. */
+    covered: () => strip.offsetHeight,
+    /** @param {string} text "" hides the label @param {number[][]} [keeps] places on the floor that it must not cover */
+    label(text, keeps = []) {
       label.hidden = text === "";
       if (letter.textContent !== text) letter.textContent = text;
+      if (text === "") return;
+      const settle = () => {
+        const project = window.desirePath.viser.projector();
+        place(label, keeps.flatMap(([x, y]) => [0, 0.4].flatMap((z) => [project(x, y, z) ?? []])).filter((at) => at.length));
+      };
+      settle();
+      requestAnimationFrame(settle); // a gaze that was turned back is back then
     },
     /** @param {{name: string, colour: number[], hollow?: boolean}[]} entries */
     legend(entries) {

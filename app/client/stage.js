@@ -2,7 +2,7 @@
 /** What the server may order (app/stage.py): show, play, draw, replay, clear, replaced. One order at a time, in sequence. */
 (() => {
   "use strict";
-  const { bridge, viser, camera, player, sheet, pictures, draw, steer, walk, explained } = window.desirePath;
+  const { bridge, viser, camera, player, sheet, scheme, bodies, trail, pictures, draw, steer, walk, explained } = window.desirePath;
   bridge.state.keys = { pen: draw.KEYS, feet: walk.KEYS };
   /** Counts scenes; waiting for one ends when the next comes. */
   let shown = 0;
@@ -19,7 +19,7 @@
     pictures.use([]);
     draw.stop();
     steer.stop();
-    player.use(order.robots, order.person, [...order.stands], order.crowd);
+    player.use(order.robots, order.person, [...order.stands], order.crowd, order.goal);
     const whenStanding = () => {
       if (mine !== shown) return;
       if (!viser.isUp() || !order.meshes.every((name) => viser.hasMesh(name))) {
@@ -27,8 +27,13 @@
         return;
       }
       viser.plainPicture(order.sharpness);
+      bodies.use(order.robots, [order.person, ...order.crowd.map(({ name }) => name)]);
+      scheme.use(order.meshes);
+      trail.use(order.meshes.find((name) => name.endsWith("/trail")) ?? "");
       camera.use(order.camera);
-      for (const robot of order.robots) viser.pose(robot, order.start[0], order.start[1], order.start[2]);
+      const [x, y, yaw] = order.start;
+      for (const robot of order.robots) bodies.put(robot, x, y, yaw);
+      bodies.put(order.person, order.stands[0], order.stands[1], order.stands[2]);
       explained.use(order.explained);
       explained.idle(order.start);
       if (order.halted) player.end(order.halted);
@@ -76,6 +81,7 @@
       bridge.state.ready = false;
       document.documentElement.dataset.stage = "empty";
       player.use([]);
+      window.desirePath.finder.rest();
       explained.use(null);
       draw.stop();
       steer.stop();

@@ -12,8 +12,9 @@
   const RIBBON_M = 0.13;
   const TELL_EVERY_MS = 60;
   const AHEAD_S = 1.5; // a path that was asked for so long ago still begins behind the robot
-  const CASING = "rgb(252 250 244)";
-  const BEHIND = "rgb(226 220 206)"; // opaque, as pieces that shine through would show where they overlap
+  const CASING = "--paper";
+  const BEHIND = "--behind"; // opaque, as pieces that shine through would show where they overlap
+  const { scheme } = window.desirePath;
 
   const canvas = document.createElement("canvas");
   canvas.id = "desire-path-ribbon";
@@ -84,13 +85,13 @@
       return spot && other ? Math.max(4, Math.min(40, Math.hypot(spot[0] - other[0], spot[1] - other[1]))) : 6;
     });
     const own = `rgb(${colour.join(" ")})`;
-    const layers = /** @type {[number, string][]} */ ([[4, CASING], [0, own], ...(hollow ? [[-0.5, CASING]] : [])]);
+    const layers = /** @type {[number, string][]} */ ([[4, scheme.colour(CASING)], [0, own], ...(hollow ? [[-0.5, scheme.colour(CASING)]] : [])]);
     for (const [more, ink] of layers) {
       for (let i = 1; i < track.length; i += 1) {
         const [a, b] = [spots[i - 1], spots[i]];
         if (!a || !b) continue;
         if (!arrives && i % 3 === 0) continue; // broken: it does not arrive
-        pen.strokeStyle = track[i][0] > from ? ink : BEHIND;
+        pen.strokeStyle = track[i][0] > from ? ink : scheme.colour(BEHIND);
         pen.lineWidth = more < 0 ? wide[i] * -more : wide[i] + more;
         pen.beginPath();
         pen.moveTo(a[0], a[1]);
@@ -115,12 +116,13 @@
   function paint() {
     const project = window.desirePath.viser.projector();
     const seen = paths.flatMap(({ track }) => [project(track[0][1], track[0][2]), project(0, 0), project(1, 1)]);
-    const now = JSON.stringify([window.innerWidth, window.innerHeight, along, driving, seen]);
+    const now = JSON.stringify([window.innerWidth, window.innerHeight, scheme.isDark(), along, driving, seen]);
     if (now === painted && fresh === null) return;
     painted = now;
     fit();
     // what lies behind a robot is faint while any drives; then whole ways are to be told apart again
     for (let i = paths.length - 1; i >= 0; i -= 1) ribbon(project, paths[i], driving ? (along[i] ?? 0) : 0);
+    window.desirePath.bodies.uncover(pen, project);
     if (fresh !== null) {
       bridge.post("drawn", { id: fresh });
       fresh = null;

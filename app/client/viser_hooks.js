@@ -53,6 +53,24 @@
 
   const mutable = () => window.__viserMutable;
 
+  // Corners of a figure are marked with part, side and height (app/bodies.py): shins bend at the knee while the leg goes
+  // forward, thighs and shins swing about the hip, arms the other way about the shoulder.
+  const GAIT = `
+    vec3 transformed = position;
+    if (_mark.x > 0.5) {
+      float beat = gait.x + (_mark.y > 0.0 ? 0.0 : 3.14159265);
+      float tall = _mark.z / 1.7;
+      vec2 limb = transformed.xz;
+      if (abs(_mark.x - 2.0) < 0.5) {
+        float bent = -0.95 * gait.y * max(0.0, cos(beat));
+        vec2 knee = vec2(0.018, 0.49) * tall;
+        limb = knee + mat2(cos(bent), sin(bent), -sin(bent), cos(bent)) * (limb - knee);
+      }
+      float swung = (_mark.x > 2.5 ? -0.4 : 0.5) * gait.y * sin(beat);
+      vec2 joint = vec2(0.0, _mark.x > 2.5 ? 1.355 : 0.88) * tall;
+      transformed.xz = joint + mat2(cos(swung), sin(swung), -sin(swung), cos(swung)) * (limb - joint);
+    }`;
+
   /** @param {number[]} point world metres, z up @returns {any} three.js vector in viser's y-up world */
   function vector(point) {
     const { camera, nodeRefFromName } = mutable();
@@ -142,6 +160,28 @@
       const found = [];
       mutable()?.nodeRefFromName[name]?.traverse((/** @type {any} */ part) => part.isMesh && found.push(part));
       return found;
+    },
+    /** A node's colours so many times as bright, and a figure's. @param {string} name @param {number} factor @param {number} figure */
+    tint(name, factor, figure) {
+      for (const { material, userData } of this.meshes(name)) material.color?.setScalar(userData.walks ? figure : factor);
+    },
+
+    /**
+     * Lets a figure of `bodies.mannequin` walk. @param {string} name
+     * @returns {number[]} its gait: where in a stride it is, radians, and how far limbs swing, 0 to 1; may be changed
+     */
+    gait(name) {
+      const gait = [0, 0];
+      for (const mesh of this.meshes(name)) {
+        if (!mesh.geometry.attributes._mark) continue;
+        mesh.material.onBeforeCompile = (/** @type {any} */ shader) => {
+          shader.uniforms.gait = { value: gait };
+          shader.vertexShader = `uniform vec2 gait;\nattribute vec3 _mark;\n${shader.vertexShader.replace("#include <begin_vertex>", GAIT)}`;
+        };
+        mesh.material.customProgramCacheKey = () => "gait";
+        mesh.material.needsUpdate = mesh.userData.walks = true;
+      }
+      return gait;
     },
     redraw: () => mutable().requestRender(),
 

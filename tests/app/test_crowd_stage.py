@@ -60,6 +60,37 @@ def test_twenty_pedestrians_walk_in_all_three_views(visit: Visit) -> None:
             assert math.dist(pose[:2], (x, y)) < (1.2 if one.speed else 0.01), "they go on while the end is held"
 
 
+SWINGS = """() => {
+  const { bodies, viser } = window.desirePath;
+  const gait = viser.gait("/scene1/pedestrian0");
+  const swings = [];
+  viser.gait = () => gait;
+  bodies.use([], ["/scene1/pedestrian0"]);
+  return new Promise((done) => {
+    let k = 0;
+    const step = () => {
+      bodies.put("/scene1/pedestrian0", Math.min(k, 30) * 0.03, 0, 0);
+      swings.push(gait[1]);
+      if ((k += 1) < 60) setTimeout(step, 20);
+      else done(swings);
+    };
+    step();
+  });
+}"""
+
+
+def test_who_walks_moves_their_legs_as_long_as_they_walk_and_not_where_motion_is_not_wanted(visit: Visit) -> None:
+    visitor = visit()
+    stage_of(visitor).show(crowded(), "top_down")
+    visitor.wait_for("ready")
+    swings = visitor.frame.evaluate(SWINGS)
+    assert swings[0] == 0
+    assert max(swings) > 0.4
+    assert swings[-1] < 0.1
+    visitor.page.emulate_media(reduced_motion="reduce")
+    assert max(visitor.frame.evaluate(SWINGS)) == 0
+
+
 WEIGHTS = """([t, x, y, yaw]) => {
   const { attention, viser } = window.desirePath;
   attention.at(t, x, y, yaw);

@@ -3,15 +3,18 @@ hit from free without colour."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from math import dist
 from typing import Any
 
 import pytest
 
+from app.views import View
 from backend.explain.ranking_sets import DRIVE_S, ExplainedRollout, RankingSet
 from backend.explain.shown_explanation import ShownExplanation
 from backend.learning.shipped_files import resolve
+from backend.simulation.scene import Obstacle, Person, Pose
 from tests.app.stage_rig import StageRig, Visitor
 
 RAYS = """([t, x, y, yaw]) => {
@@ -29,11 +32,11 @@ RAYS = """([t, x, y, yaw]) => {
 }"""
 
 
-def shown_to(visitor: Visitor, rig: StageRig, key: str, one: ExplainedRollout) -> Visitor:
+def shown_to(visitor: Visitor, rig: StageRig, key: str, one: ExplainedRollout, view: View = "top_down") -> Visitor:
     visitor.wait_until(lambda: rig.server.stage(key) is not None, "the stage connects", 120)
     scores = tuple(tuple(float(score) for score in row) for row in one.scores)
     shown = ShownExplanation(one.things, scores, outlines=one.attention is None, lidar=True)
-    rig.server.stage(key).show(one.trajectory.scene, "top_down", trajectories=(one.trajectory,), explained=shown)
+    rig.server.stage(key).show(one.trajectory.scene, view, trajectories=(one.trajectory,), explained=shown)
     visitor.wait_for("ready", timeout_s=120)
     return visitor
 
@@ -83,3 +86,37 @@ def test_no_name_covers_another_where_people_stand_close_together(visit, rig) ->
         for b in boxes[:k]:
             apart = a["right"] <= b["left"] or b["right"] <= a["left"] or a["bottom"] <= b["top"]
             assert apart or b["bottom"] <= a["top"], (a, b)
+
+
+TAGS = """() => Object.fromEntries([...document.querySelectorAll(".desire-path-tag")].map((tag) => {
+  const { left, right, bottom } = tag.getBoundingClientRect();
+  return [tag.dataset.thing, tag.hidden ? null : [(left + right) / 2, bottom]];
+}))"""
+PLACES = """(places) => {
+  const project = window.desirePath.viser.projector();
+  return places.map(([x, y, z]) => project(x, y, z));
+}"""
+
+
+def test_a_name_stands_over_what_is_seen_of_its_object_and_nowhere_where_nothing_is(visit, rig) -> None:
+    one = RankingSet.load(resolve("explained_room/scenarios_48")).rollouts[0]
+    person = Person(Pose(0.0, 0.0, 0.0))
+    wall = Obstacle("cupboard", Pose(4.0, 0.0), 0.5, 2.0, 1.9)
+    behind = Obstacle("pillar", Pose(5.5, 0.0), 0.4, 0.4, 1.2)
+    beside = Obstacle("couch", Pose(5.5, 1.9), 0.6, 2.4, 0.8)  # its right part is hidden
+    scene = replace(one.trajectory.scene, person=person, obstacles=(wall, behind, beside), start=Pose(1.2, -1.5))
+    things = ("cupboard", "pillar", "couch")
+    here = replace(one, trajectory=replace(one.trajectory, scene=scene), things=things, scores=one.scores[:, :3])
+    visitor = shown_to(visit("coral", width=1024, height=500), rig, "coral", here, view="immersive")
+    visitor.frame.evaluate("window.desirePath.camera.gaze([4, 0.5])")
+    rank = {"do": "rank", "words": {thing: thing for thing in things}, "places": []}
+    visitor.frame.evaluate("(rank) => window.desirePath.picking.obey(rank)", rank)
+    visitor.wait_until(lambda: len(visitor.frame.evaluate(TAGS)) == 3, "everything has a name")
+    visitor.page.wait_for_timeout(500)
+    tags = visitor.frame.evaluate(TAGS)
+    assert tags["pillar"] is None, "the cupboard hides all of it"
+    (top, middle, left) = visitor.frame.evaluate(PLACES, [(3.75, 0.0, 1.9), (5.5, 1.9, 0.8), (5.2, 3.1, 0.8)])
+    assert abs(tags["cupboard"][0] - top[0]) < 40
+    assert tags["cupboard"][1] <= top[1]
+    assert tags["couch"][0] < middle[0] - 5, "over its visible part"
+    assert tags["couch"][0] > left[0] - 5

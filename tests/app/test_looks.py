@@ -5,7 +5,10 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
 import struct
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +17,7 @@ from PIL import Image
 from app import bodies, furniture, scene_nodes, surfaces
 from app.glb import Surface, to_glb
 from app.shapes import Shape, ball, box, limb, merged, turned
-from app.views import ViewError, camera_for, frame_of, require_view
+from app.views import CLOSEST_M, ViewError, camera_for, frame_of, holds, require_view
 from backend.simulation.scene import Obstacle, Pose
 from backend.simulation.scenes import draw_scene
 from backend.simulation.setups import ROBOT_RADIUS_M
@@ -135,6 +138,80 @@ def test_the_floor_is_darker_where_things_stand() -> None:
     obstacle = scene.obstacles[0].pose
     assert brightness(obstacle.x, obstacle.y) < 0.75 * brightness(0.0, -1.0)
     assert brightness(-3.97, 0.0) < 0.9 * brightness(0.0, -1.0)
+
+
+def luminance(colour: np.ndarray | tuple[int, ...]) -> float:
+    """WCAG 2.2's, of sRGB from 0 to 255."""
+    share = np.clip(np.asarray(colour, float) / 255, 0, 1)
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def contrast(a: np.ndarray | tuple[int, ...], b: np.ndarray | tuple[int, ...]) -> float:
+    light, dark = sorted((luminance(a), luminance(b)), reverse=True)
+    return (light + 0.05) / (dark + 0.05)
+
+
+CLIENT = Path(scene_nodes.__file__).parent / "client"
+
+
+@pytest.mark.parametrize("floor", scene_nodes.PLAIN_FLOOR.values())
+def test_people_stand_out_from_every_floor_in_the_light_and_in_the_dark(floor: tuple[int, int, int]) -> None:
+    room, people = (
+        float(one) for one in re.findall(r"GOAL\] = \[([\d.]+), ([\d.]+),", CLIENT.joinpath("scheme.js").read_text())[0]
+    )
+    body = bodies.mannequin().colours[:, :3] * 255
+    seen_from_above = body[bodies.mannequin().normals[:, 2] > 0.5].mean(axis=0)
+    assert contrast(seen_from_above, floor) >= 3
+    assert contrast(people * seen_from_above, room * np.asarray(floor)) >= 3
+
+
+def test_words_on_the_stage_can_be_read_in_both_schemes() -> None:
+    style = CLIENT.joinpath("stage.css").read_text()
+    light, dark = (
+        dict(re.findall(r"(--[\w-]+): ([^;]+);", part)) for part in style.split("prefers-color-scheme: dark")[:2]
+    )
+
+    def colour(text: str) -> tuple[int, ...]:
+        if text.startswith("rgb"):
+            return tuple(int(part) for part in re.findall(r"\d+", text)[:3])
+        digits = text.removeprefix("#")
+        digits = digits if len(digits) == 6 else "".join(2 * digit for digit in digits)
+        return tuple(int(digits[k : k + 2], 16) for k in (0, 2, 4))
+
+    for scheme in (light, dark):
+        words = [("--ink", "--paper"), ("--soft", "--paper"), ("--on-path", "--path")]
+        signs = [(name, "--paper") for name in ("--path", "--wrong", "--free", "--hit", "--sector")]
+        for least, pairs in ((4.5, words), (3.0, signs)):
+            for over, under in pairs:
+                assert contrast(colour(scheme[over]), colour(scheme[under])) >= least, (over, under)
+
+
+def test_a_figure_is_marked_by_what_swings_when_it_walks() -> None:
+    marks, corners = bodies.gait_marks(1.8), bodies.mannequin(1.8).positions
+    assert len(marks) == len(corners)
+    for part, low, high in ((bodies.SHIN, 0.0, 0.6), (bodies.THIGH, 0.4, 1.05), (bodies.ARM, 0.85, 1.52)):
+        for side in (-1, 1):
+            mine = corners[(marks[:, 0] == part) & (marks[:, 1] == side)]
+            assert low - 0.01 <= mine[:, 2].min() < mine[:, 2].max() <= high
+            assert np.all(np.sign(mine[:, 1]) == side)
+
+
+def test_a_close_frame_holds_what_matters_of_a_pair_and_no_more() -> None:
+    scene = study_room()
+    pair = [drive(scene, bend_m=bend) for bend in (1.0, -1.0)]
+    close, whole = frame_of(scene, pair, close=True, goal=True), frame_of(scene, pair)
+    assert (close[2] - close[0]) * (close[3] - close[1]) < 0.75 * (whole[2] - whole[0]) * (whole[3] - whole[1])
+    for one in (scene.start, scene.goal, scene.person.pose):
+        assert close[0] < one.x < close[2]
+        assert close[1] < one.y < close[3]
+    assert all(holds(close, one) for one in pair)
+    elsewhere = replace(scene, goal=Pose(-scene.goal.x, -scene.goal.y))
+    shown = [replace(one, scene=elsewhere) for one in pair]
+    hidden = frame_of(elsewhere, shown, close=True)
+    assert hidden == frame_of(scene, pair, close=True), "where the goal is not shown the frame tells nothing of it"
+    lone = frame_of(scene, [drive(replace(scene, goal=replace(scene.start, x=scene.start.x + 0.1)))], close=True)
+    assert min(lone[2] - lone[0], lone[3] - lone[1]) >= CLOSEST_M - 0.2
 
 
 def test_a_frame_holds_the_room_or_all_that_happens_in_the_open() -> None:

@@ -140,7 +140,9 @@ def test_the_camera_is_locked_and_visers_controls_are_out_of_reach(rig: StageRig
         "desire-path-sheet",
         "desire-path-label",
         "desire-path-legend",
-        "SPAN",
+        "desire-path-strip",
+        "desire-path-finder",
+        *("SPAN", "I", "B"),
     }
     hit = visitor.frame.evaluate(
         "[[5,5],[160,100],[315,5],[315,195],[20,185]].map(([x, y]) => document.elementFromPoint(x, y).id)"
@@ -235,10 +237,158 @@ def test_nothing_that_is_sent_tells_the_goal(rig: StageRig, visit: Visit, monkey
         order = json.loads(source.removeprefix("window.desirePath.run(").removesuffix(")"))
         assert set(order) <= {
             *("type", "camera", "meshes", "robots", "person", "crowd", "stands", "walk", "start", "sharpness"),
-            *("playback_id", "label", "label_s", "hold_s", "tracks", "paper", "explained", "halted"),
+            *("playback_id", "label", "label_s", "hold_s", "tracks", "paper", "explained", "halted", "goal"),
         }
+        assert order.get("goal") is None
+        assert not any(name.endswith(("/goal", "/trail", "/ring")) for name in order.get("meshes", ()))
         assert order.get("paper") is None  # a pair of dots says where a path was to end
         assert order.get("explained") is order.get("halted") is None  # both are asked for where the goal is to be seen
+
+
+TRAIL = """() => {
+  const [mesh] = window.desirePath.viser.meshes("/scene1/trail");
+  const { position, color } = mesh.geometry.attributes;
+  const at = (k) => [...position.array.slice(3 * k, 3 * k + 3), color.array[4 * k + 3]];
+  return Array.from({ length: position.count / 4 }, (_, piece) => at(4 * piece));
+}"""
+
+
+def test_where_it_is_asked_for_the_goal_stands_there_and_a_trail_fades_behind_the_robot(
+    rig: StageRig, visit: Visit
+) -> None:
+    visitor = visit(width=800, height=500)
+    stage = stage_of(visitor)
+    trajectory = drive(study_room(), duration_s=4.0)
+    stage.play(trajectory, label="", view="top_down", playback_id="x", goal=True)
+    visitor.wait_for("played", playback_id="x")
+    assert math.dist(visitor.position_of("goal")[:2], (trajectory.scene.goal.x, trajectory.scene.goal.y)) < 1e-6
+    pieces = np.array(visitor.frame.evaluate(TRAIL))
+    shown = pieces[pieces[:, 3] > 0]
+    end, start = trajectory.poses[-1, :2], trajectory.poses[0, :2]
+    assert math.dist(shown[0, :2], end) < 0.1
+    assert math.dist(shown[-1, :2], start) < 0.4
+    assert np.all(np.diff(shown[:, 3]) <= 0), "the older, the fainter"
+    assert shown[:, 2].max() < 0.02, "on the floor, under the robot"
+
+
+ON_SCREEN = """(places) => {
+  const project = window.desirePath.viser.projector();
+  return places.map(([x, y, z]) => project(x, y, z));
+}"""
+LABEL = """() => {
+  const { left, right, top, bottom } = document.getElementById("desire-path-label").getBoundingClientRect();
+  return [left, top, right, bottom, document.getElementById("desire-path-label").hidden];
+}"""
+
+
+@pytest.mark.parametrize(("width", "height"), [(1024, 480), (390, 606)])
+def test_the_letter_covers_neither_robot_nor_person_nor_goal_and_a_and_b_have_one_place(
+    rig: StageRig, visit: Visit, width: int, height: int
+) -> None:
+    visitor = visit(width=width, height=height)
+    stage = stage_of(visitor)
+    for seed in (1, 5):
+        scene = study_room(seed)
+        pair = [drive(scene, duration_s=0.4, bend_m=bend) for bend in (1.5, -1.5)]
+        boxes = []
+        for letter, trajectory in zip("AB", pair, strict=True):
+            key = f"{letter}{seed}"
+            stage.play(
+                trajectory, label=letter, label_s=1.5, view="top_down", playback_id=key, trajectories=pair, goal=True
+            )
+            visitor.wait_for("label", playback_id=key)
+            visitor.page.wait_for_timeout(400)
+            *box, hidden = visitor.frame.evaluate(LABEL)
+            assert not hidden
+            boxes.append(box)
+            places = [(one.x, one.y, 0.2) for one in (scene.start, scene.goal, scene.person.pose)]
+            left, top, right, bottom = box
+            for x, y in visitor.frame.evaluate(ON_SCREEN, places):
+                away = max(left - x, x - right, top - y, y - bottom)
+                assert away > 20, f"the letter at {box} covers ({x}, {y})"
+            visitor.wait_for("played", playback_id=key)
+        assert boxes[0] == boxes[1]
+
+
+def test_robot_and_person_are_large_enough_to_be_looked_at_where_a_pair_is_shown(rig: StageRig, visit: Visit) -> None:
+    """In the stage that a page of 1024 x 640 has, where the whole room gives a robot 20 pixels."""
+    visitor = visit(width=1024, height=480)
+    stage = stage_of(visitor)
+    scene = study_room()
+    pair = [drive(scene, duration_s=1.0, bend_m=bend) for bend in (1.0, -0.6)]
+    stage.show(scene, "top_down", trajectories=pair, goal=True)
+    visitor.wait_for("ready")
+    x, y = scene.start.x, scene.start.y
+    (a, b) = visitor.frame.evaluate(ON_SCREEN, [(x - 0.18, y, 0.3), (x + 0.18, y, 0.3)])
+    assert math.dist(a, b) > 30
+    corners = [(*one, 0.0) for one in np.concatenate([one.poses[:, :2] for one in pair])]
+    for px, py in visitor.frame.evaluate(ON_SCREEN, [[float(value) for value in one] for one in corners]):
+        assert 10 < px < 1014
+        assert 10 < py < 470
+
+
+FINDER = """() => {
+  const arrow = document.getElementById("desire-path-finder");
+  const box = arrow.getBoundingClientRect();
+  return arrow.hidden ? null : [(box.left + box.right) / 2, (box.top + box.bottom) / 2];
+}"""
+
+
+def test_an_arrow_at_the_edge_tells_where_a_robot_is_that_is_out_of_sight(rig: StageRig, visit: Visit) -> None:
+    visitor = visit(width=800, height=500)
+    stage = stage_of(visitor)
+    stage.show(study_room(), "immersive")
+    visitor.wait_for("ready")
+    visitor.page.wait_for_timeout(200)
+    assert visitor.frame.evaluate(FINDER) is None, "the gaze begins at the robot"
+    for left, edge in ((1.2, 760), (-2.4, 40)):  # the head turns left: the robot is at the right edge
+        visitor.frame.evaluate(f"window.desirePath.camera.turn({left}, 0)")
+        visitor.wait_until(lambda: visitor.frame.evaluate(FINDER) is not None, "the arrow is shown")
+        visitor.wait_until(lambda x=edge: abs(visitor.frame.evaluate(FINDER)[0] - x) < 3, "at its edge")
+    visitor.frame.evaluate("window.desirePath.camera.recentre()")
+    visitor.wait_until(lambda: visitor.frame.evaluate(FINDER) is None, "it is in sight again")
+    stage.show(study_room(), "top_down")
+    visitor.wait_for("ready", count=2)
+    visitor.page.wait_for_timeout(200)
+    assert visitor.frame.evaluate(FINDER) is None
+
+
+BRIGHTNESS = """(name) => window.desirePath.viser.meshes(name).map(({ material }) => material.color.r)"""
+
+
+def test_in_the_dark_the_room_is_dimmed_and_who_is_in_it_is_not(rig: StageRig, visit: Visit) -> None:
+    visitor = visit()
+    stage = stage_of(visitor)
+    stage.show(study_room(), "top_down")
+    visitor.wait_for("ready")
+    light = visitor.frame.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert set(visitor.frame.evaluate(BRIGHTNESS, "/scene1/place")) == {1}
+    visitor.page.emulate_media(color_scheme="dark")
+    visitor.wait_until(lambda: max(visitor.frame.evaluate(BRIGHTNESS, "/scene1/place")) < 0.6, "it is dimmed")
+    assert max(visitor.frame.evaluate(BRIGHTNESS, "/scene1/person")) > 2, "a dark figure is light then"
+    assert set(visitor.frame.evaluate(BRIGHTNESS, "/scene1/robot0/body")) == {1}
+    assert visitor.frame.evaluate("getComputedStyle(document.body).backgroundColor") != light
+
+
+def test_a_legend_lies_above_the_picture_and_covers_none_of_it(rig: StageRig, visit: Visit) -> None:
+    visitor = visit(width=390, height=500)
+    stage = stage_of(visitor)
+    scene = study_room()
+    stage.show(scene, "top_down")
+    visitor.wait_for("ready")
+    entries = "[1, 2, 3].map((k) => ({ name: `a way with a long name, ${k}`, colour: [0, 0, 0] }))"
+    visitor.frame.evaluate(f"window.desirePath.sheet.legend({entries})")
+    covered = "document.getElementById('desire-path-strip').getBoundingClientRect().bottom"
+    assert visitor.frame.evaluate(covered) > 40
+    assert scene.room is not None
+    x, y = scene.room.length / 2, scene.room.width / 2
+    corners = [(a * x, b * y, 0.0) for a in (-1, 1) for b in (-1, 1)]
+
+    def free() -> bool:
+        bottom = visitor.frame.evaluate(covered)
+        return all(bottom <= py < 500 for _, py in visitor.frame.evaluate(ON_SCREEN, corners))
+
+    visitor.wait_until(free, "the whole room lies under the legend")
 
 
 def test_a_hidden_tab_interrupts_the_drive(rig: StageRig, visit: Visit) -> None:

@@ -65,3 +65,26 @@ def test_a_robot_under_way_changes_its_style_without_restarting(rig: StageRig, v
     assert math.dist(after["poses"][0][:2], begun) > 0.5 * math.dist(here[:2], begun)
     end = visitor.wait_for("moved", over=True)["poses"][0]
     assert math.dist(end[:2], (SCENE.goal.x, SCENE.goal.y)) < 0.05
+
+
+INK = """([x, y]) => {
+  const canvas = document.getElementById("desire-path-ribbon");
+  const [px, py] = window.desirePath.viser.projector()(x, y, 0.2);
+  const scale = canvas.width / window.innerWidth;
+  return canvas.getContext("2d").getImageData(Math.round(px * scale), Math.round(py * scale), 1, 1).data[3];
+}"""
+
+
+def test_a_way_is_painted_under_the_robot(rig: StageRig, visit: Visit) -> None:
+    visitor = visit(width=640, height=400)
+    visitor.wait_until(lambda: rig.server.stage("amber") is not None, "the stage connects", timeout_s=60)
+    stage = rig.server.stage("amber")
+    assert isinstance(stage, Stage)
+    rollout = drive(SCENE, duration_s=8.0, bend_m=0.4)
+    stage.live(SCENE, "top_down", trajectories=(rollout,))
+    visitor.wait_for("ready")
+    steer(visitor, do="paths", id="1", onward=False, paths=[path(rollout)], legend=[])
+    visitor.wait_for("drawn", id="1")
+    middle = [float(value) for value in rollout.poses[20, :2]]
+    assert visitor.frame.evaluate(INK, middle) == 255
+    assert visitor.frame.evaluate(INK, [SCENE.start.x, SCENE.start.y]) == 0, "there the robot stands"

@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
+from backend.api.lab.preview import preview_steps
 from backend.store.models import Trial
+from backend.study.protocol.freezing import PROTOCOLS, freeze
 from backend.study.refusals import Refused
 from backend.study.session import machine
 from tests.study.small_protocol import BLOCK
@@ -109,3 +111,12 @@ def test_an_early_choice_is_possible_once_b_has_begun_where_the_protocol_says_so
     walker.later(1.5)
     walker.submit("block.01", {"choice": "a"})
     assert answer(walker, "block.01").decision_s == 1.5
+
+
+def test_goal_and_trail_are_shown_unless_the_protocol_says_otherwise_as_chapter_7_does(walk):
+    assert walk(BLOCK).view.payload["goal_and_trail"] is True
+    hidden = walk({"block": {**BLOCK["block"], "viewing": {"goal_and_trail": False}}})
+    assert hidden.view.payload["goal_and_trail"] is False
+    interface = freeze(PROTOCOLS / "interface_study.yaml")
+    shown = {step.viewing.goal_and_trail for step in preview_steps(interface) if step.kind == "trial"}
+    assert shown == {False}

@@ -36,6 +36,7 @@ from backend.study.drawing import paths, walks
 from backend.study.kinds import kind_of, read_plan
 from backend.study.kinds.base import Moment, Page, Step
 from backend.study.kinds.demonstration import DemonstrationStep
+from backend.study.kinds.trial import viewing_in
 from backend.study.session.machine import StepView
 from backend.study.session.versions import protocol_of
 
@@ -177,7 +178,8 @@ def _seen(s: DatabaseSession, files: ArtefactStore, session: Session, given: Ans
     alone = kind_of(step).trajectories == 1
     moment = Moment(s, session, protocol_of(s, session), given.created_at)
     explained = kind_of(step).explains(step, moment)
-    shown = SeenQuery(a, b, view=cast("View", trial.view), alone=alone, light=light, explained=explained)
+    view, goal = cast("View", trial.view), viewing_in(step).goal_and_trail
+    shown = SeenQuery(a, b, view, alone=alone, goal=goal, light=light, explained=explained)
     durations = [one.duration_s for one in ((a,) if alone else (a, b))]
     ranked = {"ranked": given.value["ranking"], **kind_of(step).payload_now(step, moment)} if explained else {}
     return _Seen(step, shown, durations, trial.view, trial.block, payload=ranked, trial=trial)

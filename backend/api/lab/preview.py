@@ -27,6 +27,7 @@ from backend.store.query_sets import query_sets_here
 from backend.store.sides import Side, is_side
 from backend.study.kinds import kind_of
 from backend.study.kinds.base import Page
+from backend.study.kinds.trial import viewing_in
 from backend.study.protocol.freezing import FrozenProtocol, ProtocolError
 from backend.study.protocol.planning import Step, example_queries, make_plan
 from backend.study.revising import query_sets_for
@@ -45,17 +46,19 @@ router = APIRouter(prefix="/lab", dependencies=[Depends(checked_csrf)], tags=["p
 @dataclass(frozen=True)
 class QueryPreview:
     """A query on a stage: still at first, then the trajectory that is asked for. alone: only A, without a letter;
-    explained: with what is shown of the policy's reasons.
+    goal: it is shown, with a trail; explained: with what is shown of the policy's reasons.
     """
 
     a: Trajectory
     b: Trajectory
     view: View
     alone: bool = False
+    goal: bool = True
     explained: ShownExplanation | None = None
 
     def show(self, stage: Stage) -> None:
-        stage.show(self.a.scene, self.view, trajectories=(self.a, self.b), explained=self.explained)
+        pair = (self.a, self.b)
+        stage.show(self.a.scene, self.view, trajectories=pair, goal=self.goal, explained=self.explained)
 
     def play(self, stage: Stage, side: Side) -> None:
         stage.play(
@@ -65,6 +68,7 @@ class QueryPreview:
             view=self.view,
             playback_id=side,
             trajectories=(self.a, self.b),
+            goal=self.goal,
             explained=self.explained,
         )
 
@@ -234,5 +238,6 @@ def _durations(step: Step, query: Example | None) -> list[float]:
 def _granted(request: Request, query: Example, step: Step) -> str:
     """The token of a stage that shows the example query in the step's view."""
     alone = kind_of(step).trajectories == 1
-    view, explained = step.view or "top_down", query.explained(step)
-    return services_of(request).replays.grant(QueryPreview(query.a, query.b, view, alone=alone, explained=explained))
+    view, goal, explained = step.view or "top_down", viewing_in(step).goal_and_trail, query.explained(step)
+    shown = QueryPreview(query.a, query.b, view, alone=alone, goal=goal, explained=explained)
+    return services_of(request).replays.grant(shown)

@@ -31,6 +31,7 @@ from backend.study.kinds import kind_of
 from backend.study.kinds.base import Moment
 from backend.study.session import machine
 from backend.study.session.versions import protocol_of
+from backend.study.session.watching import viewing_of
 
 if TYPE_CHECKING:
     from app.stage import Stage
@@ -208,6 +209,7 @@ class Presenter:
             session = s.get_one(Session, session_id)
             trial = machine.trial_of(s, session)
             explained = _explained(s, session)
+            goal = viewing_of(session).goal_and_trail
         if trial is None or machine.playing(trial) != playback:
             return  # the session went on meanwhile
         stage.play(
@@ -217,6 +219,7 @@ class Presenter:
             view=cast("View", playback.view),
             playback_id=playback.playback_id,
             trajectories=[self._trajectory(one) for one in (trial.trajectory_a, trial.trajectory_b)],
+            goal=goal,
             explained=explained,
         )
 
@@ -236,11 +239,13 @@ class Presenter:
         with self._database.session() as s:
             session = s.get(Session, session_id)
             trial = explained = None
+            goal = False
             active = session is not None and session.state == "active"
             shows = kind_of(machine.step_of(session)).shows if active and session is not None else "page"
             if session is not None and shows == "trajectories":
                 trial = machine.trial_of(s, session)
                 explained = _explained(s, session)
+                goal = viewing_of(session).goal_and_trail
         if shows == "paper":
             drawing_sheet.present(self._database, stage, session_id)
             return
@@ -254,7 +259,8 @@ class Presenter:
         assert session is not None  # noqa: S101  it has a trial
         stage.detail = "light" if session.device.get("scene_detail") == "light" else "full"
         halted = explained is not None and trial.phase == "choosing"
-        stage.show(a.scene, cast("View", trial.view), trajectories=[a, b], explained=explained, halted=halted)
+        view = cast("View", trial.view)
+        stage.show(a.scene, view, trajectories=[a, b], goal=goal, explained=explained, halted=halted)
 
     def _load(self, trajectory_id: str) -> Trajectory:
         return load_trajectory(self._files, trajectory_id)

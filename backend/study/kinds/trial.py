@@ -88,15 +88,17 @@ class Trials(Part):
 
 
 class Viewing(Part):
-    """How a pair may be watched. The defaults are ch. 7's: each trajectory once, to its end, before the choice.
+    """How a pair may be watched. By default as in ch. 7: each trajectory once, to its end, before the choice.
 
     replays: how often both may be watched again before choosing. early_choice: the choice is possible once B has begun.
-    choice_limit_s: time for the choice; after it the trial counts as not answered.
+    choice_limit_s: time for the choice; after it the trial counts as not answered. goal_and_trail: the robot's goal and
+    its trail are shown; ours, so that the eye has a hold: ch. 7 showed neither start nor goal.
     """
 
     replays: int = Field(0, ge=0, le=5)
     early_choice: bool = False
     choice_limit_s: int | None = Field(None, ge=3, le=600)
+    goal_and_trail: bool = True
 
 
 # ---- in the plan -----------------------------------------------------------------------------------------------------
@@ -131,6 +133,11 @@ class TrialStep(Step):
     @property
     def sort(self) -> tuple[str, ...]:
         return (*super().sort, self.role)
+
+
+def viewing_in(step: Step) -> Viewing:
+    """The view rules of a step; the defaults where its kind has none of its own."""
+    return getattr(step, "viewing", Viewing())
 
 
 def plan_trials(

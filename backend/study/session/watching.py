@@ -15,7 +15,7 @@ from backend.store.models import Session, Trial
 from backend.store.sides import Side
 from backend.study.clock import elapsed_s
 from backend.study.kinds import kind_of
-from backend.study.kinds.trial import Viewing
+from backend.study.kinds.trial import Viewing, viewing_in
 from backend.study.session.states import set_phase
 from backend.study.session.view import (
     Playback,
@@ -33,7 +33,7 @@ from backend.study.session.view import (
 
 def viewing_of(session: Session) -> Viewing:
     """The view rules of the current step."""
-    return getattr(step_of(session), "viewing", Viewing())
+    return viewing_in(step_of(session))
 
 
 def start_trial(
