@@ -11,7 +11,19 @@ import typer
 from backend.collecting import without_collecting
 
 with without_collecting():
-    from backend.commands import benchmark, data, jobs, plots, report, reproduce, science, serve, study, study_protocols
+    from backend.commands import (
+        benchmark,
+        data,
+        jobs,
+        plots,
+        report,
+        reproduce,
+        science,
+        serve,
+        study,
+        study_protocols,
+        words,
+    )
 
 app = typer.Typer(
     name="desirepath",
@@ -46,6 +58,7 @@ app.add_typer(study.commands, name="study")
 app.add_typer(jobs.commands, name="jobs")
 app.add_typer(benchmark.commands, name="benchmark")
 app.add_typer(reproduce.commands, name="reproduce")
+app.add_typer(words.commands, name="words")
 
 
 def main() -> None:

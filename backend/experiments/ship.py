@@ -32,7 +32,6 @@ from backend.experiments.shipping.query_sets import (
 )
 from backend.experiments.shipping.stand_ins import ship_stand_ins
 from backend.experiments.shipping.step_bases import ship_step_basis
-from backend.experiments.shipping.words import ship_words
 from backend.learning.shipped_files import DATASETS
 from backend.simulation.setups import CROWD_CORRIDOR, EXPLAINED_ROOM, HOME, SETUPS
 
@@ -49,30 +48,25 @@ def main() -> None:
         "ranking-set",
         "added",
         "adaptable",
-        "words",
         "path-weights",
         "depth",
         "depth-perception",
         "attention",
     )
     parser.add_argument("what", choices=(*kinds, *more))
-    parser.add_argument("setup", choices=tuple(SETUPS), nargs="?", help="of all but words")
+    parser.add_argument("setup", choices=tuple(SETUPS), help="which it is made for")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--count", type=int, default=SHIPPED_QUERIES, help="of queries, or scenes of triples")
     parser.add_argument("--out", type=Path, default=DATASETS, help="folder that the setup's folder lies in")
     parser.add_argument("--work", type=Path, help="folder where trainings are kept, to go on with")
     arguments = parser.parse_args()
-    if arguments.setup is None and arguments.what != "words":
-        parser.error(f"{arguments.what} needs a setup: {', '.join(SETUPS)}")
 
     def show(fraction: float, metrics: dict[str, float]) -> None:
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in metrics.items())
         print(f"{fraction:4.0%} {numbers}", file=sys.stderr, flush=True)
 
     given = (arguments.setup, arguments.seed, arguments.out, show)
-    if arguments.what == "words":
-        ship_words(arguments.seed, arguments.out)
-    elif arguments.what in ("depth", "depth-perception"):
+    if arguments.what in ("depth", "depth-perception"):
         work = arguments.work or arguments.out / HOME.name / "work"
         ship_perception(work, arguments.out)
         if arguments.what == "depth":

@@ -72,7 +72,8 @@ def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Respo
 
 @router.post("/api/session/{token}/live/{key}/words", response_model=WordsUnderstood)
 def words(token: str, key: str, services: TheServices, body: WordsRead) -> Response:
-    """What a sentence is read as, in the session's language. Nothing of it is stored or logged here."""
+    """What a sentence is read as, in the session's language, or in the other one where it clearly is in that.
+    Nothing of it is stored or logged here."""
     with looking(services, token) as (s, session):
         step = _step(s, session, key)
         language = language_of(session.language)
@@ -80,11 +81,12 @@ def words(token: str, key: str, services: TheServices, body: WordsRead) -> Respo
             raise BadValue("key", key[:80], "must be a step at which a wish is written down")
     got = understood(body.sentence, language)  # outside the transaction: it computes
     questions = [
-        {"text": body.sentence[one.start : one.end], "offered": list(one.offered)}
+        {"text": body.sentence[one.start : one.end], "offered": list(one.offered), "about": one.about}
         for one in got.questions[:MOST_QUESTIONS]
     ]
     parts = marked(body.sentence, got)
     said = {"parts": parts, "weights": got.weights, "questions": questions, "meant_weight": MEANT}
+    said |= {"language": got.language} if got.language != language else {}
     return reply_of(WordsUnderstood, said)
 
 

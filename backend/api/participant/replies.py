@@ -65,30 +65,35 @@ class LivePaths(Reply):
 
 
 class ReadPart(Reply):
-    """A stretch of a sentence. reading: plain; wanted or lesser, of an objective; asked, by which question; missed."""
+    """A stretch of a sentence. reading: plain; wanted, unwanted (less of it) or lesser, of an objective; asked, by
+    which question; missed."""
 
     model_config = ConfigDict(populate_by_name=True)
 
     text: str
-    reading: Literal["plain", "wanted", "lesser", "asked", "missed"] = Field(alias="as")
+    reading: Literal["plain", "wanted", "unwanted", "lesser", "asked", "missed"] = Field(alias="as")
     objective: str | None = None
     question: int | None = None
 
 
 class ReadQuestion(Reply):
-    """What was unclear, and which objectives may have been meant."""
+    """What is asked back, which objectives may have been meant, and why: unclear, or a contradiction, or slowness in
+    general, which cannot be had."""
 
     text: str
     offered: list[str]
+    about: Literal["unclear", "contradiction", "slowness"]
 
 
 class WordsUnderstood(Reply):
-    """What was read of a sentence: the whole of it in stretches, weights (objective -> above 0), what is asked back."""
+    """What was read of a sentence: the whole of it in stretches, weights (objective -> above 0), what is asked back;
+    language: in which it was read, where that is not the page's."""
 
     parts: list[ReadPart]
     weights: dict[str, float]
     questions: list[ReadQuestion]
     meant_weight: float
+    language: str | None = None
 
 
 class PlaceShown(Reply):

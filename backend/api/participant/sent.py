@@ -9,7 +9,7 @@ from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field, model
 
 from backend.api.core.contract import Clock, MaybeObject, OpenObject, Sent, storable
 from backend.api.participant.steps import RequestId
-from backend.learning.words.clauses import LONGEST as LONGEST_SENTENCE
+from backend.learning.words.lexicon import LONGEST as LONGEST_SENTENCE
 from backend.study.drawing.strokes import MOST_POINTS
 from backend.study.drawing.walks import MOST_POSES
 from backend.study.session.leaving import LONGEST_PROBLEM

@@ -23,7 +23,7 @@ from backend.learning.preferences.spans import seen_in
 from backend.learning.scene_sets import Purpose, scene_set
 from backend.learning.td3.base import OnProgress, no_progress
 from backend.learning.words.judging import labelled_sentences
-from backend.learning.words.phrases import Language
+from backend.learning.words.lexicon import Language
 from backend.learning.words.understanding import words_reader
 from backend.simulation.fast import rollout
 from backend.simulation.scene import Scene

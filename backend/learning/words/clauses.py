@@ -1,273 +1,290 @@
-"""A sentence taken apart: its words with their places, the pieces it falls into, and what part each has in it.
+"""A sentence as clauses: where one ends, and what it is to the others: compared, conceded, a condition, a reason.
 
-Rules of English and German that a bag of words cannot know: "rather A than B", "A, even if B", "you may A if it B".
-What a piece is about is the model's (`understanding.py`).
+What a clause wishes is `understanding.py`'s.
 """
 
 from __future__ import annotations
 
-import re
-import unicodedata
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise, takewhile
 from typing import Literal
 
-from backend.learning.words.phrases import Language
+from backend.learning.words.lexicon import Language, Token, known_words
 
-LONGEST = 300  # ours: characters of a sentence that is read; a long spoken wish has about 200
-MOST_WORDS = 80
-Part = Literal["plain", "preferred", "lesser", "conceded"]
-"""plain: said by itself; preferred: more of it than of something; lesser: that something; conceded: put up with."""
-
-
-@dataclass(frozen=True)
-class Word:
-    """One word: as it stands from `start` to `end`, and as it is compared."""
-
-    start: int
-    end: int
-    form: str
+HEADS = known_words(
+    "far near hit fast slow late smooth jerky short long left right gap pace turn clearance mind calm ride arc"
+)
+"""Senses of what may be wished."""
+SIDES = ("left", "right")
+Role = Literal["main", "if", "that", "while", "reason", "lesser", "conceded"]
+_ROLES: dict[str, Role] = {
+    "if": "if", "unless": "if", "that": "that", "because": "reason", "while": "while", "concede": "conceded",
+    "provided": "main",
+}  # fmt: skip
+_ATTITUDES = ("good", "bad", "not", "needless", "avoid", "suggest", "may", "care", "why")
 
 
-@dataclass(frozen=True)
-class Piece:
-    """A stretch of the sentence. strictly: the lesser is given up, not only less important; closes: nothing may be
-    joined across its end; foremost: said to matter most; group: pieces of one comparison have the same.
+@dataclass
+class Clause:
+    """Tokens of one clause. link: what ties it to the clause before: `.`, `,`, `and`, `or`, `but`, or nothing; role:
+    lesser: what a comparison puts second; conceded: what is put up with. better: what a comparison puts first; asked:
+    its sentence ends in a question mark.
     """
 
-    words: tuple[Word, ...]
-    part: Part = "plain"
-    strictly: bool = True
-    closes: bool = False
-    foremost: bool = False
-    group: int = 0
+    tokens: list[Token] = field(default_factory=list)
+    link: str = "."
+    role: Role = "main"
+    better: bool = False
+    asked: bool = False
+
+    def has(self, *senses: str) -> bool:
+        return any(token.any(*senses) for token in self.tokens)
+
+    def all_of(self, *senses: str) -> list[Token]:
+        return [token for token in self.tokens if token.any(*senses)]
 
     @property
-    def judged(self) -> list[Word]:
-        """What it is judged by: in comparisons without the words that only compare."""
-        kept = [word for word in self.words if self.part == "plain" or word.form not in _ONLY_COMPARE]
-        return kept or list(self.words)
+    def heads(self) -> list[Token]:
+        return self.all_of(*HEADS)
 
     @property
-    def forms(self) -> list[str]:
-        return [word.form for word in self.judged]
+    def is_infinitive(self) -> bool:
+        """German: "zu halten", "vorbeizufahren"."""
+        return self.has("inf")
 
 
-@dataclass(frozen=True)
-class Grammar:
-    """The words that decide which part a piece has. All are of `form`, so without accents."""
-
-    hard: frozenset[str]
-    soft: frozenset[str]
-    than: str
-    cues: str
-    swaps: str
-    ranks: str
-    instead: str
-    short_than: frozenset[str]
-    puts: str
-    as_much: str
-    conceding: str
-    allowing: str
-    provided: str
-    choosing: str
-    foremost: str
-    pairs: str
+def clauses_of(text: str, tokens: Sequence[Token], language: Language) -> list[Clause]:
+    """The clauses of a text in order, none empty."""
+    found: list[Clause] = []
+    for sentence, asked in _sentences(text, tokens):
+        for number, clause in enumerate(_split(sentence, language)):
+            tokens = [_infinitive(one, clause.tokens[k + 1 :]) for k, one in enumerate(clause.tokens)]
+            found.append(replace(clause, tokens=tokens, asked=asked, link=clause.link if number else "."))
+    return found
 
 
-def known_words(text: str) -> frozenset[str]:
-    """Words in the form in which they are compared, written with spaces between."""
-    return frozenset(text.split())
+def _infinitive(token: Token, after: Sequence[Token]) -> Token:
+    """German "zu" before a verb is not "too": "zu halten", "ohne zu rasen"; adjectives like that stand before more."""
+    alone = len(after) == 1 and after[0].form.endswith(("en", "eln", "ern")) and after[0].form != "fern"
+    verb = after and (after[0].any("go", "keep") or alone)
+    return replace(token, senses=frozenset({"inf"})) if token.form == "zu" and verb else token
 
 
-GRAMMARS: Mapping[Language, Grammar] = {
-    "en": Grammar(
-        hard=known_words("but however yet otherwise except because although though"),
-        soft=known_words("and or while plus also then so"),
-        than="than",
-        cues=r"\b(rather|sooner|prefer|better|more|less|worse|over|instead|matters?|counts?|worth|earlier|\w+er)\b",
-        swaps=r"\b(less (important|about|interested|for|of)|worse|matters less|counts less)\b",
-        ranks=r"\b(more (important|than|about)|(matters?|means?|worth|counts?) more|less|worse|prefer)\b",
-        instead=r"\b(rather than|instead of)\b",
-        short_than=known_words("over before above beats outweighs"),
-        puts=r"\b(prefer|take|choose|value|put|comes?|goes|pick|favou?r|beats|outweighs)\b",
-        as_much=r"\bso much\b",
-        conceding=r"\beven (if|when|though|at)|\b(although|though|no matter if|whatever)\b",
-        allowing=r"\b(may|can|could|might|allowed|fine)\b",
-        provided=r"\b(if|as long as|so long as|provided)\b",
-        choosing=r"\b(choose|decide|choice|chose)\b",
-        foremost=r"\b(above all|first of all|mainly|especially|first and foremost|priority|most)\b",
-        pairs=r"\b((left|back|to|up|now|on|more|nice|safe) and \w+|slow and (safe|steady)"
-        r"|(not|dont|be|go|drive|come|move|get) so \w+)\b",
-    ),
-    "de": Grammar(
-        hard=known_words("aber jedoch allerdings sonst ansonsten denn weil hauptsache obwohl"),
-        soft=known_words("und oder sowie dann dabei sondern also"),
-        than="als",
-        cues=r"\b(lieber|eher|besser|mehr|wichtiger|weniger|schlimmer|wert|anders|unwichtiger|\w+er)\b",
-        swaps=r"\b(weniger (wichtig|um|auf|an)|schlimmer|unwichtiger)\b",
-        ranks=r"\b(wichtiger|mehr|weniger|unwichtiger|schlimmer|bedeutet)\b",
-        instead=r"\b(statt|anstatt|anstelle|und nicht)\b",
-        short_than=known_words("vor uber"),
-        puts=r"\b(geht|gehen|kommt|kommen|steht|stehen|geh)\b",
-        as_much=r"\b(nicht|weniger) so (?:sehr|viel|wichtig)\b",
-        conceding=r"\b(auch|selbst|sogar) (wenn|falls)\b|\b(obwohl|notfalls)\b",
-        allowing=r"\b(darf|darfst|kann|kannst|konnte|durfen|konnen|ruhig)\b",
-        provided=r"\b(wenn|solange|sofern|falls)\b",
-        choosing=r"\b(entscheiden|wahlen|wahl|entscheidest)\b",
-        foremost=r"\b(vor allem|(am|das) wichtigsten?|hauptsache|in erster linie|(ins)?besondere?s?|zuerst)\b",
-        pairs=r"\b((hin|links|kreuz|nach|ruhig|drum|ganz|ab|auf) und \w+|langsam und sicher)\b",
-    ),
-}  # fmt: skip
-
-_ONLY_COMPARE = known_words(
-    "rather sooner prefer better important matters matter counts worth means id would "
-    "lieber eher besser wichtiger zahlt zahlen bedeutet wert lieb sondern"
-)
-_WORD = re.compile(r"[^\W_]+(?:['’][^\W_]+)*", re.UNICODE)
-_PREFERRED_TO = re.compile(
-    r"^(.*\bprefer\w* (?!to\b).+?) to "
-    r"(?!me\b|people|us\b|humans|the |walls|furniture|obstacles|things|be\b|have\b|go\b|drive)"
-)
-_ENDS = re.compile(r"[.!?;:…\n]|\s[-–—]\s|—")
+def _sentences(text: str, tokens: Sequence[Token]) -> Iterator[tuple[list[Token], bool]]:
+    held: list[Token] = []
+    for token in tokens:
+        if held and token.before in (".", "?"):
+            yield held, token.before == "?"
+            held = []
+        held.append(token)
+    if held:
+        yield held, "?" in text[held[-1].words[-1].end :]
 
 
-def form_of(word: str) -> str:
-    """A word as it is compared: small, without accents and apostrophes, a drawn-out letter once."""
-    plain = unicodedata.normalize("NFKD", word.lower().replace("ß", "ss"))
-    plain = "".join(letter for letter in plain if not unicodedata.combining(letter) and letter not in "'’")
-    return re.sub(r"(.)\1{2,}", r"\1", plain)
+def _split(sentence: list[Token], language: Language) -> list[Clause]:
+    """At commas and conjunctions, and where a comparison's second part, or another "less", "more", "not" begins."""
+    clauses = [Clause()]
+    compared = any(token.any("rather", "swap") for token in sentence) or any(
+        "more" in a and "than" in b for a, b in pairwise(sentence)
+    )
+    for at, token in enumerate(sentence):
+        now, after = clauses[-1], sentence[at + 1 :]
+        comma = token.before == ","
+        new: Clause | None = None
+        kept = False
+        if (compared or "over" in token) and _begins_lesser(token, clauses, after, sentence):
+            new = Clause(link="than", role="lesser")
+            now.better = True
+            if now.has("swap"):  # "it is less about speed than about distance"
+                now.role, now.better, new.role, new.better = "lesser", False, "main", True
+        elif ("instead" in token and _about(after)) or ("than" in token and _about(now.tokens) and _about(after)):
+            new = Clause(link="than", role="lesser")
+            now.better = "instead" in token
+        elif role := next(
+            (_ROLES[sense] for sense in _ROLES if sense in token and not _is_mere_word(token, after)), None
+        ):
+            new = Clause(link="," if comma else "", role=role)
+            kept = token.any("provided", "limits")
+        elif _joins_nouns(token, now, after) or (token.form == "aber" and not comma and now.tokens and not now.heads):
+            continue
+        elif link := next((sense for sense in ("but", "or", "and") if sense in token), None):
+            new, kept = Clause(link=link), "limits" in token
+        elif comma or (token.any("less", "more", "not") and _splits(now.tokens, token, _until_next(after), language)):
+            new, kept = Clause(link="," if comma else ""), True
+        if new is None:
+            now.tokens.append(token)
+            continue
+        if kept:
+            new.tokens.append(token)
+        if now.tokens:
+            clauses.append(new)
+        elif now.role in ("lesser", "conceded"):  # "rather this than that you ...": still what is lesser
+            now.tokens += new.tokens
+        else:
+            if new.link in ("", ",", "."):
+                new.link = now.link
+            clauses[-1] = new
+    return [clause for clause in clauses if clause.tokens]
 
 
-def words_of(text: str) -> list[Word]:
-    """The words of a sentence, `MOST_WORDS` at most."""
-    found = [Word(one.start(), one.end(), form_of(one.group())) for one in _WORD.finditer(text)]
-    return found[:MOST_WORDS]
+def _until_next(after: Sequence[Token]) -> list[Token]:
+    """What follows in the same clause."""
+    ends = ("and", "or", "but", "than", *_ROLES)
+    return list(takewhile(lambda one: one.before != "," and (not one.any(*ends) or one is after[0]), after))
 
 
-def clauses_of(text: str, language: Language) -> list[Piece]:
-    """The pieces that a sentence falls into, with the part each has, in order."""
-    grammar = GRAMMARS[language]
-    found: list[Piece] = []
-    for stretch in _closed_stretches(text, words_of(text), grammar):
-        found += _parts(stretch, grammar, group=len(found) + 1)
-    return [small for piece in found for small in _softly_split(text, piece, grammar)]
+def _about(tokens: Sequence[Token]) -> bool:
+    return any(not HEADS.isdisjoint(token.senses) or "thing" in token for token in tokens)
 
 
-def _closed_stretches(text: str, words: list[Word], grammar: Grammar) -> list[list[Word]]:
-    """Split at full stops and at `but`; a word that also says which part it has stays at its stretch's head."""
-    stretches: list[list[Word]] = [[]]
-    for number, word in enumerate(words):
-        between = text[words[number - 1].end : word.start] if number else ""
-        if _ENDS.search(between) or word.form in grammar.hard:
-            stretches.append([])
-        stretches[-1].append(word)
-    return [one for one in stretches if one]
+def _joins_nouns(token: Token, now: Clause, after: Sequence[Token]) -> bool:
+    """ "the plants and boxes": no clause begins where neither side has said anything yet."""
+    noun = next((one for one in after[:3] if not one.any("filler", "mine", "prefto")), None)
+    return (
+        token.any("and", "or")
+        and bool(now.tokens)
+        and not now.heads
+        and now.tokens[-1].any("thing", "person")
+        and noun is not None
+        and noun.any("thing", "person")
+    )
 
 
-def _said(words: list[Word] | tuple[Word, ...]) -> str:
-    return " ".join(word.form for word in words)
+def _is_mere_word(token: Token, after: Sequence[Token]) -> bool:
+    """ "that close", "that would be nice": no clause begins."""
+    if token.form != "that":
+        return False
+    is_pronoun = ("would", "will", "really", "way", "much", "far")
+    return not after or bool(HEADS & after[0].senses) or after[0].any("is", "not") or after[0].form in is_pronoun
 
 
-def _cut(words: list[Word], at: int, skip: int = 1) -> tuple[tuple[Word, ...], tuple[Word, ...]]:
-    return tuple(words[:at]), tuple(words[at + skip :])
+def _begins_lesser(token: Token, clauses: list[Clause], after: Sequence[Token], sentence: Sequence[Token]) -> bool:
+    """Whether a comparison's second part begins: than, over, "prefer this to", "not so much this as"."""
+    now = clauses[-1]
+    if not any(_about(one.tokens) for one in clauses) or not _about(after):
+        return False
+    if "than" in token:
+        return True
+    if "over" in token:
+        return len(sentence) <= 5 or now.has("rather", "keep", "good")
+    if "asmuch" in token:
+        return now.has("swap")
+    follows = after[:2]
+    to = "prefto" in token and any(one.form.startswith(("prefer", "favo")) for one in now.tokens)
+    return to and any(HEADS & one.senses for one in follows)
 
 
-def _index(words: list[Word], said: re.Match[str]) -> tuple[int, int]:
-    """Where in the words a match of their text begins, and how many words it has."""
-    before = _said(words)[: said.start()].split()
-    return len(before), len(said.group().split())
+def _splits(before: Sequence[Token], token: Token, after: Sequence[Token], language: Language) -> bool:
+    """Whether another wish begins here: "less speed | more distance", "fast | not slow"."""
+    if (
+        not after
+        or not _about(before)
+        or not _about(after)
+        or "than" in after[0]
+        or any(one.any("is") for one in before)
+    ):
+        return False
+    if "not" not in token:
+        return not any(one.any("not", "needless", "avoid", "bad", "why", "too") for one in before)
+    if token.form not in ("without", "ohne") and not _same_scale(before, after):
+        return False
+    if language == "de" and token.form != "ohne":
+        next_to = after[0].any("too", "so") or not HEADS.isdisjoint(after[0].senses)
+        return next_to and not any(one.any("go", "keep") for one in before)
+    return token.form in ("without", "ohne") or not any(one.any("good") for one in before)
 
 
-def _parts(words: list[Word], grammar: Grammar, group: int) -> list[Piece]:
-    """One stretch as one piece, or as the two or three of a comparison or concession."""
-    said = _said(words)
-    foremost = bool(re.search(grammar.foremost, said))
-    chosen = re.match(r"(?:if|wenn)\b.*", said)
-    if chosen and (at := re.search(grammar.choosing, said)):
-        last = re.search(r"\b(then|dann)\b", said)
-        if last and last.start() > at.start():
-            begins, many = _index(words, last)
-            return [Piece(_cut(words, begins, many)[1], "preferred", group=group, foremost=True, closes=True)]
-    conceded = re.search(grammar.conceding, said)
-    if conceded:
-        begins, many = _index(words, conceded)
-        before, after = _cut(words, begins, many)
-        parts = [Piece(after, "conceded", group=group, closes=True)]
-        return ([Piece(before, "preferred", group=group, foremost=foremost, closes=True)] if before else []) + parts
-    compared = _compared(words, said, grammar)
-    if compared is not None:
-        first, second, swapped, ranked = compared
-        first_part: Part = "lesser" if swapped else "preferred"
-        second_part: Part = "preferred" if swapped else "lesser"
-        return [
-            Piece(first, first_part, strictly=not ranked, group=group, foremost=foremost, closes=True),
-            Piece(second, second_part, strictly=not ranked, group=group, closes=True),
-        ]
-    provided = re.search(grammar.provided, said)
-    if provided and (allowed := re.search(grammar.allowing, said)) and allowed.start() < provided.start():
-        before, after = _cut(words, *_index(words, provided))
-        return [
-            Piece(before, "conceded", group=group, closes=True),
-            Piece(after, "preferred", group=group, closes=True, foremost=foremost),
-        ]
-    return [Piece(tuple(words), closes=True, foremost=foremost, group=group)]
+def _is_bare(clause: Clause) -> bool:
+    """Only what it is about, with no verb: the verb is in the next clause."""
+    return bool(clause.heads) and not clause.has(*_ATTITUDES, "keep", "go", "too", "more", "less", "please")
 
 
-Compared = tuple[tuple[Word, ...], tuple[Word, ...], bool, bool]
+def _same_scale(before: Sequence[Token], after: Sequence[Token]) -> bool:
+    return any(
+        any(one.any(*scale) for one in before) and any(one.any(*scale) for one in after)
+        for scale in (("far", "near", "gap"), ("fast", "slow", "pace"), ("smooth", "jerky"), ("short", "long"), SIDES)
+    )
 
 
-def _compared(words: list[Word], said: str, grammar: Grammar) -> Compared | None:
-    """(first, second, whether the second is preferred, whether the lesser still matters) of a comparison."""
-    swapped = bool(re.search(grammar.swaps, said))
-    ranked = bool(re.search(grammar.ranks, said))
-    much = re.search(grammar.as_much, said)
-    if much:
-        begins, many = _index(words, much)
-        rest = words[begins + many :]
-        links = [k for k, word in enumerate(rest) if word.form in ("as", "wie", "als", "sondern")]
-        if links:
-            before = tuple(words[:begins]) + tuple(rest[: links[-1]])
-            return before, tuple(rest[links[-1] + 1 :]), True, True
-    preferred = re.search(_PREFERRED_TO, said)
-    if preferred:
-        return *_cut(words, len(preferred[1].split())), False, True
-    instead = re.search(grammar.instead, said)
-    if instead:
-        begins, many = _index(words, instead)
-        if begins:
-            return *_cut(words, begins, many), False, ranked
-    for at, word in enumerate(words):
-        if word.form == grammar.than and 0 < at < len(words) - 1 and re.search(grammar.cues, _said(words[:at])):
-            return *_cut(words, at), swapped, ranked
-    for at, word in enumerate(words):
-        inside = 0 < at < len(words) - 1
-        if inside and word.form in grammar.short_than and (len(words) <= 5 or re.search(grammar.puts, said)):
-            return *_cut(words, at), swapped, True
+# ---- what clauses are to each other ----------------------------------------------------------------------------------
+
+
+def governor_of(clauses: Sequence[Clause], number: int) -> Clause | None:
+    """The clause that says how this one is meant: "I hate it | when you rush", "If you kept away, | I'd be glad"."""
+    clause = clauses[number]
+    before = clauses[number - 1] if number and clause.link != "." else None
+    after = clauses[number + 1] if number + 1 < len(clauses) and clauses[number + 1].link != "." else None
+    if clause.role in ("if", "that", "while") or (clause.link == "," and clause.is_infinitive):
+        content = clause.role == "that" or clause.is_infinitive
+        leads = before is not None and before.role in ("main", "that") and not before.heads
+        if before is not None and leads and (content or before.has(*_ATTITUDES)):
+            if (
+                clause.role == "if"
+                and after is not None
+                and after.role == "main"
+                and not after.heads
+                and after.has("good", "bad")
+            ):
+                return after  # "I am old, the more room | the better"
+            return before
+        follows = clause.role in ("if", "that") and after is not None and after.role == "main" and not after.heads
+        if after is not None and follows and after.has("good", "bad", "needless", "not"):
+            return after
+        return Clause() if content else None
+    if after is not None and after.link == "," and _only_says_how(after) and not clause.has(*_ATTITUDES, "too", "keep"):
+        return after
     return None
 
 
-def _softly_split(text: str, piece: Piece, grammar: Grammar) -> list[Piece]:
-    """At commas and `and`; whether the parts are read together again is the model's to say."""
-    together = {
-        number
-        for pair in re.finditer(grammar.pairs, _said(piece.words))
-        for number in range(
-            len(_said(piece.words)[: pair.start()].split()), len(_said(piece.words)[: pair.end()].split())
-        )
-    }
-    parts: list[list[Word]] = [[]]
-    for number, word in enumerate(piece.words):
-        between = text[piece.words[number - 1].end : word.start] if number else ""
-        links = word.form in grammar.soft and number not in together
-        if ("," in between or links) and parts[-1]:
-            parts.append([])
-        if not links:
-            parts[-1].append(word)
-    kept = [tuple(one) for one in parts if one]
-    if not kept:
-        return []
-    small = [
-        replace(piece, words=one, closes=False, foremost=bool(re.search(grammar.foremost, _said(one)))) for one in kept
-    ]
-    return [*small[:-1], replace(small[-1], closes=True)]
+def _only_says_how(clause: Clause) -> bool:
+    """ "close to me, | I don't want"."""
+    small = ("not", "bad", "good", "needless", "robot", "mine", "filler", "person", "that", "keep", "go", "is")
+    return clause.has("good", "bad", "needless") and all(token.any(*small) for token in clause.tokens)
+
+
+def place_of(clauses: Sequence[Clause], number: int) -> bool:
+    """Whether a circumstance puts this clause beside the person: the one that follows it, or one that begins the
+    sentence, which holds for all that is joined by "and"."""
+    if number + 1 < len(clauses) and clauses[number + 1].link != "." and _is_beside(clauses[number + 1]):
+        return True
+    for at in range(number, 0, -1):
+        before = clauses[at - 1]
+        if clauses[at].link == ".":
+            return False
+        if before.role in ("if", "while"):
+            return _is_beside(before) and (before.link in (".", "but", "and") or not clauses[at - 2].heads)
+        if clauses[at].link != "and":
+            return False
+    return False
+
+
+def _is_beside(clause: Clause) -> bool:
+    near = clause.has("near", "pass", "beside", "person")
+    return clause.role in ("if", "while") and near and not clause.has("far", "gap", "not", "thing")
+
+
+def denied_with(clauses: Sequence[Clause], number: int) -> Literal["too", "perhaps"] | None:
+    """Whether the denial of the clause before is this one's, too: "don't rush or swerve"; "don't rush and come close"
+    may be either."""
+    clause, before = clauses[number], clauses[number - 1] if number else None
+    after = clauses[number + 1] if number + 1 < len(clauses) else None
+    if after is not None and after.link in ("and", "or") and after.heads and _is_bare(clause):
+        last = after.tokens.index(after.heads[-1])
+        if any(one.any("bad", "needless", "not") for one in after.tokens[last:]):
+            return "perhaps"  # "fast and close driving scares me"
+    own = ("not", "bad", "avoid", "undo", "needless", "more", "less", "too", "why", "keep", "rather", "suggest", "may")
+    if before is None or clause.link not in ("or", "and", ",") or not before.heads or not clause.heads:
+        return None
+    if clause.has(*own, "foremost", "canst") or not before.has("not", "bad", "avoid", "needless", "undo", "why"):
+        return None
+    if clause.link == "or":
+        return "too"
+    fresh = clause.tokens[0].any("robot", "mine", "person") or clause.has("good", "must", "please")
+    nouns_only = all(
+        one.form.split()[-1].startswith(("kein", "no", "without", "ohne")) and one.form != "not"
+        for one in before.all_of("not")
+    )
+    if fresh or (nouns_only and clause.link == "," and not before.has("bad", "avoid")):
+        return None
+    return "perhaps"

@@ -1,6 +1,6 @@
 """How well sentences are understood: labelled ones of `datasets/words`, read and judged case by case.
 
-The sentences are no training phrases (`phrases.py`). Intervals are the report's own of proportions.
+How other files of labelled sentences are measured: `tests/learning/words/measure.py`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from backend.learning.preferences.objectives import NAMES
-from backend.learning.words.phrases import FOLDER, Language
+from backend.learning.words.lexicon import FOLDER, Language
 from backend.learning.words.understanding import Understood
 
 Part = Literal["test", "development"]

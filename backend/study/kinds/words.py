@@ -13,8 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from backend.grammar.parts import Localized
 from backend.grammar.source import Path, Problem, Source
 from backend.grammar.texts import local
-from backend.learning.words.clauses import LONGEST
-from backend.learning.words.phrases import Language
+from backend.learning.words.lexicon import LONGEST, Language
 from backend.study.kinds.base import Moment, Pace, Page, Planning, Simulated, Stage
 from backend.study.kinds.live import (
     CONTROLS,
@@ -129,8 +128,8 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
     stored = {
         "sentence": "what was written, free text",
         "language": "in which it was read",
-        "marked": "what was read of it: stretches of the sentence (text), objective and as (wanted, lesser: said to "
-        "matter less, asked back, not understood)",
+        "marked": "what was read of it: stretches of the sentence (text), objective and as (wanted; unwanted: less of "
+        "it, which no weight can say; lesser: said not to matter, or less; asked back; not understood)",
         "meant": "what they say they meant where it was asked back: objective, or null: none of what was offered",
         "understood": "objective -> weight that the words, and what was meant, stand for",
         "weights": "objective -> weight from 0 to 1 at the end, corrected by hand",
@@ -147,8 +146,7 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
         return super().payload(step, page) | own
 
     def check(self, step: WordsStep, answer: WordsAnswer, page: Page) -> dict[str, Any]:
-        language = language_of(page.language)
-        got = understood(answer.sentence, language)
+        got = understood(answer.sentence, language_of(page.language))
         meant = [one.model_dump() for one in answer.meant]
         for number, one in enumerate(answer.meant):
             if one.question >= len(got.questions):
@@ -166,7 +164,7 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
         corrected = any(change.by != "words" for change in answer.history)
         return stored | {
             "sentence": answer.sentence,
-            "language": language,
+            "language": got.language,
             "marked": [part for part in marked(answer.sentence, got) if part["as"] != "plain"],
             "meant": meant,
             "understood": start,
@@ -196,7 +194,7 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
 
 
 def language_of(language: str) -> Language:
-    """A page's language, English where its sentences cannot be read."""
+    """The language that a page's sentences are expected in, English where its own cannot be read."""
     return "de" if language == "de" else "en"
 
 
@@ -222,12 +220,16 @@ def with_meant(got: Understood, meant: Sequence[Meant]) -> Weights:
 
 
 def marked(sentence: str, got: Understood) -> list[dict[str, Any]]:
-    """The whole sentence in stretches, so that nobody counts letters: text; as: plain, wanted, lesser, asked, missed;
-    objective of the two of them; question: number of what is asked back.
+    """The whole sentence in stretches, so that nobody counts letters: text; as: plain, wanted, unwanted, lesser,
+    asked, missed; objective of the first three of them; question: number of what is asked back.
     """
     stretches: list[tuple[int, int, dict[str, Any]]] = []
     stretches += [
-        (one.start, one.end, {"as": "lesser" if one.against else "wanted", "objective": one.objective})
+        (
+            one.start,
+            one.end,
+            {"as": "lesser" if one.waived else "wanted" if one.wanted else "unwanted", "objective": one.objective},
+        )
         for one in got.marks
     ]
     stretches += [(one.start, one.end, {"as": "asked", "question": n}) for n, one in enumerate(got.questions)]

@@ -7,6 +7,10 @@ import { LivePanel } from "../live.js";
 /** @typedef {import("../contract.js").WordsUnderstood} WordsUnderstood */
 /** @typedef {{question: number, objective: string | null}} Meant */
 
+/** @type {Record<string, string>} */
+const MEANINGS = { wanted: "matters", unwanted: "not_wanted", lesser: "matters_less" };
+const ASKED = { unclear: "asked", contradiction: "contradicts", slowness: "only_slow_near" };
+
 class Wording extends LivePanel {
   /** @param {HTMLElement} root @param {ConstructorParameters<typeof LivePanel>[1]} needs */
   constructor(root, needs) {
@@ -86,14 +90,22 @@ class Wording extends LivePanel {
   /** What was read, in the sentence itself, each stretch with its meaning in words. */
   tellRead() {
     if (!this.read) return;
-    const { parts, questions, weights } = this.read.got;
+    const { parts, questions, weights, language } = this.read.got;
     const shown = /** @type {HTMLElement} */ (this.root.querySelector("#words-marked"));
     shown.replaceChildren(...parts.map((part) => this.stretch(part)));
     const missed = parts.filter((part) => part.as === "missed").map((part) => this.own("quoted", { words: part.text })).join(", ");
-    const nothing = Object.keys(weights).length === 0 && questions.length === 0;
+    const read = parts.some((part) => part.as !== "plain" && part.as !== "missed");
+    const nothing = Object.keys(weights).length === 0 && !read;
+    const unwanted = parts.some((part) => part.as === "unwanted" && part.objective !== "faster");
     const line = /** @type {HTMLElement} */ (this.root.querySelector("#words-missed"));
-    line.hidden = !missed && !nothing;
-    line.textContent = [missed && this.own("missed", { words: missed }), nothing && this.own("nothing_understood")].filter(Boolean).join(" ");
+    const told = [
+      language && this.own(language === "de" ? "read_as_german" : "read_as_english"),
+      missed && this.own("missed", { words: missed }),
+      unwanted && this.own("only_more"),
+      nothing && this.own("nothing_understood"),
+    ].filter(Boolean);
+    line.hidden = told.length === 0;
+    line.textContent = told.join(" ");
     this.root.querySelector("#words-questions")?.replaceChildren(...questions.map((one, number) => this.question(one, number)));
   }
 
@@ -115,15 +127,15 @@ class Wording extends LivePanel {
     if (part.as === "asked") return this.own("was_asked");
     if (part.as === "missed") return this.own("was_missed");
     const objective = this.names[part.objective ?? ""]?.name ?? "";
-    return this.own(part.as === "lesser" ? "matters_less" : "matters", { objective });
+    return this.own(MEANINGS[part.as] ?? "matters", { objective });
   }
 
   /** @param {WordsUnderstood["questions"][number]} asked @param {number} number @returns {HTMLElement} */
-  question({ text, offered }, number) {
+  question({ text, offered, about }, number) {
     const set = document.createElement("fieldset");
     set.className = "words-question";
     const legend = document.createElement("legend");
-    legend.textContent = this.own("asked", { words: text });
+    legend.textContent = this.own(ASKED[about], { words: text });
     set.append(legend);
     for (const objective of [...offered, null]) {
       const label = document.createElement("label");
@@ -133,7 +145,7 @@ class Wording extends LivePanel {
       choice.dataset.meant = objective ?? "none";
       choice.checked = this.meant.some((one) => one.question === number && one.objective === objective);
       choice.addEventListener("change", () => this.means(number, objective));
-      label.append(choice, objective ? this.names[objective].name : this.own("none_of_these"));
+      label.append(choice, objective ? this.names[objective].name : this.own(about === "slowness" ? "not_slow_there" : "none_of_these"));
       set.append(label);
     }
     return set;
