@@ -21,7 +21,8 @@ from backend.simulation.setups import STUDY_ROOM
 from backend.store.models import Artefact, Job
 from tests.api.lab_services import csrf
 
-MANIFEST = {"format": "desirepath-reward-1", "setup": "study_room", "file": "net.pt"}
+INPUTS = [{"of": "observation", "form": "export"}, {"of": "action", "form": "export"}]
+MANIFEST = {"format": "desirepath-reward-2", "setup": "study_room", "file": "net.pt", "inputs": INPUTS}
 SMALL = {"pool": 30, "test": 20, "scenes": (6, 6, 8), "queries": "policies"}
 
 
@@ -103,6 +104,8 @@ def test_a_reward_model_that_was_learned_here_is_asked_in_the_same_way(lab, two_
         ({"manifest": [1]}, "manifest"),
         ({"manifest": MANIFEST | {"setup": "the moon"}}, "the moon"),
         ({"manifest": MANIFEST | {"inputs": ["camera"]}}, "inputs"),
+        ({"manifest": {name: MANIFEST[name] for name in ("format", "setup", "file")}}, "inputs"),
+        ({"manifest": MANIFEST | {"inputs": [{"of": "observation", "form": "si"}]}}, "state the order of the scan"),
         ({"manifest": MANIFEST | {"file": "../net.pt"}}, "file"),
         ({"name": "other.pt"}, "other.pt"),
         ({"content": b"x" * 2_000_001}, ""),

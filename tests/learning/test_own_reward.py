@@ -167,7 +167,8 @@ def test_who_answers_by_a_reward_file_has_a_policy_too_and_what_it_gains_is_said
 ) -> None:
     torch.manual_seed(1)
     torch.save(nn.Linear(OPEN_FIELD.observation_size + 2, 1).state_dict(), tmp_path / "net.pt")
-    said = {"format": "desirepath-reward-1", "setup": "open_field", "file": "net.pt"}
+    inputs = [{"of": "observation", "form": "export"}, {"of": "action", "form": "export"}]
+    said = {"format": "desirepath-reward-2", "setup": "open_field", "file": "net.pt", "inputs": inputs}
     (tmp_path / "somebody.json").write_text(json.dumps(said))
     small = {"pool": 12, "test": 10, "scenes": 10}
     monkeypatch.setattr(people_policies, "PeoplePoliciesConfig", lambda **given: PeoplePoliciesConfig(**given, **small))

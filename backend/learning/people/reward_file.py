@@ -1,5 +1,6 @@
-"""A fitted reward network as a person: a small manifest and a state dict or an ONNX file, read without running
-anything that is in it. Both together are one file of the store (`reward_manifest.py` says what a manifest may say)."""
+"""A fitted reward network as a person: a small manifest and a state dict or an ONNX file. Both together are one file of
+the store. What a manifest may say is `reward_manifest.py`'s and `reward_inputs.py`'s, which networks are run
+`onnx_bounds.py`'s; they are read and run in a process of their own (`limited_reward.py`)."""
 
 from __future__ import annotations
 
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from backend.learning.errors import LearningError
 from backend.learning.measures.steps import SeenSteps
 from backend.learning.people.families.base import Doubles, FamilyMember
+from backend.learning.people.limited_reward import LimitedReward
+from backend.learning.people.onnx_bounds import ROWS, checked
 from backend.learning.people.reward_manifest import (
     FILE_BYTES,
     MANIFEST_BYTES,
@@ -51,7 +54,8 @@ class RewardFileMember(FamilyMember):
             "action": steps.actions,
             "next_observation": steps.next_observations,
         }
-        values = self.reward(np.concatenate([columns[name] for name in self.manifest.inputs], axis=1, dtype=np.float32))
+        ours = np.concatenate([columns[part.of] for part in self.manifest.inputs], axis=1, dtype=np.float32)
+        values = self.reward(self.manifest.conversion(ours))
         if not np.isfinite(values).all():
             raise LearningError(f"{self.manifest.file}: the reward of a step is not a number")
         means = steps.means(values.astype(np.float64))
@@ -94,8 +98,12 @@ def reward_of_store(content: bytes, setup: str) -> FamilyMember:
 
 
 def _member(manifest: RewardManifest, content: bytes, named: Path) -> RewardFileMember:
-    reader = _onnx if named.suffix == ".onnx" else _layers
-    return RewardFileMember(manifest, reader(content, named, manifest))
+    return RewardFileMember(manifest, LimitedReward(manifest.model_dump_json().encode(), content, str(named)))
+
+
+def reader_of(manifest: RewardManifest) -> Callable[[bytes, RewardManifest], Callable[[Floats], Floats]]:
+    """What reads the manifest's network; call it where little can be lost."""
+    return _onnx if manifest.file.endswith(".onnx") else _layers
 
 
 def _require_setup(path: Path, found: str, setup: str) -> None:
@@ -112,9 +120,11 @@ def _bounded(path: Path, most: int) -> bytes:
         raise LearningError(f"cannot read {path}: {problem.strerror}") from None
 
 
-def _layers(content: bytes, path: Path, manifest: RewardManifest) -> Callable[[Floats], Floats]:
+def _layers(content: bytes, manifest: RewardManifest) -> Callable[[Floats], Floats]:
     """Linear layers of a state dict, in its order. Only tensors are read: nothing pickled is run."""
     import torch
+
+    path = manifest.file
 
     try:
         state: Any = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
@@ -148,24 +158,26 @@ def _layers(content: bytes, path: Path, manifest: RewardManifest) -> Callable[[F
     return reward
 
 
-def _onnx(content: bytes, path: Path, manifest: RewardManifest) -> Callable[[Floats], Floats]:
-    """From bytes, so that no other file is opened for it."""
+def _onnx(content: bytes, manifest: RewardManifest) -> Callable[[Floats], Floats]:
+    """Asked ROWS steps at a time: its sizes were checked for that many."""
+    bounded = checked(content, manifest.width, manifest.file)
     import onnxruntime
 
-    needed, options = manifest.width, onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    # Folding constants is the one place where it would compute before anything is asked.
+    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
     try:
-        session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
-        inputs, outputs = session.get_inputs(), session.get_outputs()
-        tried = session.run(None, {inputs[0].name: np.zeros((2, needed), dtype=np.float32)})
+        session = onnxruntime.InferenceSession(bounded, options, providers=["CPUExecutionProvider"])
+        (given,) = session.get_inputs()
+        tried = np.asarray(session.run(None, {given.name: np.zeros((ROWS, manifest.width), dtype=np.float32)})[0])
     except Exception as problem:  # onnxruntime raises what it likes for files of others
-        raise LearningError(
-            f"{path}: no ONNX network of {needed} inputs per step: {str(problem).splitlines()[0]}"
-        ) from None
-    if len(inputs) != 1 or len(outputs) != 1 or np.asarray(tried[0]).size != 2:
-        raise LearningError(f"{path}: needed are one input (n, {needed}) and one reward per step")
+        why = (str(problem) or type(problem).__name__).splitlines()[0][:200]
+        raise LearningError(f"{manifest.file}: no ONNX network of {manifest.width} inputs per step: {why}") from None
+    if tried.size != ROWS:
+        raise LearningError(f"{manifest.file}: needed is one reward per step; it gives {tried.shape} for {ROWS} steps")
 
     def reward(values: Floats) -> Floats:
-        return np.asarray(session.run(None, {inputs[0].name: values})[0], dtype=np.float32).reshape(-1)
+        return np.asarray(session.run(None, {given.name: values})[0], dtype=np.float32).reshape(-1)
 
     return reward

@@ -4,42 +4,52 @@ here, so that a server may take one in without torch: reading it is `reward_file
 from __future__ import annotations
 
 import json
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from backend.learning.errors import LearningError
+from backend.learning.people.reward_inputs import Conversion, InputPart, conversion
 from backend.simulation.npz import NpzError, from_npz, to_npz
 from backend.simulation.setups import PREFERENCE_SETUPS, get_setup
 
-FORMAT = "desirepath-reward-1"
+FORMAT = "desirepath-reward-2"
 KEPT_FORMAT = "desirepath-reward-file-1"
 MANIFEST_BYTES = 64 * 1024
 FILE_BYTES = 64 * 1024 * 1024
-Input = Literal["observation", "action", "next_observation"]
+MOST_INPUTS = 2048
 
 
 class RewardManifest(BaseModel):
-    """What a reward file's manifest says. file: the network beside it, `.pt` or `.pth` (a state dict of linear layers
-    in their order) or `.onnx` (one input (n, inputs) float32, one output). inputs: what is put side by side, of each
-    step. hidden, output: of a state dict; reduction: how a trajectory's steps are put together."""
+    """What a reward file's manifest says.
+
+    file: the network beside it, `.pt` or `.pth` (a state dict of linear layers in their order) or `.onnx` (one input
+    (n, inputs) float32, one output). inputs: what is put side by side, of each step, with every unit, scale and order
+    stated (`reward_inputs.py`): nothing is taken for granted. hidden, output: of a state dict; reduction: how a
+    trajectory's steps are put together.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    format: Literal["desirepath-reward-1"]
+    format: Literal["desirepath-reward-2"]
     setup: str
     file: str = Field(pattern=r"^[A-Za-z0-9._-]+\.(pt|pth|onnx)$")
-    inputs: tuple[Input, ...] = Field(("observation", "action"), min_length=1)
+    inputs: tuple[InputPart, ...] = Field(min_length=1, max_length=6)
     hidden: Literal["relu", "leaky_relu", "tanh"] = "leaky_relu"
     output: Literal["none", "tanh"] = "none"
     reduction: Literal["mean", "sum"] = "mean"
 
+    @cached_property
+    def conversion(self) -> Conversion:
+        """Steps of ours to what the network is given. Raises ValueError."""
+        return conversion(get_setup(self.setup), self.inputs)
+
     @property
     def width(self) -> int:
         """Inputs of the network, of each step."""
-        size = get_setup(self.setup).observation_size
-        return sum(2 if name == "action" else size for name in self.inputs)
+        return len(self.conversion.of)
 
 
 def read_manifest(content: bytes, named: str) -> RewardManifest:
@@ -55,6 +65,11 @@ def read_manifest(content: bytes, named: str) -> RewardManifest:
         raise LearningError(f"{named}: not a reward manifest of format {FORMAT!r}: {problem}") from None
     if manifest.setup not in PREFERENCE_SETUPS:
         raise LearningError(f"{named}: setup = {manifest.setup!r}: must be one of {', '.join(PREFERENCE_SETUPS)}")
+    try:
+        if (width := manifest.width) > MOST_INPUTS:
+            raise ValueError(f"{width} inputs; at most {MOST_INPUTS} are read")
+    except ValueError as problem:
+        raise LearningError(f"{named}: inputs: {problem}") from None
     return manifest
 
 

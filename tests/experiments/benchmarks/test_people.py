@@ -106,7 +106,8 @@ def test_the_exact_interval_of_a_share() -> None:
 def test_a_reward_file_is_asked_like_anybody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     torch.manual_seed(1)
     torch.save(nn.Linear(STUDY_ROOM.observation_size + 2, 1).state_dict(), tmp_path / "net.pt")
-    said = {"format": "desirepath-reward-1", "setup": "study_room", "file": "net.pt"}
+    inputs = [{"of": "observation", "form": "export"}, {"of": "action", "form": "export"}]
+    said = {"format": "desirepath-reward-2", "setup": "study_room", "file": "net.pt", "inputs": inputs}
     (tmp_path / "somebody.json").write_text(json.dumps(said))
     small = {"pool": 30, "test": 20, "scenes": (6, 6, 8)}
     monkeypatch.setattr(
