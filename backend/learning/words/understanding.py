@@ -367,15 +367,19 @@ def _weighted(wishes: Sequence[Reading]) -> Weights:
 
 
 def _stretches(one: Reading) -> list[tuple[int, int]]:
-    """The words of a reading, those beside each other as one stretch."""
+    """The words of a reading; those beside each other, or with one between, as one stretch."""
     found: list[tuple[int, int]] = []
-    for token in one.tokens:
+    last = -3
+    for at, token in enumerate(one.clause):
+        if token not in one.tokens:
+            continue
         start, end = token.words[0].start, token.words[-1].end
-        if found and start - found[-1][1] <= 1:
+        if at - last <= 2:
             found[-1] = (found[-1][0], end)
         else:
             found.append((start, end))
-    return found
+        last = at
+    return found or [(one.start, one.end)]
 
 
 @lru_cache(maxsize=2)
