@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -164,7 +165,7 @@ def test_nobody_elsewhere_can_join_as_a_bot_and_skip_watching(client, services, 
 def test_a_bot_gets_no_code_that_pays_and_takes_no_persons_place(client, services, link):
     with services.database.transaction() as s:
         text = s.scalars(select(Study.protocol_yaml).where(Study.recruiting_token == link)).one()
-        kept = [line for line in text.splitlines() if "- train:" not in line and "- comparison:" not in line]
+        kept = [line for line in text.splitlines() if not re.search("- (train|comparison|meet_your_robot):", line)]
         frozen = freeze_text("\n".join(kept).replace("completion_code: random", "completion_code: PAID-2026"))
         paid = create_study(s, services.files, frozen, name="Paid", created_by=None).recruiting_token
     assert simulate_study("", paid, 1, client=client)["completed"] == 1

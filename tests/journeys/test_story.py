@@ -156,7 +156,7 @@ def test_2_a_participant_watches_one_pair_in_real_time(
 ):
     page = open_page()
     page.goto(installation.notes["link"])
-    expect(page.get_by_text("3D pictures work in this browser.")).to_be_visible()
+    expect(page.get_by_text("3D pictures work.")).to_be_visible()
     screenshots(page, "participant_welcome")
     page.get_by_role("button", name="Continue").click()
     page.wait_for_url("**/p/*")

@@ -80,7 +80,7 @@ def test_people_are_told_what_was_learned_and_how_sure_it_is(taught, monkeypatch
     payload = taught.view.payload
     told = payload["believed"]
     assert payload["start"] == told["weights"]
-    assert (told["answers"], told["told"]) == (3, "rather")
+    assert (told["answers"], told["statement"]) == (3, "rather")
     assert told["foremost"] != told["rather_than"]
     with taught.database.session() as s:
         posterior = next_query.posterior_of(s, taught.files, s.get_one(Session, taught.session.id))
@@ -89,7 +89,7 @@ def test_people_are_told_what_was_learned_and_how_sure_it_is(taught, monkeypatch
     assert told["rather_sure"] == pytest.approx(0.9 * more, abs=1e-3), "that the nine describe them, and the order"
     taught.submit("meet_your_robot", {"agreement": 4, "weights": payload["start"]})
     value = answer(taught, "meet_your_robot").value
-    assert (value["told"], value["sure"]) == ("rather", told["rather_sure"])
+    assert (value["statement"], value["sure"]) == ("rather", told["rather_sure"])
 
 
 PREDICTED = {"better_than_chance": True, "something_else": 0.1, "words": {}, "agreeing": {}, "answers": 15}
@@ -108,23 +108,23 @@ def test_nothing_is_said_of_a_taste_that_is_not_predicted_better_than_chance(tau
     monkeypatch.setattr(believed, "SAID_FROM", 0.0)
     learned(taught, **({"check": check} if check else {}))
     met(taught)
-    assert taught.view.payload["believed"]["told"] is None
+    assert taught.view.payload["believed"]["statement"] is None
     taught.submit("meet_your_robot", {"agreement": 4, "weights": taught.view.payload["start"]})
     value = answer(taught, "meet_your_robot").value
-    assert (value["told"], value["sure"], value["something_else"]) == (None, None, None)
+    assert (value["statement"], value["sure"], value["something_else"]) == (None, None, None)
 
 
 def test_what_is_little_more_probable_than_its_opposite_is_no_sentence(taught):
     learned(taught, check=PREDICTED | {"something_else": 0.3})
     met(taught)
     assert taught.view.payload["believed"]["rather_sure"] < believed.SAID_FROM
-    assert taught.view.payload["believed"]["told"] is None
+    assert taught.view.payload["believed"]["statement"] is None
 
 
 def test_who_was_shown_a_free_form_robot_is_told_of_something_else_and_where_it_shows(taught):
     learned(taught, free_form=True, check=CHECK)
     met(taught)
-    assert taught.view.payload["believed"]["told"] == "beyond"
+    assert taught.view.payload["believed"]["statement"] == "beyond"
     beyond = taught.view.payload["believed"]["beyond"]
     assert (beyond["sure"], beyond["answers"]) == (0.83, 15)
     in_words = [list(one) for one in beyond["words"]]

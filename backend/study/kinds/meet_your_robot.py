@@ -103,7 +103,7 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
     stored = {
         "agreement": "whether that is them: 1 not at all, 5 exactly",
         "learned": "objective -> weight: what their answers taught",
-        "told": "which sentence about their preference they were told: rather (the first of two objectives rather than "
+        "statement": "what they were told of their preference: rather (the first of two objectives rather than "
         "the other), beyond (something that is none of the nine); null: none, as nothing was predicted well enough",
         "sure": "probability of what they were told, as it stood there; null: none",
         "something_else": "probability that their answers are about none of the nine objectives, where they "
@@ -161,14 +161,14 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         noted = began_with(acting, step, BEGAN)
         start, believed = noted.get("start", {}), noted.get("believed") or {}
         checked_history(start, stored)
-        learned, told = believed.get("weights", {}), believed.get("told")
+        learned, statement = believed.get("weights", {}), believed.get("statement")
         corrected = bool(stored["history"]) and distance(start, stored["weights"]) > 0
         apart = distance(startable(step, learned), stored["weights"]) if corrected else 0.0
         return {
             "learned": learned,
-            "told": told,
-            "sure": believed.get("rather_sure") if told == "rather" else None,
-            "something_else": (believed.get("beyond") or {}).get("sure") if told == "beyond" else None,
+            "statement": statement,
+            "sure": believed.get("rather_sure") if statement == "rather" else None,
+            "something_else": (believed.get("beyond") or {}).get("sure") if statement == "beyond" else None,
             "start": start,
             "corrected": corrected,
             "distance": apart,

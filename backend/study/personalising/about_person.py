@@ -30,13 +30,13 @@ def about_person(moment: Moment) -> dict[str, Any] | None:
     if session.personalisation is None:
         return None
     letters = chosen_letters(s, session)
-    told = {"outcome": session.personalisation, "learns_from": training.learns_from, "answers": len(letters)}
+    facts = {"outcome": session.personalisation, "learns_from": training.learns_from, "answers": len(letters)}
     if session.personalisation == "shown":
-        return told | {"compared": _compared(s, session), "guessed": _guessed(s, session)}
+        return facts | {"compared": _compared(s, session), "guessed": _guessed(s, session)}
     if session.personalisation == "one_sided":
         bias = position_bias(letters)
-        return told | {"letter": bias.letter, "times": bias.times}
-    return told
+        return facts | {"letter": bias.letter, "times": bias.times}
+    return facts
 
 
 def _compared(s: DatabaseSession, session: Session) -> list[dict[str, Any]]:

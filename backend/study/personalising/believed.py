@@ -38,7 +38,7 @@ class Believed:
     """weights: preference weights above 0, by objective. foremost: what most probably matters most, with that
     probability `sure`; rather_than: what matters least of what does not exclude it; rather_sure: how probable it is
     that the nine objectives describe this person and that the first matters more. answers: from how many. beyond: where
-    the nine objectives do not describe them, so that weights are only what comes closest. told: which sentence this
+    the nine objectives do not describe them, so that weights are only what comes closest. statement: which one this
     person is told of it, None where their answers are not predicted better than chance, or nothing is probable enough.
     """
 
@@ -49,7 +49,7 @@ class Believed:
     rather_sure: float
     answers: int
     beyond: Beyond | None = None
-    told: Literal["rather", "beyond"] | None = None
+    statement: Literal["rather", "beyond"] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -76,11 +76,11 @@ def believed_of(
     check = alignment_jobs.check_of(s, session) or {}
     beyond = beyond_nine(check, (shown.result or {}) if shown is not None else {})
     rather_sure = (1 - float(check.get("something_else") or 0.0)) * float(posterior.masses() @ more)
-    told: Literal["rather", "beyond"] | None = None
+    statement: Literal["rather", "beyond"] | None = None
     if check.get("better_than_chance"):
-        told = "rather" if rather_sure >= SAID_FROM else None
+        statement = "rather" if rather_sure >= SAID_FROM else None
         if beyond is not None:
-            told = "beyond" if beyond.words else None
+            statement = "beyond" if beyond.words else None
     weights = _weights_of(s, shown)
     if weights is None:
         weights = {name: float(w) for name, w in zip(names, posterior.mean_weights(), strict=True)}
@@ -92,7 +92,7 @@ def believed_of(
         rather_sure=round(rather_sure, 3),
         answers=len(answers),
         beyond=beyond,
-        told=told,
+        statement=statement,
     )
 
 
@@ -104,10 +104,10 @@ def beyond_nine(check: Mapping[str, Any], shown: Mapping[str, Any]) -> Beyond | 
         return None
     answers = int(check.get("answers") or 0)
     most = [name for name in sorted(words, key=lambda name: -abs(words[name])) if agreeing[name] >= SEEN_IN * answers]
-    told: list[tuple[str, Literal["more", "less"], int]] = [
+    in_words: list[tuple[str, Literal["more", "less"], int]] = [
         (name, "more" if words[name] > 0 else "less", int(agreeing[name])) for name in most[:TOLD]
     ]
-    return Beyond(round(sure, 3), told, answers)
+    return Beyond(round(sure, 3), in_words, answers)
 
 
 def _weights_of(s: DatabaseSession, shown: Job | None) -> dict[str, float] | None:
