@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable
 from enum import IntEnum, StrEnum
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, Any, NoReturn, TypeVar
 
 import structlog
 
@@ -43,6 +43,8 @@ ATTEMPT_TRIES = 5  # of an attempt whose process found the database away or the 
 KILL_AFTER_S = 3.0  # from asking the group to end to killing it
 FINAL_STATES = ENDED
 LOG_TAIL_BYTES = 2_000
+ASKED_TO_END = (-signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP)
+STOPPING_SEEN_S = 5.0  # a service manager asks the worker and its trainings to end at the same moment
 ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "MKL", "OPENBLAS", "NUMBA")}
 
 T = TypeVar("T")
@@ -52,7 +54,8 @@ log = structlog.get_logger("desirepath.jobs")
 
 class Outcome(StrEnum):
     """How an attempt ended. `crashed`: killed by a signal, so another attempt may work; `again`: it could not work
-    just now, which is no attempt; `lost`: another worker has taken the job up."""
+    just now, which is no attempt; `lost`: another worker has taken the job up; `stopped`: its worker was stopped in
+    order, which is no attempt either."""
 
     SUCCEEDED = "succeeded"
     FAILED = "failed"
@@ -60,6 +63,7 @@ class Outcome(StrEnum):
     CRASHED = "crashed"
     AGAIN = "again"
     LOST = "lost"
+    STOPPED = "stopped"
 
 
 class ExitCode(IntEnum):
@@ -204,15 +208,19 @@ def run_attempt(
     number: int,
     running: dict[str, subprocess.Popen[bytes]],
     standing: Standing,
+    stopping: threading.Event,
     worker: WorkerName | None = None,
 ) -> Outcome:
     """Run attempt `number` (from 1) in a process until the job ends, is cancelled or the process dies.
 
     The process stands in `running` under the job's id for as long as it works. Instant jobs get the standing one. One
-    that found the database away or the disk full is followed by another, some times.
+    that found the database away or the disk full is followed by another, some times. Never returns once the worker is
+    `stopping`: the queue must not hear of an end, so that the next worker runs this very attempt.
     """
     for wait_s in [*_waits(ATTEMPT_TRIES), None]:
-        outcome = _run_process(database, settings, job_id, number, running, standing, worker or this_process())
+        outcome = _run_process(
+            database, settings, job_id, number, running, standing, stopping, worker or this_process()
+        )
         if outcome != Outcome.AGAIN:
             return outcome
         if wait_s is not None:
@@ -227,8 +235,11 @@ def _run_process(
     number: int,
     running: dict[str, subprocess.Popen[bytes]],
     standing: Standing,
+    stopping: threading.Event,
     worker: WorkerName,
 ) -> Outcome:
+    if stopping.is_set():
+        _wait_for_the_end()
     begun = patiently(lambda: _begin(database, job_id, number, worker))
     if isinstance(begun, Outcome):
         return begun
@@ -239,6 +250,8 @@ def _run_process(
     code = None
     try:
         code = watch(database, job_id, process, attempt)
+        if code is not None and _stopped(code, stopping):
+            _wait_for_the_end()
     finally:
         del running[job_id]
         if code is None or not instant:
@@ -247,6 +260,25 @@ def _run_process(
             standing.give_back(process)
     code = process.returncode if code is None else code
     return patiently(lambda: _outcome(database, settings, job_id, code, attempt))
+
+
+def _stopped(code: int, stopping: threading.Event) -> bool:
+    """Whether the process was ended because the worker is."""
+    return code < 0 and (stopping.is_set() or (code in ASKED_TO_END and stopping.wait(STOPPING_SEEN_S)))
+
+
+def _wait_for_the_end() -> NoReturn:
+    """The worker ends within seconds, and this thread with it."""
+    while True:
+        time.sleep(60)
+
+
+def leave_to_the_next(database: Database, settings: Settings, job_id: str) -> None:
+    """Write down that a job's attempt was cut short because its worker was stopped in order."""
+    with database.transaction() as s:
+        job = s.get(Job, job_id, with_for_update=True)
+        if job is not None and job.state not in FINAL_STATES and job.held_by is not None:
+            end_attempt(s, job.held_by, Outcome.STOPPED, read_log(settings, job_id, KEPT_LOG_BYTES))
 
 
 def _begin(database: Database, job_id: str, number: int, worker: WorkerName) -> Outcome | tuple[bool, str]:
@@ -337,7 +369,8 @@ def _outcome_of(job: Job, settings: Settings, code: int, attempt: str) -> Outcom
         return Outcome.CANCELLED
     if code < 0:
         name = signal.Signals(-code).name
-        job.error = f"The training process was killed by {name}. Out of memory is the usual cause; see the log."
+        cause = "Out of memory is the usual cause; see the log." if code == -signal.SIGKILL else "The log may say why."
+        job.error = f"The training process was ended by {name}. {cause}"
         log.warning("job's process was killed", job=job.id, signal=name)
         return Outcome.CRASHED
     if code == ExitCode.AGAIN:

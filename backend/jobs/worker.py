@@ -5,6 +5,7 @@ What one job does lives in `runners.py`, how its process is watched in `process.
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import platform
@@ -29,6 +30,7 @@ from backend.jobs.process import (
     end_group,
     finish,
     is_instant,
+    leave_to_the_next,
     log_folder,
     patiently,
     run_attempt,
@@ -58,9 +60,10 @@ def queue_of(job: Job) -> Queue:
 
 
 class Worker:
-    """One worker process: an engine, and the loop that feeds it."""
+    """One worker process: an engine, and the loop that feeds it until `stopping` is set."""
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, stopping: threading.Event) -> None:
+        self._stopping = stopping
         check_writable(settings.data)
         self._settings = settings
         self._database = Database(settings.database)
@@ -76,13 +79,14 @@ class Worker:
             executor_id=self.name.id,
             processes=settings.training_processes,
             attempt=lambda job_id, number: run_attempt(
-                self._database, settings, job_id, number, self._running, self._standing, self.name
+                self._database, settings, job_id, number, self._running, self._standing, stopping, self.name
             ),
             conclude=lambda job_id, outcome: patiently(lambda: conclude(self._database, job_id, outcome)),
         )
 
-    def run(self, stopping: threading.Event) -> None:
-        """Work until `stopping` is set, then end all training processes; the next worker takes their jobs up."""
+    def run(self) -> None:
+        """Work until stopped, then end all training processes; the next worker takes their jobs up."""
+        stopping = self._stopping
         self._engine.start()
         log.info("worker ready", worker=self.name.id, processes=self._settings.training_processes)
         until_check = until_tidy = 0.0
@@ -105,8 +109,10 @@ class Worker:
                 stopping.wait(DATABASE_AWAY_S)
             stopping.wait(OUTBOX_POLL_S)
         self._standing.end()
-        for process in list(self._running.values()):
+        for job_id, process in list(self._running.items()):
             end_group(process)
+            with contextlib.suppress(StorageError, SQLAlchemyError):
+                leave_to_the_next(self._database, self._settings, job_id)
 
     def close(self) -> None:
         """Leave nothing in the databases' logs that could stand in their files."""
@@ -174,8 +180,8 @@ def run_worker(settings: Settings, *, parent: int | None = None) -> None:
         threading.Thread(target=_stop_with_parent, args=(parent, stopping), daemon=True).start()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
-    worker = Worker(settings)
-    worker.run(stopping)
+    worker = Worker(settings, stopping)
+    worker.run()
     worker.close()
     # No orderly end of the engine: it would wait for the interrupted steps and record them as failed. Left as they
     # are, they are taken up by the next worker, exactly as after a kill.

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
+from backend.jobs.leases import attempts_at
 from backend.jobs.process import FINAL_STATES, environment_of, read_log
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore, lineage
@@ -172,6 +173,40 @@ def test_process_that_is_killed_is_tried_once_more_then_given_up(rig):
     assert failed.state == "failed"
     assert "SIGKILL" in failed.error
     assert "tried again once" in failed.error
+
+
+def test_two_orderly_restarts_within_one_training_are_no_attempts(tmp_path):
+    rig = WorkerRig(tmp_path)
+    job = rig.enqueue("evaluate", policy="study_room/base", scenes=600)
+    for times, asked in enumerate((signal.SIGTERM, signal.SIGINT), 1):
+        rig.start_worker()
+        rig.begun(job, times)
+        assert rig.stop_worker(asked) == 0
+        assert not processes_of(job)
+        assert (rig.job(job).state, rig.job(job).error) == ("running", None)
+    rig.start_worker()
+    try:
+        done = rig.ended(job)
+    finally:
+        rig.stop_worker()
+    assert done.state == "succeeded", done.error
+    with rig.database.session() as s:
+        assert [one.outcome for one in attempts_at(s, job)] == ["stopped", "stopped", "succeeded"]
+    assert "attempt" not in done.message
+
+
+def test_a_service_manager_that_ends_the_training_first_costs_no_attempt(tmp_path):
+    """systemd asks the whole service to end: the training may be gone before its worker has heard of it."""
+    rig = WorkerRig(tmp_path)
+    rig.start_worker()
+    job = rig.enqueue("train_base", **ENDLESS)
+    rig.begun(job)
+    os.kill(rig.process_of(job), signal.SIGTERM)
+    rig.wait(lambda: not processes_of(job))
+    assert rig.stop_worker() == 0
+    assert (rig.job(job).state, rig.job(job).error) == ("running", None)
+    with rig.database.session() as s:
+        assert [one.outcome for one in attempts_at(s, job)] == ["stopped"]
 
 
 def test_killed_worker_leaves_no_orphan_and_the_next_one_finishes_the_job(tmp_path):

@@ -85,7 +85,8 @@ class JobAttempt(Base):
     """One time that a worker took a job up: which one, on which machine, from when to when, and how that ended.
 
     outcome: succeeded, failed, cancelled, crashed (its process was killed), again (the database was away or the disk
-    full), lost (nothing was heard of the worker, and another took the job up). `log`: the end of what it printed.
+    full), lost (nothing was heard of the worker, and another took the job up), stopped (its worker was stopped in
+    order, which counts as no attempt). `log`: the end of what it printed.
     """
 
     __tablename__ = "job_attempt"
