@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+import sys
 from importlib.metadata import version as version_of
 from typing import Annotated
 
-import typer
+from backend.collecting import ended_by_interrupt, without_collecting
 
-from backend.collecting import without_collecting
+with ended_by_interrupt(), without_collecting():
+    import typer
 
-with without_collecting():
     from backend.commands import (
         benchmark,
         data,
@@ -24,6 +25,8 @@ with without_collecting():
         study_protocols,
         words,
     )
+
+INTERRUPTED = 130  # what typer and shells call Ctrl-C
 
 app = typer.Typer(
     name="desirepath",
@@ -48,23 +51,32 @@ def common(
     """Human-in-the-loop platform for personalised robot navigation."""
 
 
-serve.register(app)
-data.register(app)
-science.register(app)
-plots.register(app)
-report.register(app)
-study_protocols.register()
-app.add_typer(study.commands, name="study")
-app.add_typer(jobs.commands, name="jobs")
-app.add_typer(benchmark.commands, name="benchmark")
-app.add_typer(reproduce.commands, name="reproduce")
-app.add_typer(words.commands, name="words")
+with ended_by_interrupt():
+    serve.register(app)
+    data.register(app)
+    science.register(app)
+    plots.register(app)
+    report.register(app)
+    study_protocols.register()
+    app.add_typer(study.commands, name="study")
+    app.add_typer(jobs.commands, name="jobs")
+    app.add_typer(benchmark.commands, name="benchmark")
+    app.add_typer(reproduce.commands, name="reproduce")
+    app.add_typer(words.commands, name="words")
 
 
 def main() -> None:
     """Entry point of the console script. Whatever a command writes is its user's alone: most of it is about people."""
     os.umask(0o077)
-    app()
+    try:
+        with ended_by_interrupt():  # until a command begins: `commands/output.py`
+            app()
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # compiled code that another thread is in may not survive the interpreter's end
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(INTERRUPTED)
+        raise
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from backend.collecting import interrupt_raises
 from backend.os_errors import in_words
 from backend.store.scrubbing import scrubbed
 
@@ -119,7 +120,8 @@ def plain_errors(command: Callable[P, None]) -> Callable[P, None]:
     def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
         log_to_stderr()
         try:
-            command(*args, **kwargs)
+            with interrupt_raises():
+                command(*args, **kwargs)
         except typer.Exit:
             raise  # the command has said what there is to say; typer's Exit is a RuntimeError
         except typer.Abort:

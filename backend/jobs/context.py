@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.jobs.leases import holds, say_under_way
 from backend.settings import Settings
@@ -16,6 +18,7 @@ from backend.store.database import Database, StorageError
 from backend.store.models import Job, JobMetric
 
 WRITE_EVERY_S = 0.5  # progress is for eyes; every write is a transaction
+PAUSED = "paused: somebody waits for another training"
 STEP_NAMES = ("updates", "steps", "epoch", "scenes", "step", "tried")  # a curve's horizontal axis, first found
 
 
@@ -28,6 +31,7 @@ class Progress:
         self._fraction, self._message = 0.0, ""
         self._calls = 0
         self._written = 0.0
+        self.must_pause: Callable[[DatabaseSession], bool] = lambda _: False
 
     def __call__(self, fraction: float, metrics: Mapping[str, float] | None = None, message: str | None = None) -> None:
         """fraction done in [0, 1]; metrics by name, one of STEP_NAMES among them says where on the curve."""
@@ -42,10 +46,31 @@ class Progress:
                 self._points.append({"step": step, "name": name, "value": float(value)})
         if time.monotonic() - self._written >= WRITE_EVERY_S:
             self.flush()
+            self.give_way()
 
     def part(self, first: float, last: float) -> Part:
         """A progress callback for one part of the job, which fills the bar from `first` to `last`."""
         return Part(self, first, last)
+
+    def give_way(self) -> None:
+        """Return once the training may go on: it stands still here, between two of its steps, for as long as another
+        goes first. Whoever cancels it or ends its worker ends it here, too."""
+        message = self._message
+        while self._pauses():
+            if self._message != PAUSED:
+                print(PAUSED, flush=True)
+                self._message = PAUSED
+            self.flush()
+            time.sleep(WRITE_EVERY_S)
+        if self._message == PAUSED:
+            print("goes on", flush=True)
+            self._message = message
+            self.flush()
+
+    def _pauses(self) -> bool:
+        with contextlib.suppress(StorageError), self._database.session() as s:
+            return self.must_pause(s)
+        return False
 
     def flush(self) -> None:
         """Write what has not been written; where the database is away or busy, with the next."""

@@ -15,6 +15,8 @@ from enum import StrEnum
 from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID, WorkflowStatus
 from sqlalchemy import make_url
 
+from backend.store.outbox import Queue
+
 # The shape of the workflow below, not the product's version: a job that an older release began is taken up by a newer
 # one as long as the steps and their order stay the same. Raise it when they change.
 WORKFLOW_VERSION = "1"
@@ -35,15 +37,6 @@ class EngineState(StrEnum):
     WAITING = "waiting"
     RUNNING = "running"
     ENDED = "ended"
-
-
-class Queue(StrEnum):
-    """Lanes that never wait for each other: policies that are there at once, those that participants' answers are
-    trained into, and what analysts start."""
-
-    INSTANT = "instant"
-    PARTICIPANTS = "participants"
-    ANALYSTS = "analysts"
 
 
 class Engine:

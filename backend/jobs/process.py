@@ -33,7 +33,7 @@ from backend.jobs.leases import (
 from backend.settings import Settings
 from backend.store.database import Database, StorageError
 from backend.store.models import Job, utc_now
-from backend.store.outbox import ENDED
+from backend.store.outbox import ENDED, is_instant
 
 POLL_S = 0.2
 HEARTBEAT_S = 2.0
@@ -194,11 +194,6 @@ def patiently(write: Callable[[], T]) -> T:
 
 def _waits(tries: int) -> list[float]:
     return [min(WAIT_S[0] * 2**number, WAIT_S[1]) for number in range(tries - 1)]
-
-
-def is_instant(job: Job) -> bool:
-    """Does somebody in a session wait for what takes a second?"""
-    return job.session_id is not None and job.params.get("recipe") == "instant"
 
 
 def run_attempt(

@@ -24,6 +24,7 @@ from pydantic import ValidationError
 from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.jobs.context import JobContext, Progress
+from backend.jobs.giving_way import must_give_way
 from backend.jobs.kinds import TaskParams, get_kind
 from backend.jobs.leases import end_attempt, holds
 from backend.jobs.process import FINAL_STATES, ExitCode, finish, log_file, patiently
@@ -32,14 +33,15 @@ from backend.settings import Settings, get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, DatabaseBusy, is_full
 from backend.store.models import Job
-from backend.store.outbox import enqueue_job
+from backend.store.outbox import Queue, enqueue_job, queue_of
 from backend.store.places import StoreAway
 
 ORPHAN_POLL_S = 0.5
 SWEEP_TASKS = "backend.experiments.reproduction.on_workers"
 MEASURED_KINDS = ("align", "train_base")
 MEASURING_PRIORITY = 20  # after everything that somebody started
-NICENESS = {"participant": 2, "analyst": 10}  # whoever waits goes first; the server goes before both
+# whoever waits goes first; the server goes before all
+NICENESS = {Queue.INSTANT: 2, Queue.PARTICIPANTS: 2, Queue.BEHIND: 6, Queue.ANALYSTS: 10}
 
 
 def main(worker_pid: int, job_id: str | None = None, attempt: str = "") -> ExitCode:
@@ -82,11 +84,15 @@ def _do(settings: Settings, job_id: str, attempt: str | None) -> ExitCode:
             job = s.get(Job, job_id)
             if job is None or job.state in FINAL_STATES or not holds(job, attempt):
                 return ExitCode.DONE
-        os.nice(NICENESS["participant" if job.session_id else "analyst"] - os.nice(0))
+        queue = queue_of(job)
+        os.nice(NICENESS[queue] - os.nice(0))
         print(f"{job.kind} {job_id} begins", flush=True)
         progress = Progress(database, job_id, attempt)
+        if queue is Queue.BEHIND:
+            progress.must_pause = lambda s: must_give_way(s, job_id, settings.training_processes)
         began = time.monotonic()
         try:
+            progress.give_way()
             result = _work(JobContext(settings, database, files, job, progress))
         except Exception as problem:
             if _passes(problem):

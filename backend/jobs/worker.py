@@ -20,7 +20,7 @@ import structlog
 from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
 
-from backend.jobs.engine import Engine, EngineState, Queue
+from backend.jobs.engine import Engine, EngineState
 from backend.jobs.heartbeat import beat
 from backend.jobs.leases import WorkerName, claim_silent, is_silent, say_alive
 from backend.jobs.process import (
@@ -29,7 +29,6 @@ from backend.jobs.process import (
     conclude,
     end_group,
     finish,
-    is_instant,
     leave_to_the_next,
     log_folder,
     patiently,
@@ -39,6 +38,7 @@ from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database, StorageError, check_writable, shared_now
 from backend.store.models import Job
+from backend.store.outbox import queue_of
 from backend.store.shipped_policies import register_shipped
 
 OUTBOX_POLL_S = 0.25  # a participant is waiting
@@ -50,13 +50,6 @@ LEFT_OVER_S = 3_600.0  # since a log was written last; a row is written before i
 TOKEN_CHARACTERS = 8
 
 log = structlog.get_logger("desirepath.worker")
-
-
-def queue_of(job: Job) -> Queue:
-    """A job of a session does not queue behind an analyst's, one that takes a second not behind a training."""
-    if not job.session_id:
-        return Queue.ANALYSTS
-    return Queue.INSTANT if is_instant(job) else Queue.PARTICIPANTS
 
 
 class Worker:

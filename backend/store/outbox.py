@@ -1,7 +1,9 @@
-"""Puts jobs into the database, in the transaction that causes them. Starting them is the worker's (`backend/jobs`)."""
+"""Puts jobs into the database, in the transaction that causes them, and says which queue each stands in. Starting them
+is the worker's (`backend/jobs`)."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Any
 
 from sqlalchemy.orm import Session
@@ -9,8 +11,35 @@ from sqlalchemy.orm import Session
 from backend.store.database import shared_now
 from backend.store.models import Job, utc_now
 
-PARTICIPANT_WAITS = 1  # priority of a job that somebody in a session waits for
+PARTICIPANT_WAITS = 1  # priority of a job that somebody in a session waits for; all after it give way to those
+REFINES = 2  # of one that looks for something better than what somebody sees already
+NOBODY_WAITS = 5  # ours: of a session's whose pages show nothing of it, and of simulated participants
 ENDED = ("succeeded", "failed", "cancelled")
+
+
+class Queue(StrEnum):
+    """Lanes that never wait for each other: policies that are there at once, those that somebody in a session waits
+    for, what runs behind them (searches for a better one, simulated participants'), and what analysts start."""
+
+    INSTANT = "instant"
+    PARTICIPANTS = "participants"
+    BEHIND = "behind"
+    ANALYSTS = "analysts"
+
+
+def is_instant(job: Job) -> bool:
+    """Is it a session's, and there within seconds?"""
+    return job.session_id is not None and job.params.get("recipe") == "instant"
+
+
+def queue_of(job: Job) -> Queue:
+    """A job of a session does not queue behind an analyst's, one that takes a second not behind a training, and none
+    that somebody waits for behind one that nobody does."""
+    if not job.session_id:
+        return Queue.ANALYSTS
+    if is_instant(job):
+        return Queue.INSTANT
+    return Queue.PARTICIPANTS if job.priority <= PARTICIPANT_WAITS else Queue.BEHIND
 
 
 def enqueue_job(

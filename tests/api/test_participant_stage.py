@@ -113,7 +113,10 @@ def test_the_stream_tells_the_jobs_progress_while_somebody_waits(services, walke
         events = await events_of(services, walker.token)
         return [parsed(await anext(events)) for _ in range(2)]
 
-    assert asyncio.run(page()) == [("state", {}), ("job", {"progress": 0.0, "done": False})]
+    assert asyncio.run(page()) == [
+        ("state", {}),
+        ("job", {"progress": 0.0, "before": 0, "running": False, "seconds": None, "at_most": 120, "done": False}),
+    ]
 
 
 async def events_of(services: Services, token: str) -> AsyncIterator[str]:

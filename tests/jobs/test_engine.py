@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from backend.jobs.engine import Engine, EngineState, Queue
+from backend.jobs.engine import Engine, EngineState
+from backend.store.outbox import Queue
 
 PATIENCE_S = 60
 
@@ -79,12 +80,12 @@ def test_participants_do_not_queue_behind_analysts_nor_instant_policies_behind_t
     engine.submit("long-training", queue=Queue.ANALYSTS, priority=1)
     while not recorder.attempts:
         threading.Event().wait(0.05)
-    waiting = {"own-policy": Queue.PARTICIPANTS, "at-once": Queue.INSTANT}
+    waiting = {"search": Queue.BEHIND, "own-policy": Queue.PARTICIPANTS, "at-once": Queue.INSTANT}
     for number, (job, queue) in enumerate(waiting.items(), start=2):
         engine.submit(job, queue=queue, priority=5)
         while len(recorder.attempts) < number:
             threading.Event().wait(0.05)
-    assert recorder.attempts == [("long-training", 1), ("own-policy", 1), ("at-once", 1)]
+    assert recorder.attempts == [("long-training", 1), ("search", 1), ("own-policy", 1), ("at-once", 1)]
     assert {engine.state(job) for job in ("long-training", *waiting)} == {EngineState.RUNNING}
 
 

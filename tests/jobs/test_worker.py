@@ -15,13 +15,16 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
+from backend.jobs.context import PAUSED
 from backend.jobs.leases import attempts_at
 from backend.jobs.process import FINAL_STATES, environment_of, read_log
 from backend.settings import Settings
 from backend.store.artefacts import ArtefactStore, lineage
 from backend.store.database import Database
-from backend.store.models import Artefact, Job, JobMetric
-from backend.store.outbox import cancel_job, enqueue_job
+from backend.store.models import Artefact, Job, JobMetric, Participant, Session
+from backend.store.outbox import PARTICIPANT_WAITS, REFINES, cancel_job, enqueue_job
+from backend.store.snapshots import take_snapshot
+from tests.answered_study import add_answered_study
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 150
@@ -193,6 +196,35 @@ def test_two_orderly_restarts_within_one_training_are_no_attempts(tmp_path):
     with rig.database.session() as s:
         assert [one.outcome for one in attempts_at(s, job)] == ["stopped", "stopped", "succeeded"]
     assert "attempt" not in done.message
+
+
+def test_who_waits_goes_first_while_a_completed_sessions_search_pauses_and_goes_on(tmp_path):
+    """One training process, and a search for something better than what its participant has seen to the end."""
+    rig = WorkerRig(tmp_path)
+    study = add_answered_study(rig.database, rig.files, participants=2)
+    with rig.database.transaction() as s:
+        over, waits = s.scalars(
+            select(Session.id).join(Participant).where(Participant.study_id == study).order_by(Participant.code)
+        )
+        snapshot = take_snapshot(s, rig.files, session_id=over)
+        asked = {"snapshot": snapshot.id, "setup": "study_room", "recipe": "conditioning_search", "tried": 10_000}
+        search = enqueue_job(s, "align", asked, priority=REFINES, session_id=over).id
+    rig.start_worker()
+    try:
+        rig.begun(search)
+        rig.wait(lambda: rig.job(search).progress > 0.03, lambda: read_log(rig.settings, search))
+        with rig.database.transaction() as s:
+            few = {"setup": "open_field", "updates": 2_400, "n_envs": 64, "batch_size": 8, "selection_scenes": 50}
+            training = enqueue_job(s, "train_base", few, priority=PARTICIPANT_WAITS, session_id=waits).id
+        rig.begun(training)
+        rig.wait(lambda: PAUSED in read_log(rig.settings, search), lambda: read_log(rig.settings, search))
+        assert rig.ended(training).state == "succeeded", rig.job(training).error
+        assert rig.job(search).state == "running"
+        rig.wait(lambda: "goes on" in read_log(rig.settings, search), lambda: read_log(rig.settings, search))
+        with rig.database.session() as s:
+            assert [one.worker for one in attempts_at(s, search)] == [one.worker for one in attempts_at(s, training)]
+    finally:
+        rig.stop_worker()
 
 
 def test_a_service_manager_that_ends_the_training_first_costs_no_attempt(tmp_path):

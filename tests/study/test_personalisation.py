@@ -9,6 +9,7 @@ from sqlalchemy import select
 
 from backend.grammar.source import ProtocolError
 from backend.jobs.kinds import InstantParams
+from backend.jobs.leases import WorkerName, begin_attempt, say_alive
 from backend.report.tidy_tables import read_study
 from backend.store.models import (
     Artefact,
@@ -21,8 +22,8 @@ from backend.store.models import (
     Trial,
     utc_now,
 )
+from backend.store.outbox import Queue, queue_of
 from backend.study.kinds import read_step
-from backend.study.personalising.alignment_jobs import progress_of
 from backend.study.personalising.lending import policy_key
 from backend.study.protocol.freezing import freeze_text
 from backend.study.refusals import Refused
@@ -209,6 +210,43 @@ def test_expected_outcomes_never_come_before_the_clock(waiting):
     assert not settle(waiting)
 
 
+# ---- how long somebody waits ---
+
+
+def alive(database, trainings=1):
+    with database.transaction() as s:
+        say_alive(s, WorkerName("here-0", "here"), trainings)
+
+
+def told(walker):
+    return walker.do(lambda s, session: machine.waiting(s, session, now=walker.now)).as_news()
+
+
+def test_who_waits_is_told_their_place_and_how_long_and_it_moves(database, files, study, waiting):
+    waiting.now = utc_now()
+    assert told(waiting) | {"at_most": 0} == {
+        "progress": 0.0, "before": 0, "running": False, "seconds": None, "at_most": 0, "done": False,
+    }, "no worker lives, so nobody knows how long"  # fmt: skip
+    alive(database)
+    second = Walker(database, files, study)
+    second.walk_to("train.wait")
+    assert (told(waiting)["before"], told(waiting)["seconds"]) == (0, 90)
+    assert (told(second)["before"], told(second)["seconds"]) == (1, 180)
+    with database.transaction() as s:
+        first = s.scalars(select(Job).where(Job.session_id == waiting.session.id)).one()
+        begin_attempt(s, first, WorkerName("here-0", "here"))
+        first.state, first.progress = "running", 0.5
+    assert told(waiting)["running"]
+    assert told(waiting)["seconds"] < 90, "half of it is done"
+    before = told(second)
+    second.later(30)
+    assert told(second)["progress"] > before["progress"] > 0
+    assert told(second)["at_most"] < before["at_most"] <= 120
+    with database.transaction() as s:
+        s.get_one(Job, first.id).state = "succeeded"
+    assert told(second)["before"] == 0
+
+
 # ---- an instant policy with a refinement behind it -------------------------------------------------------------------
 
 
@@ -257,6 +295,42 @@ def test_nobody_waits_for_the_refinement(instant):
     assert own_policies(instant) == {"instant-policy"}
 
 
+def states_of_jobs(walker):
+    with walker.database.session() as s:
+        return {job.params["recipe"]: (job.state, job.message) for job in s.scalars(select(Job))}
+
+
+@pytest.mark.parametrize("verdict", ["shown", "refused"])
+def test_a_refinement_ends_with_what_it_was_for(instant, verdict):
+    """Else it holds the one training process while others wait, for somebody who may have left."""
+    end(instant, "instant", **({} if verdict == "shown" else {"passed": False, "personal": UNSURE}))
+    assert settle(instant)
+    said = "cancelled by study: nobody waits for it any more"
+    assert states_of_jobs(instant)["conditioning_search"] == ("cancelled", said)
+
+
+def test_a_training_that_came_too_late_for_everybody_goes_on_for_nobody(database, walker):
+    walker.walk_to("train.wait")
+    walker.later(600)
+    assert settle(walker)
+    assert state(database, walker).personalisation == "late"
+    with database.session() as s:
+        assert {job.state for job in s.scalars(select(Job))} == {"cancelled"}
+
+
+def test_what_nobody_waits_for_stands_behind_what_somebody_does(database, files, study, instant):
+    bot = Walker(database, files, study, simulated=True)
+    bot.walk_to("train.wait")
+    with database.session() as s:
+        jobs = list(s.scalars(select(Job)))
+    queues = {(job.session_id == bot.session.id, job.params["recipe"]): queue_of(job) for job in jobs}
+    assert queues == {
+        (False, "instant"): Queue.INSTANT,
+        (False, "conditioning_search"): Queue.BEHIND,
+        (True, "fine_tuning"): Queue.BEHIND,
+    }
+
+
 def test_a_refinement_that_is_there_and_better_is_shown(instant):
     end(instant, "instant")
     end(instant, "conditioning_search")
@@ -283,9 +357,6 @@ def test_a_refinement_stands_in_for_an_instant_policy_that_failed(database, inst
 def test_who_is_not_surely_served_better_waits_no_longer(database, instant):
     """The search goes on from the same answers: nobody waits for it behind a bar that stands full."""
     end(instant, "instant", passed=False, personal=UNSURE)
-    with database.session() as s:
-        session = s.get_one(Session, instant.session.id)
-        assert progress_of(s, session) == 0
     assert settle(instant)
     assert state(database, instant).personalisation == "not_surely_better"
     assert (instant.view.key, instant.view.payload["about"]["outcome"]) == ("debriefing", "not_surely_better")

@@ -118,9 +118,15 @@ class Joined(Reply):
 
 
 class JobNews(Reply):
-    """The stream's event `job`: how far the training is that a participant waits for."""
+    """The stream's event `job`: how long a participant waits for a training still. progress: share of the whole wait;
+    before: people whose training comes first; seconds: until theirs is ready, null where nobody knows; at_most: until
+    the session goes on without it."""
 
     progress: float
+    before: int = 0
+    running: bool = False
+    seconds: int | None = None
+    at_most: int | None = None
     done: bool
 
 

@@ -21,7 +21,6 @@ from backend.store.models import Session, utc_now
 from backend.study.drawing import paths
 from backend.study.kinds import kind_of
 from backend.study.kinds.demonstration import DemonstrationStep
-from backend.study.personalising import alignment_jobs
 from backend.study.refusals import Refused
 from backend.study.session import machine
 from backend.study.session.finding import acting
@@ -64,7 +63,8 @@ class _Glance:
         self.waiting = kind_of(step).goes_on and session.state == "active"
         self.job: dict[str, Any] | None = None
         if self.waiting:
-            self.job = {"progress": round(alignment_jobs.progress_of(s, session), 3), "done": False}
+            waiting = machine.waiting(s, session, now=utc_now())
+            self.job = waiting.as_news() if waiting is not None else {"progress": 0.0, "done": False}
 
 
 def _glance(services: Services, token: str) -> _Glance:

@@ -143,6 +143,7 @@ class Wait(Kind[WaitStep, Confirmed]):
         acting.session.personalisation = outcome
         acting.session.predictive_check = alignment_jobs.check_of(acting.s, acting.session)
         log_event(acting.s, "personalisation", session_id=acting.session.id, outcome=outcome, comparisons=shown)
+        alignment_jobs.end_what_nobody_waits_for(acting.s, acting.session, outcome)
         past = () if shown else (ComparisonStep, GuessStep)
         after = range(acting.session.position + 1, len(acting.plan))
         return next(i for i in after if not isinstance(acting.plan[i], past))

@@ -6,8 +6,9 @@ The alignment itself is a job (`backend/jobs`); what the session does meanwhile 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import datetime, timedelta
 from typing import TYPE_CHECKING, Any, Literal
 
 from sqlalchemy import func, select
@@ -16,7 +17,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from backend.store.demonstration_snapshots import StrokeError, take_demonstrations
 from backend.store.events import log_event
 from backend.store.models import Job, Participant, Response, Session, TrajectoryRow, Trial
-from backend.store.outbox import ENDED, PARTICIPANT_WAITS, cancel_job, enqueue_job
+from backend.store.outbox import ENDED, NOBODY_WAITS, PARTICIPANT_WAITS, REFINES, cancel_job, enqueue_job
 from backend.store.snapshots import SnapshotError, take_snapshot
 from backend.study.personalising.clicking import without_comparing
 from backend.study.personalising.earlier import earlier_snapshots
@@ -28,8 +29,8 @@ if TYPE_CHECKING:
     from backend.study.kinds.comparison import ComparisonStep
 
 BOT_PATIENCE = 10  # ours: nobody sits in front of a bot, and its comparisons are what a simulation is for
-SIMULATED_WAITS = 5  # ours: bots wait behind people
 PATHS_JOB = "train_demonstrations"
+REFINEMENT = "conditioning_search"
 UPDATES_WHILE_ONE_WAITS = 16_000
 """Of the job above, instead of its own default: demonstrated starts are followed after half of these already, and
 somebody waits for them. What more would buy is unseen goals (docs/numbers.md)."""
@@ -97,10 +98,11 @@ def start_training(acting: Acting) -> None:
         lent = lent_policy(s, session, setup=snapshot.setup, stand_ins=training.stand_ins)
     neutral = {"neutral": training.scenes} if "neutral" in training.opponents else {}
     earlier = earlier_snapshots(s, session) if training.prior == "earlier_participants" else []
-    recipes: list[dict[str, str]] = [{"recipe": training.recipe}]
+    priority = _priority(session, training)
+    recipes = {training.recipe: priority}
     if training.recipe == "instant":
-        recipes.append({"recipe": "conditioning_search"})
-    for recipe in recipes:
+        recipes[REFINEMENT] = max(REFINES, priority)
+    for recipe, after in recipes.items():
         job = enqueue_job(
             s,
             training.job,
@@ -115,9 +117,9 @@ def start_training(acting: Acting) -> None:
                 "surely_better": SURELY_BETTER,
                 "symmetry": acting.frozen.protocol.symmetry,
                 "seed": session.seed % (LARGEST_JOB_SEED + 1),
-                **recipe,
+                "recipe": recipe,
             },
-            priority=SIMULATED_WAITS if session.simulated else PARTICIPANT_WAITS,
+            priority=after,
             study_id=session.study_id,
             session_id=session.id,
             created_by="study",
@@ -128,7 +130,7 @@ def start_training(acting: Acting) -> None:
             session_id=session.id,
             job=job.id,
             snapshot=snapshot.id,
-            recipe=recipe["recipe"],
+            recipe=recipe,
             prior=training.prior,
             earlier=len(earlier),
         )
@@ -138,10 +140,33 @@ def start_training_again(acting: Acting) -> None:
     """After further pairs: all answers, in place of what was learned from fewer. Nothing where the outcome is known."""
     if acting.session.personalisation is not None:
         return
-    for job in jobs_of(acting.s, acting.session):
-        if job.state not in ENDED:
-            cancel_job(acting.s, job.id, by="study")
+    end_trainings(acting.s, acting.session, by="study")
     start_training(acting)
+
+
+def _priority(session: Session, training: Training) -> int:
+    """Of what is trained: nobody sits in front of a bot, or waits for what no page shows."""
+    waits = not session.simulated and (training.scenes > 0 or training.rated)
+    return PARTICIPANT_WAITS if waits else NOBODY_WAITS
+
+
+def end_trainings(s: DatabaseSession, session: Session, *, by: str, refinements_only: bool = False) -> None:
+    """Cancel what the session still has under way."""
+    for job in jobs_of(s, session):
+        if job.state in (*ENDED, "cancelling") or (refinements_only and job.params.get("recipe") != REFINEMENT):
+            continue
+        with suppress(ValueError):  # it has just ended
+            cancel_job(s, job.id, by=by)
+
+
+def end_what_nobody_waits_for(s: DatabaseSession, session: Session, outcome: str | None = None) -> None:
+    """Once it is settled what the session shows (outcome), or the session is over (None): nothing that was made for
+    its pages goes on, so that it holds no process which somebody else waits for. A training of which no page shows
+    anything is the study's own, and stays.
+    """
+    waited = [job for job in jobs_of(s, session) if job.priority <= PARTICIPANT_WAITS]
+    only = outcome == "shown" or not waited  # of several environments others may be learned still
+    end_trainings(s, session, by="study: nobody waits for it any more", refinements_only=only)
 
 
 def _learn_from_paths(acting: Acting, training: Training) -> None:
@@ -162,7 +187,7 @@ def _learn_from_paths(acting: Acting, training: Training) -> None:
                 "seed": session.seed % (LARGEST_JOB_SEED + 1),
                 "updates": UPDATES_WHILE_ONE_WAITS,
             },
-            priority=SIMULATED_WAITS if session.simulated else PARTICIPANT_WAITS,
+            priority=_priority(session, training),
             study_id=session.study_id,
             session_id=session.id,
             created_by="study",
@@ -207,14 +232,27 @@ def check_of(s: DatabaseSession, session: Session) -> dict[str, Any] | None:
     return None
 
 
-def progress_of(s: DatabaseSession, session: Session) -> float:
-    """How far the learning is that somebody waits for, 0 to 1: of each snapshot the furthest job, on average."""
-    furthest: dict[str, float] = {}
+def awaited_jobs(s: DatabaseSession, session: Session) -> list[Job]:
+    """Of each snapshot that nothing can be shown of yet, the unfinished job that will be there first."""
+    of_snapshot: dict[str, list[Job]] = {}
     for job in jobs_of(s, session):
-        snapshot = job.params["snapshot"]
-        refused = verdict(job) not in (None, "shown")  # it has ended, and is not what is waited for
-        furthest[snapshot] = max(0.0 if refused else job.progress, furthest.get(snapshot, 0.0))
-    return sum(furthest.values()) / len(furthest) if furthest else 0.0
+        of_snapshot.setdefault(job.params["snapshot"], []).append(job)
+    unfinished = [
+        [job for job in each if verdict(job) is None]
+        for each in of_snapshot.values()
+        if not any(verdict(job) == "shown" for job in each)
+    ]
+    return [each[-1] for each in unfinished if each]
+
+
+def patience_of(moment: Moment) -> tuple[datetime, timedelta]:
+    """Since when the session has waited for its jobs, and how long it does at most."""
+    session, training = moment.session, moment.frozen.training
+    assert training is not None  # noqa: S101  there are jobs only where a stage says so
+    last = moment.s.scalar(select(func.max(Response.created_at)).where(Response.session_id == session.id))
+    began = min(job.created_at for job in jobs_of(moment.s, session))
+    patience = timedelta(seconds=training.give_up_after_s) * (BOT_PATIENCE if session.simulated else 1)
+    return max(began, last) if last else began, patience
 
 
 def outcome_of(moment: Moment) -> str | None:
@@ -237,10 +275,7 @@ def outcome_of(moment: Moment) -> str | None:
     verdicts = [_together(each) for each in of_snapshot.values()]
     if None not in verdicts:
         return "shown" if "shown" in verdicts else verdicts[-1]
-    last = s.scalar(select(func.max(Response.created_at)).where(Response.session_id == session.id))
-    began = min(job.created_at for job in jobs)
-    since = max(began, last) if last else began
-    patience = timedelta(seconds=training.give_up_after_s) * (BOT_PATIENCE if session.simulated else 1)
+    since, patience = patience_of(moment)
     if moment.now - since <= patience:
         return None
     if "shown" in verdicts:

@@ -13,6 +13,7 @@ from backend.store.database import Database
 from backend.store.events import log_event
 from backend.store.models import Session
 from backend.study.links import as_issued, token_hash
+from backend.study.personalising import alignment_jobs
 from backend.study.refusals import Refused, log_refusal
 from backend.study.session import states
 
@@ -79,3 +80,4 @@ def _expire(db: Database, session_id: str) -> None:
         if session is not None and session.state in ("active", "paused"):
             states.change(session, "expire", "clock")
             log_event(s, "session_expired", session_id=session_id)
+            alignment_jobs.end_what_nobody_waits_for(s, session)

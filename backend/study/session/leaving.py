@@ -9,7 +9,6 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from backend.store.events import log_event
 from backend.store.models import Participant, ProblemReport, Session
-from backend.store.outbox import ENDED, cancel_job
 from backend.store.snapshots import set_aside_snapshots
 from backend.study.kinds import kind_of
 from backend.study.personalising import alignment_jobs
@@ -56,9 +55,7 @@ def withdraw(s: DatabaseSession, session: Session, *, now: datetime) -> None:
         states.change(one, "withdraw", "participant")  # a later appointment, too
     if session.state != "withdrawn":
         states.change(session, "withdraw", "participant")
-    for job in alignment_jobs.jobs_of(s, session):
-        if job.state not in (*ENDED, "cancelling"):
-            cancel_job(s, job.id, by="withdrawal")
+    alignment_jobs.end_trainings(s, session, by="withdrawal")
     set_aside_snapshots(s, participant.id)
     log_event(s, "withdrawn", session_id=session.id, step=step_of(session).key)
 

@@ -24,6 +24,8 @@ from backend.study.clock import elapsed_s
 from backend.study.kinds import Step, begin, kind_of
 from backend.study.kinds.base import Acting, Moment, Page, timed_out
 from backend.study.kinds.wire import BadValue
+from backend.study.personalising import alignment_jobs
+from backend.study.personalising.waiting import Waiting, waiting_of
 from backend.study.refusals import Refused
 from backend.study.session import states
 from backend.study.session.finding import find_session
@@ -73,6 +75,7 @@ __all__ = [
     "submit",
     "trajectory_seen",
     "trial_of",
+    "waiting",
     "waits",
     "watch_again",
     "withdraw",
@@ -157,6 +160,7 @@ def submit(
     if reason is not None:
         ending = acting.frozen.protocol.screen_out
         states.end(acting, "screen_out", completion_code=ending.completion_code if ending else "random", because=reason)
+        alignment_jobs.end_what_nobody_waits_for(s, session)
     else:
         _move(acting, _next_position(acting))
     return Submitted(response.id, duplicate=False)
@@ -228,6 +232,8 @@ def _move(acting: Acting, to: int) -> None:
     ending = acting.arrive()
     if ending is not None:
         states.end(acting, ending.event, completion_code=ending.completion_code, **ending.logged)
+        if ending.event == "complete":  # after an appointment others may follow, which show it
+            alignment_jobs.end_what_nobody_waits_for(acting.s, acting.session)
     _settle(acting)
 
 
@@ -247,6 +253,11 @@ def _settle(acting: Acting) -> bool:
         return False
     _move(acting, acting.first_asked(to))
     return True
+
+
+def waiting(s: DatabaseSession, session: Session, *, now: datetime) -> Waiting | None:
+    """How long the session will wait where it stands; None where there is nothing to say of that."""
+    return waiting_of(Moment(s, session, protocol_of(s, session), now))
 
 
 def waits(s: DatabaseSession, session: Session, *, now: datetime) -> bool:
