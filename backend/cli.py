@@ -25,8 +25,7 @@ with ended_by_interrupt(), without_collecting():
         study_protocols,
         words,
     )
-
-INTERRUPTED = 130  # what typer and shells call Ctrl-C
+    from backend.commands.output import INTERRUPTED
 
 app = typer.Typer(
     name="desirepath",

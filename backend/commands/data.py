@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections import Counter
+from pathlib import PurePosixPath
 from typing import Annotated, Any
 
 import typer
 
-from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
+from backend.commands.output import COMMAND_LINE, JsonFlag, in_data_folder, say, takes_long
 from backend.commands.study import open_store, say_who_is_left_out
 from backend.settings import get_settings
 
@@ -20,7 +21,8 @@ def register(app: typer.Typer) -> None:
     app.command()(restore)
 
 
-@plain_errors
+@in_data_folder
+@takes_long("writing the data set of study {study} to {out}")
 def export(
     study: Annotated[str, typer.Argument(help="Id of the study.")],
     out: Annotated[str, typer.Option(help="Folder to write; made if missing, must be empty. Or s3://BUCKET/FOLDER.")],
@@ -46,14 +48,20 @@ def export(
 
 
 def _summary(study: str, files: list[dict[str, Any]], out: str) -> dict[str, Any]:
-    """What a person wants to know of an export; every file with its hash is in `--json` and in the folder."""
+    """What a person wants to know of an export; every file with its hash is in `--json` and in the folder. Tables are
+    the files beside the dictionary; what lies in folders is counted by folder."""
+    paths = [PurePosixPath(one["path"]) for one in files]
     tables = [
-        {"table": Path(one["path"]).stem, "rows": one["rows"]} for one in files if one["path"].endswith(".parquet")
+        {"table": path.stem, "rows": one["rows"]}
+        for path, one in zip(paths, files, strict=True)
+        if path.suffix == ".parquet" and len(path.parts) == 1
     ]
-    return {"study": study, "folder": out, "files": len(files), "tables": tables}
+    parts = Counter(path.parts[0] for path in paths if len(path.parts) > 1)
+    return {"study": study, "folder": out, "files": len(files), **parts, "tables": tables}
 
 
-@plain_errors
+@in_data_folder
+@takes_long("reading the data set {folder} and checking it")
 def import_(
     folder: Annotated[str, typer.Argument(help="A folder that `desirepath export` wrote, or its zip, here or on S3.")],
     as_json: JsonFlag = False,
@@ -63,12 +71,13 @@ def import_(
     from backend.store.dataset.unpacking import unpacked
     from backend.store.places import read_from
 
-    database, files = open_store()
+    database, files = open_store(makes=True)
     with read_from(folder) as fetched, unpacked(fetched) as data_set:
         say(dict(import_dataset(database, files, data_set)), as_json)
 
 
-@plain_errors
+@in_data_folder
+@takes_long("copying database and artefacts to {out}")
 def backup(
     out: Annotated[str, typer.Option(help="File to write, or s3://BUCKET/FILE.")], as_json: JsonFlag = False
 ) -> None:
@@ -85,7 +94,8 @@ def backup(
     say(dict(written), as_json)
 
 
-@plain_errors
+@in_data_folder
+@takes_long("bringing {file} back")
 def restore(
     file: Annotated[str, typer.Argument(help="A file that `desirepath backup` wrote, here or on S3.")],
     as_json: JsonFlag = False,

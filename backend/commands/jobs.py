@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from sqlalchemy import select
 
-from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
+from backend.commands.output import COMMAND_LINE, JsonFlag, in_data_folder, say
 from backend.commands.science import parsed_settings, run_job
 from backend.commands.study import open_store
 from backend.store.models import Job
@@ -32,7 +32,7 @@ def _row(job: Job) -> dict[str, Any]:
 
 
 @commands.command()
-@plain_errors
+@in_data_folder
 def start(
     kind: Annotated[str, typer.Argument(help=f"One of {', '.join(JOB_KINDS)}.")],
     settings: Annotated[list[str] | None, typer.Option("--set", help="A parameter of the job, as name=value.")] = None,
@@ -43,7 +43,7 @@ def start(
 
 
 @commands.command("list")
-@plain_errors
+@in_data_folder
 def list_jobs(
     state: Annotated[str | None, typer.Option(help="Only jobs in this state.")] = None, as_json: JsonFlag = False
 ) -> None:
@@ -55,7 +55,7 @@ def list_jobs(
 
 
 @commands.command()
-@plain_errors
+@in_data_folder
 def show(job: str, as_json: JsonFlag = False) -> None:
     """Show one job with its parameters, result and error."""
     database, _ = open_store()
@@ -67,7 +67,7 @@ def show(job: str, as_json: JsonFlag = False) -> None:
 
 
 @commands.command()
-@plain_errors
+@in_data_folder
 def tensorboard(
     job: str,
     out: Annotated[Path, typer.Option(help="The log folder; made if missing.")],
@@ -93,7 +93,7 @@ def tensorboard(
 
 
 @commands.command()
-@plain_errors
+@in_data_folder
 def cancel(job: str, as_json: JsonFlag = False) -> None:
     """Ask a job to stop; a worker ends it within seconds."""
     from backend.store.outbox import cancel_job

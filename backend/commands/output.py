@@ -1,13 +1,20 @@
-"""How commands speak: people get tables and sentences, `--json` gets one object on stdout; logs go to stderr."""
+"""How commands speak: people get tables and sentences, `--json` gets one object on stdout; logs, and what a long
+command is just doing, go to stderr. And which installation they speak of: `--data`.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import inspect
 import json
 import logging
 import os
 import sys
-from collections.abc import Callable
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Annotated, Any, ParamSpec
 
 import structlog
@@ -18,6 +25,7 @@ from rich.table import Table
 
 from backend.collecting import interrupt_raises
 from backend.os_errors import in_words
+from backend.settings import get_settings
 from backend.store.scrubbing import scrubbed
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
@@ -37,6 +45,9 @@ PeakEndOption = Annotated[
 ]
 COMMAND_LINE = "command line"  # who did it, where logs ask: there are no accounts here
 PIPE_WIDTH = 200  # characters; a pipe has no width of its own
+TOLD_EVERY_S = 10.0  # where nobody sees a line move: a log, a pipe
+DATA = "DESIREPATH_DATA"
+INTERRUPTED = 130  # exit code of what Ctrl-C ended, as typer and shells have it
 P = ParamSpec("P")
 
 
@@ -136,3 +147,82 @@ def plain_errors(command: Callable[P, None]) -> Callable[P, None]:
             raise typer.Exit(1) from None
 
     return guarded
+
+
+def in_data_folder(command: Callable[P, None]) -> Callable[..., None]:
+    """`plain_errors`, with an option `--data` that names the installation for this one command."""
+    inner = plain_errors(command)
+
+    @functools.wraps(command)
+    def placed(*args: Any, data: Path | None = None, **kwargs: Any) -> None:
+        with _settings_of(data):
+            inner(*args, **kwargs)
+
+    option = typer.Option(help="Folder of the installation; default DESIREPATH_DATA, else ./data.", show_default=False)
+    taken = inspect.signature(command, eval_str=True)
+    more = inspect.Parameter(
+        "data", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[Path | None, option]
+    )
+    placed.__signature__ = taken.replace(parameters=[*taken.parameters.values(), more])  # type: ignore[attr-defined]
+    placed.__annotations__ = {name: one.annotation for name, one in placed.__signature__.parameters.items()}  # type: ignore[attr-defined]
+    return placed
+
+
+@contextlib.contextmanager
+def _settings_of(data: Path | None) -> Iterator[None]:
+    """The settings, and those of every process that is started, are of that folder in the block."""
+    if data is None:
+        yield
+        return
+    before = os.environ.get(DATA)
+    os.environ[DATA] = str(data)
+    get_settings.cache_clear()
+    try:
+        yield
+    finally:
+        os.environ.pop(DATA)
+        if before is not None:
+            os.environ[DATA] = before
+        get_settings.cache_clear()
+
+
+@contextlib.contextmanager
+def working(what: str) -> Iterator[Callable[[str], None]]:
+    """Say on stderr what is being done, at once and for as long as it is: on a terminal a line that moves, else a line
+    every ten seconds. Yields a function that is told how far it is."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    began, ended = time.monotonic(), threading.Event()
+    state = {"now": what}
+
+    def line() -> str:
+        return f"{state['now']}, {time.monotonic() - began:.0f} s"
+
+    if console.is_terminal:
+        with console.status(escape(what)) as status:
+            yield lambda now: status.update(escape(now))
+        return
+
+    def go_on_telling() -> None:
+        while not ended.wait(TOLD_EVERY_S):
+            typer.echo(line(), err=True)
+
+    typer.echo(what, err=True)
+    threading.Thread(target=go_on_telling, daemon=True).start()
+    try:
+        yield lambda now: state.update(now=now)
+    finally:
+        ended.set()
+
+
+def takes_long(what: str) -> Callable[[Callable[P, None]], Callable[P, None]]:
+    """A command that says what it does while it does it. what: in words, `{name}` for its arguments."""
+
+    def decorated(command: Callable[P, None]) -> Callable[P, None]:
+        @functools.wraps(command)
+        def telling(*args: P.args, **kwargs: P.kwargs) -> None:
+            with working(what.format(**kwargs)):
+                command(*args, **kwargs)
+
+        return telling
+
+    return decorated

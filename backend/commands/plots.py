@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.output import JsonFlag, in_data_folder, say, takes_long
 from backend.commands.science import find_policy
 
 if TYPE_CHECKING:
@@ -30,7 +30,8 @@ def register(app: typer.Typer) -> None:
     app.command()(explain)
 
 
-@plain_errors
+@in_data_folder
+@takes_long("drawing where {policy} heads from everywhere")
 def flow_field(
     policy: Annotated[str, typer.Argument(help="Id, path, or a shipped name such as study_room/base.")],
     policy_b: Annotated[str | None, typer.Argument(help="A second policy, shown beside with the difference.")] = None,
@@ -53,7 +54,8 @@ def flow_field(
     say({**made.numbers, "files": _written(made, out)}, as_json)
 
 
-@plain_errors
+@in_data_folder
+@takes_long("drawing how the policies drive")
 def trajectories(
     policies: Annotated[list[str], typer.Argument(help="Ids, paths or shipped names, e.g. all of an ensemble.")],
     setup: SetupFlag = None,
@@ -73,7 +75,8 @@ def trajectories(
     say({**made.numbers, "files": _written(made, out)}, as_json)
 
 
-@plain_errors
+@in_data_folder
+@takes_long("explaining {policy}")
 def explain(
     policy: Annotated[str, typer.Argument(help="Id, path, or a shipped name such as study_room/base.")],
     scene: SceneFlag = None,

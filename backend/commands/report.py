@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from backend.commands.output import JsonFlag, plain_errors, say
+from backend.commands.output import JsonFlag, in_data_folder, say, takes_long
 
 if TYPE_CHECKING:
     from backend.jobs.kinds import Params
@@ -27,7 +27,8 @@ def register(app: typer.Typer) -> None:
     app.command()(report)
 
 
-@plain_errors
+@in_data_folder
+@takes_long("writing the report of {study} to {out}")
 def report(
     study: Annotated[str, typer.Argument(help="Id of the study, or the folder or zip of an exported data set.")],
     out: Annotated[Path, typer.Option(help="Folder for report.html, tests.csv and figures.")] = Path("report"),
@@ -94,12 +95,15 @@ def _learned(
 ) -> list[PolicyRow]:
     """A policy per view and reward model, and the base policy, each rolled out in the same scenes; what is there
     already is used."""
-    from backend.commands.science import jobs_at_hand
+    from backend.commands.science import checked_params, jobs_at_hand
     from backend.report.policy_table import BASE, PolicyRow
     from backend.store.snapshots import take_snapshot
 
     rows = []
     setup = ""
+    aligning = {"comparisons": 0, "recipe": recipe, "hold_out": FOLDS}
+    for model in models:  # what cannot be asked is refused before any answers are frozen
+        checked_params("align", aligning | {"model": model}, takes=True)
     with jobs_at_hand() as finished:
 
         def done(kind: str, params: dict[str, Any]) -> dict[str, Any]:
@@ -111,8 +115,7 @@ def _learned(
                 identity, setup = snapshot.id, snapshot.setup
                 answers = snapshot.card["answers"] - snapshot.card["probes"]
             for model in models:
-                asked = {"snapshot": identity, "comparisons": 0, "model": model, "recipe": recipe, "hold_out": FOLDS}
-                aligned = done("align", asked)
+                aligned = done("align", aligning | {"snapshot": identity, "model": model})
                 rows.append(
                     PolicyRow(
                         name=view,

@@ -10,20 +10,22 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
-from rich.console import Console
 
-from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
+from backend.commands.output import COMMAND_LINE, INTERRUPTED, JsonFlag, in_data_folder, say, takes_long, working
 from backend.commands.study import open_store
 from backend.settings import get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
 
 if TYPE_CHECKING:
+    from sqlalchemy.orm import Session
+
+    from backend.jobs.kinds import Params
     from backend.learning.policies.policy import Policy
 
 train = typer.Typer(help="Train reward models and policies.", no_args_is_help=True)
@@ -38,6 +40,9 @@ AnswersFlag = Annotated[
     str | None, typer.Option(help="With --study, whose answers: people (default), simulated or all.")
 ]
 WORKER_PATIENCE_S = 3.0
+NOT_TAKEN = "0" * 64  # stands for a snapshot while everything else is checked
+Taking = Callable[["Session", ArtefactStore], str]
+"""Takes a snapshot (or names one); its id."""
 
 
 def register(app: typer.Typer) -> None:
@@ -48,7 +53,7 @@ def register(app: typer.Typer) -> None:
 
 
 @train.command()
-@plain_errors
+@in_data_folder
 def base(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
     seed: SeedFlag = 0,
@@ -61,7 +66,7 @@ def base(
 
 
 @train.command()
-@plain_errors
+@in_data_folder
 def ensemble(
     base_policy: Annotated[str, typer.Option("--base", help="The base policy to start from.")] = "study_room/base",
     seed: SeedFlag = 0,
@@ -73,7 +78,7 @@ def ensemble(
 
 
 @train.command("reward-model")
-@plain_errors
+@in_data_folder
 def reward_model(
     study: StudyFlag = None,
     snapshot: SnapshotFlag = None,
@@ -84,12 +89,12 @@ def reward_model(
     as_json: JsonFlag = False,
 ) -> None:
     """Learn a reward model from answers, with its accuracy on answers it did not see."""
-    params = {"snapshot": _snapshot(study, snapshot, answers), "seed": seed, **parsed_settings(more)}
-    run_job("reward_model", params, out, as_json)
+    taking = _snapshot(study, snapshot, answers)
+    run_job("reward_model", {"seed": seed, **parsed_settings(more)}, out, as_json, taking)
 
 
 @train.command()
-@plain_errors
+@in_data_folder
 def align(
     study: StudyFlag = None,
     snapshot: SnapshotFlag = None,
@@ -103,12 +108,12 @@ def align(
     as_json: JsonFlag = False,
 ) -> None:
     """Turn answers into a policy."""
-    of = _snapshot(study, snapshot, answers)
-    run_job("align", {"snapshot": of, "recipe": recipe, "seed": seed, **parsed_settings(more)}, out, as_json)
+    taking = _snapshot(study, snapshot, answers)
+    run_job("align", {"recipe": recipe, "seed": seed, **parsed_settings(more)}, out, as_json, taking)
 
 
 @train.command()
-@plain_errors
+@in_data_folder
 def demonstrations(
     environment: Annotated[str, typer.Option(help="corridor, room or home.")] = "room",
     study: Annotated[str | None, typer.Option(help="Id of a study: what was kept there is learned from.")] = None,
@@ -141,34 +146,31 @@ def demonstrations(
         raise ValueError(f"--answers {answers}: chooses among all of a study; it needs --study and no --participant")
     if sum(given is not None for given in (study, style, snapshot)) != 1:
         raise ValueError("give one of --study, --style and --snapshot")
-    database, files = open_store()
-    if snapshot is None:
-        with database.transaction() as s:
-            if style is not None:
-                taken = take_simulated_demonstrations(
-                    s, files, style=style, environment=environment, per_pair=per_pair, seed=seed, person=person
-                )
-            else:
-                one = None
-                if participant is not None:
-                    asked = select(Participant.id).where(Participant.study_id == study, Participant.code == participant)
-                    one = s.scalars(asked).one_or_none()
-                    if one is None:
-                        raise LookupError(f"--participant {participant}: nobody of that code takes part in {study}")
-                taken = take_demonstrations(
-                    s,
-                    files,
-                    study_id=study or "",
-                    environment=environment,
-                    participant_id=one,
-                    whose=checked_whose(answers or "people"),
-                )
-            snapshot = taken.id
-    run_job("train_demonstrations", {"snapshot": snapshot, "seed": seed, **parsed_settings(more)}, out, as_json)
+    whose = checked_whose(answers or "people")
+
+    def taking(s: Session, files: ArtefactStore) -> str:
+        if snapshot is not None:
+            return snapshot
+        if style is not None:
+            return take_simulated_demonstrations(
+                s, files, style=style, environment=environment, per_pair=per_pair, seed=seed, person=person
+            ).id
+        one = None
+        if participant is not None:
+            asked = select(Participant.id).where(Participant.study_id == study, Participant.code == participant)
+            one = s.scalars(asked).one_or_none()
+            if one is None:
+                raise LookupError(f"--participant {participant}: nobody of that code takes part in {study}")
+        return take_demonstrations(
+            s, files, study_id=study or "", environment=environment, participant_id=one, whose=whose
+        ).id
+
+    params = {"seed": seed, **parsed_settings(more)}
+    run_job("train_demonstrations", params, out, as_json, taking, makes=style is not None)
 
 
 @queries.command()
-@plain_errors
+@in_data_folder
 def generate(
     setup: Annotated[str, typer.Option(help="study_room or open_field, with its shipped ensemble.")] = "study_room",
     count: Annotated[int, typer.Option(min=1)] = 200,
@@ -183,7 +185,7 @@ def generate(
 
 
 @queries.command()
-@plain_errors
+@in_data_folder
 def describe(
     name: Annotated[str, typer.Argument(help="A shipped query set such as study_room/queries_200, or a file.")],
     as_json: JsonFlag = False,
@@ -195,7 +197,8 @@ def describe(
     say(describe_differences(load_queries(name)), as_json)
 
 
-@plain_errors
+@in_data_folder
+@takes_long("evaluating {policy} in {scenes} scenes")
 def evaluate(
     policy: Annotated[
         str, typer.Argument(help="Id, path, or a shipped name: study_room/base, study_room/conditioned@farther=1.")
@@ -249,7 +252,8 @@ def parsed_settings(more: list[str] | None) -> dict[str, Any]:
     return parsed
 
 
-def _snapshot(study: str | None, snapshot: str | None, answers: str | None) -> str:
+def _snapshot(study: str | None, snapshot: str | None, answers: str | None) -> Taking:
+    """Where a job's snapshot comes from, checked as far as it can be before anything is looked at."""
     from backend.store.snapshots import checked_whose, take_snapshot
 
     if (study is None) == (snapshot is None):
@@ -257,43 +261,77 @@ def _snapshot(study: str | None, snapshot: str | None, answers: str | None) -> s
     if snapshot is not None:
         if answers is not None:
             raise ValueError(f"--answers {answers}: chooses from a study; the answers of a snapshot are chosen already")
-        return snapshot
+        return lambda _s, _files: snapshot
     whose = checked_whose(answers or "people")
-    database, files = open_store()
-    with database.transaction() as s:
-        return take_snapshot(s, files, study_id=study, whose=whose).id
+    return lambda s, files: take_snapshot(s, files, study_id=study, whose=whose).id
 
 
-def run_job(kind: str, params: dict[str, Any], out: Path | None, as_json: bool) -> None:
-    """Enqueue, wait with progress on stderr, print the result. Raises RuntimeError if the job does not succeed."""
-    job, result = finished_job(kind, params)
+def run_job(
+    kind: str,
+    params: dict[str, Any],
+    out: Path | None,
+    as_json: bool,
+    taking: Taking | None = None,
+    *,
+    makes: bool = False,
+) -> None:
+    """Enqueue, wait with progress on stderr, print the result. Raises RuntimeError if the job does not succeed.
+
+    taking: takes the snapshot that it learns from, once nothing else can be refused any more. makes: the installation,
+    where there is none; without a snapshot always.
+    """
+    with jobs_at_hand(makes=makes or taking is None) as finished:
+        job, result = finished(kind, params, taking)
     if out is not None:
         _write(open_store()[1], result, out)
     say({"job": job, **result}, as_json)
 
 
-@contextlib.contextmanager
-def jobs_at_hand() -> Iterator[Callable[[str, dict[str, Any]], tuple[str, dict[str, Any]]]]:
-    """Runs jobs, one after another: yields a function from kind and parameters to the job's id and result, which raises
-    RuntimeError if it does not succeed. Brings a worker along, one for all of them, if nobody else takes them up."""
-    from backend.jobs.kept_artefacts import find_artefact
-    from backend.jobs.kinds import get_kind, named_artefacts
-    from backend.store.outbox import enqueue_job
-    from backend.store.shipped_policies import register_shipped
+class Finishing(Protocol):
+    """Does a job: its kind, its parameters, and what takes its snapshot, to its id and result. Raises RuntimeError if
+    it does not succeed."""
 
-    database, files = open_store()
-    with database.transaction() as s:
-        register_shipped(s, files)
+    def __call__(
+        self, kind: str, params: dict[str, Any], taking: Taking | None = None
+    ) -> tuple[str, dict[str, Any]]: ...
+
+
+def checked_params(kind: str, params: Mapping[str, Any], *, takes: bool) -> Params:
+    """A job's parameters, read. takes: its snapshot is still to be taken, and stands as `NOT_TAKEN`. Raises
+    JobParamsError."""
+    from backend.jobs.kinds import get_kind
+
+    return get_kind(kind).parse({**params, "snapshot": NOT_TAKEN} if takes else params)
+
+
+@contextlib.contextmanager
+def jobs_at_hand(*, makes: bool = True) -> Iterator[Finishing]:
+    """Runs jobs, one after another. Brings a worker along, one for all of them, if nobody else takes them up. makes:
+    an installation, where there is none."""
     own_worker: list[subprocess.Popen[bytes]] = []
 
-    def finished(kind: str, params: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-        parsed = get_kind(kind).parse(params)
-        with database.transaction() as s:
-            # what is not there is said now, not by a job that fails
-            named = [find_artefact(s, reference, wanted) for reference, wanted in named_artefacts(parsed)]
-            study = next((one.study_id for one in named if one.study_id is not None), None)
-            asked = parsed.model_dump(mode="json")
-            job = enqueue_job(s, kind, asked, study_id=study, created_by=COMMAND_LINE).id
+    def finished(kind: str, params: dict[str, Any], taking: Taking | None = None) -> tuple[str, dict[str, Any]]:
+        with working(f"{kind}: looking at what it needs"):
+            parsed = checked_params(kind, params, takes=taking is not None)
+            from backend.jobs.kept_artefacts import find_artefact
+            from backend.jobs.kinds import named_artefacts
+            from backend.store.outbox import enqueue_job
+            from backend.store.shipped_policies import register_shipped
+
+            database, files = open_store(makes=makes)
+            with database.transaction() as s:
+                register_shipped(s, files)
+            with database.transaction() as s:
+                # what is not there is said now, not by a job that fails
+                there = [one for one in named_artefacts(parsed) if one[0] != NOT_TAKEN]
+                named = [find_artefact(s, reference, wanted) for reference, wanted in there]
+                asked = parsed.model_dump(mode="json")
+                if taking is not None:
+                    asked["snapshot"] = taking(s, files)
+                    kept = "demonstrations" if kind == "train_demonstrations" else "snapshot"
+                    named.append(find_artefact(s, asked["snapshot"], kept))
+                study = next((one.study_id for one in named if one.study_id is not None), None)
+                job = enqueue_job(s, kind, asked, study_id=study, created_by=COMMAND_LINE).id
         state, result, error = followed(database, job, own_worker)
         if state != "succeeded":
             raise RuntimeError(f"job {job} {state}: {error or 'no reason given'}")
@@ -307,22 +345,16 @@ def jobs_at_hand() -> Iterator[Callable[[str, dict[str, Any]], tuple[str, dict[s
             worker.wait(30)
 
 
-def finished_job(kind: str, params: dict[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Id and result of a job once it has succeeded. Raises RuntimeError if it does not."""
-    with jobs_at_hand() as finished:
-        return finished(kind, params)
-
-
 def followed(
     database: Database, job: str, own_worker: list[subprocess.Popen[bytes]]
 ) -> tuple[str, dict[str, Any], str | None]:
-    """Follow a job to its end; one more worker is started, and put into `own_worker`, if nobody takes the job up."""
+    """Follow a job to its end; one more worker is started, and put into `own_worker`, if nobody takes the job up.
+    Ctrl-C ends the command, not the job."""
     from backend.jobs.process import FINAL_STATES, start_worker
     from backend.store.models import Job
 
-    console = Console(stderr=True)
     began = time.monotonic()
-    with console.status("waiting for a worker") as status:
+    with working(f"job {job}: waiting for a worker") as tell, _goes_on(job, own_worker):
         while True:
             with database.session() as s:
                 row = s.get_one(Job, job)
@@ -338,8 +370,20 @@ def followed(
                 )
             if state == "queued" and not own_worker and time.monotonic() - began > WORKER_PATIENCE_S:
                 own_worker.append(start_worker(get_settings(), sys.stderr))
-            status.update(f"{state} {progress:.0%} {message}")
+            tell(f"job {job}: {state} {progress:.0%} {message}".rstrip())
             time.sleep(0.3)
+
+
+@contextlib.contextmanager
+def _goes_on(job: str, own_worker: list[subprocess.Popen[bytes]]) -> Iterator[None]:
+    """Ctrl-C in the block says what becomes of the job and how to end it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        goes_on = "waits for the next worker (`desirepath worker`)" if own_worker else "goes on"
+        ends = f"`desirepath jobs cancel {job}` ends it"
+        typer.echo(f"\njob {job} {goes_on}; `desirepath jobs show {job}` shows it, {ends}", err=True)
+        raise typer.Exit(INTERRUPTED) from None
 
 
 def _write(files: ArtefactStore, result: dict[str, Any], out: Path) -> None:

@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 
 from backend.collecting import without_collecting
-from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
+from backend.commands.output import COMMAND_LINE, JsonFlag, in_data_folder, say
 from backend.settings import Settings, get_settings
 
 if TYPE_CHECKING:
@@ -27,12 +27,11 @@ def register(app: typer.Typer) -> None:
     app.command()(password)
 
 
-@plain_errors
+@in_data_folder
 def serve(
     demo: Annotated[bool, typer.Option("--demo", help="Open a demo study and print its link.")] = False,
     port: Annotated[int | None, typer.Option(help="Port of the pages; the stage takes the next one.")] = None,
     host: Annotated[str | None, typer.Option(help="Address to listen on.")] = None,
-    data: Annotated[Path | None, typer.Option(help="Folder for everything that is kept.")] = None,
     processes: Annotated[
         int, typer.Option(help="Server processes behind the same ports; more than one on PostgreSQL.")
     ] = 1,
@@ -44,7 +43,7 @@ def serve(
         from backend.api.server import check_ports
         from backend.store.database import Database
 
-    given: dict[str, Any] = {"port": port, "host": host, "data": data}
+    given: dict[str, Any] = {"port": port, "host": host}
     settings = Settings(**{name: value for name, value in given.items() if value is not None})
     with only_server(settings):
         if not settings.shares_ports:
@@ -111,7 +110,7 @@ def _demo_link(services: Services) -> str:
         return f"/join/{study.recruiting_token}"
 
 
-@plain_errors
+@in_data_folder
 def worker(
     parent: Annotated[int | None, typer.Option(hidden=True, help="Process to end with; `serve` gives its own.")] = None,
 ) -> None:
@@ -121,17 +120,17 @@ def worker(
     run_worker(get_settings(), parent=parent)
 
 
-@plain_errors
+@in_data_folder
 def migrate(as_json: JsonFlag = False) -> None:
     """Bring the database to this version's tables, before the first process of a new version starts beside old ones."""
     from backend.commands.study import open_store
     from backend.store.database import newest_revision
 
-    open_store()[0].close()
+    open_store(makes=True)[0].close()
     say({"revision": newest_revision()}, as_json)
 
 
-@plain_errors
+@in_data_folder
 def password(
     name: Annotated[str, typer.Argument(help="Name of the account.")] = "experimenter",
     without_second_factor: Annotated[

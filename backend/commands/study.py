@@ -18,8 +18,9 @@ from backend.commands.output import (
     MyopiaOption,
     NoiseOption,
     PeakEndOption,
-    plain_errors,
+    in_data_folder,
     say,
+    takes_long,
 )
 from backend.experiments.loopback import loopback_server
 from backend.settings import get_settings
@@ -36,17 +37,29 @@ NOT_REACHED = "Not reached: backups made before, and exports and reports already
 commands = typer.Typer(help="Protocols and studies.", no_args_is_help=True)
 
 
-def open_store() -> tuple[Database, ArtefactStore]:
-    """The installation's database (migrated) and artefact store."""
+def open_store(*, makes: bool = False) -> tuple[Database, ArtefactStore]:
+    """The installation's database (migrated) and artefact store. Raises LookupError where there is none, unless the
+    command makes one."""
     from backend.store.database import check_writable
 
     settings = get_settings()
+    if not makes and not is_installed():
+        raise LookupError(
+            f"no installation in {settings.data.resolve()}: `desirepath serve` or `desirepath study create` begin one; "
+            "--data or DESIREPATH_DATA name another folder"
+        )
     check_writable(settings.data)
     database = Database(settings.database)
     if (command := click.get_current_context(silent=True)) is not None:
         command.call_on_close(database.close)
     database.migrate()
     return database, ArtefactStore(settings.artefacts)
+
+
+def is_installed() -> bool:
+    """Whether there is a database; on a server there is taken to be."""
+    file = Database(get_settings().database).file
+    return file is None or file.is_file()
 
 
 def say_who_is_left_out(s: Session, study: str, more: str = "") -> None:
@@ -64,15 +77,14 @@ def query_sets() -> dict[str, str]:
     """The query sets of this installation, none where there is no installation yet; nothing is made or migrated."""
     from backend.store.query_sets import query_sets_here
 
-    database = Database(get_settings().database)
-    if database.file is not None and not database.file.is_file():
+    if not is_installed():
         return {}
-    with contextlib.closing(database), database.session() as s:
+    with contextlib.closing(Database(get_settings().database)) as database, database.session() as s:
         return query_sets_here(s)
 
 
 @commands.command()
-@plain_errors
+@in_data_folder
 def create(
     file: Path,
     name: Annotated[str | None, typer.Option(help="Name of the study; default the protocol's title.")] = None,
@@ -86,13 +98,17 @@ def create(
     from backend.study.protocol.freezing import freeze
     from backend.study.studies import create_study
 
-    database, files = open_store()
-    frozen = freeze(file, query_sets())
+    if is_installed():
+        open_store()  # an older one is migrated before its query sets are read
+    frozen = freeze(file, query_sets())  # what is wrong with it is said before anything is made
+    database, files = open_store(makes=True)
     with database.transaction() as s:
         register_shipped(s, files)
         study = create_study(s, files, frozen, name=name or frozen.title("en"), created_by=None)
         study.pilot = not live
-        link = f"{get_settings().own_url}/join/{study.recruiting_token}"
+        settings = get_settings()
+        served = None if settings.public_url else running_server(settings)
+        link = f"{served or settings.own_url}/join/{study.recruiting_token}"
         result = {"study": study.id, "link": link, "pilot": study.pilot}
     say(result, as_json)
     if not live:
@@ -100,7 +116,7 @@ def create(
 
 
 @commands.command("live")
-@plain_errors
+@in_data_folder
 def go_live(study: Annotated[str, typer.Argument(help="Id of the study.")], as_json: JsonFlag = False) -> None:
     """End a study's pilot: whoever joins from now on counts. Pilot participants stay pilots."""
     from backend.store.audit import record
@@ -120,7 +136,7 @@ def go_live(study: Annotated[str, typer.Argument(help="Id of the study.")], as_j
 
 
 @commands.command("list")
-@plain_errors
+@in_data_folder
 def list_studies(as_json: JsonFlag = False) -> None:
     """List the studies of this installation."""
     from sqlalchemy import func, select
@@ -150,7 +166,8 @@ def list_studies(as_json: JsonFlag = False) -> None:
 
 
 @commands.command()
-@plain_errors
+@in_data_folder
+@takes_long("walking {participants} simulated participants through study {study}")
 def simulate(
     study: Annotated[str, typer.Argument(help="Id of the study.")],
     participants: Annotated[int, typer.Option(min=1)] = 1,
@@ -222,7 +239,7 @@ def simulate(
 
 
 @commands.command("power")
-@plain_errors
+@in_data_folder
 def power_command(
     study: Annotated[str, typer.Argument(help="Id of a study, or a protocol file.")],
     participants: Annotated[str, typer.Option(help="Numbers of participants to try.")] = "10,20,30,40",
@@ -309,7 +326,7 @@ def frozen_protocol(study: str) -> FrozenProtocol:
 
 
 @commands.command()
-@plain_errors
+@in_data_folder
 def erase(
     study: Annotated[str, typer.Argument(help="Id of the study.")],
     participant: Annotated[str, typer.Argument(help="The participant's code.")],
@@ -339,7 +356,7 @@ def erase(
 
 
 @commands.command("erase-overdue")
-@plain_errors
+@in_data_folder
 def erase_overdue(
     study: Annotated[str, typer.Argument(help="Id of the study.")],
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,

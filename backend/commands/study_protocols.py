@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from backend.commands.output import COMMAND_LINE, JsonFlag, plain_errors, say
+from backend.commands.output import COMMAND_LINE, JsonFlag, in_data_folder, say
 from backend.commands.study import commands, frozen_protocol, open_store, query_sets
 
 
@@ -18,7 +18,7 @@ def register() -> None:
     commands.command("schema")(schema_command)
 
 
-@plain_errors
+@in_data_folder
 def validate(file: Path, as_json: JsonFlag = False) -> None:
     """Check a protocol file; exit code 1 if it is not valid."""
     from backend.grammar.source import Problem
@@ -34,7 +34,7 @@ def validate(file: Path, as_json: JsonFlag = False) -> None:
         raise typer.Exit(1)
 
 
-@plain_errors
+@in_data_folder
 def preview(
     file: Path,
     seed: Annotated[int, typer.Option(help="Of the participant: another one, another order.")] = 0,
@@ -56,7 +56,7 @@ def preview(
     )
 
 
-@plain_errors
+@in_data_folder
 def diff(
     before: Annotated[str, typer.Argument(help="A protocol file, or the id of a study (its newest protocol).")],
     after: Annotated[str, typer.Argument(help="The same.")],
@@ -81,7 +81,7 @@ def _shown(value: object) -> str:
     return "nothing" if value is None else str(value)
 
 
-@plain_errors
+@in_data_folder
 def revise(
     study: Annotated[str, typer.Argument(help="Id of a running study.")],
     file: Annotated[Path, typer.Argument(help="The edited protocol, with a higher version.")],
@@ -111,7 +111,7 @@ def revise(
     typer.echo(f"Who is under way goes on with the protocol they began with; participants by version: {on}")
 
 
-@plain_errors
+@in_data_folder
 def schema_command(
     questionnaire: Annotated[bool, typer.Option("--questionnaire", help="Of a questionnaire's file instead.")] = False,
 ) -> None:
