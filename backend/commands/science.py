@@ -354,7 +354,7 @@ def followed(
     from backend.store.models import Job
 
     began = time.monotonic()
-    with working(f"job {job}: waiting for a worker") as tell, _goes_on(job, own_worker):
+    with _goes_on(database, job, own_worker), working(f"job {job}: waiting for a worker") as tell:
         while True:
             with database.session() as s:
                 row = s.get_one(Job, job)
@@ -375,12 +375,16 @@ def followed(
 
 
 @contextlib.contextmanager
-def _goes_on(job: str, own_worker: list[subprocess.Popen[bytes]]) -> Iterator[None]:
+def _goes_on(database: Database, job: str, own_worker: list[subprocess.Popen[bytes]]) -> Iterator[None]:
     """Ctrl-C in the block says what becomes of the job and how to end it."""
+    from backend.store.models import Job
+
     try:
         yield
     except KeyboardInterrupt:
-        goes_on = "waits for the next worker (`desirepath worker`)" if own_worker else "goes on"
+        with database.session() as s:
+            taken = not own_worker and s.get_one(Job, job).state != "queued"
+        goes_on = "goes on" if taken else "goes on with the next worker (`desirepath worker`)"
         ends = f"`desirepath jobs cancel {job}` ends it"
         typer.echo(f"\njob {job} {goes_on}; `desirepath jobs show {job}` shows it, {ends}", err=True)
         raise typer.Exit(INTERRUPTED) from None
