@@ -12,11 +12,11 @@ import pytest
 from sqlalchemy import select
 from typer.testing import CliRunner
 
+from backend.api.replicas.only_server import only_server
 from backend.cli import app
 from backend.commands import output
 from backend.commands.data import _summary
 from backend.commands.output import working
-from backend.commands.running_server import announced
 from backend.settings import Settings, get_settings
 from backend.store.artefacts import ArtefactStore
 from backend.store.database import Database
@@ -56,7 +56,7 @@ def test_a_new_studys_link_is_that_of_the_server_that_runs_on_its_folder(tmp_pat
         return str(json.loads(said)["link"])
 
     assert link().startswith(f"http://127.0.0.1:{get_settings().port}/join/")
-    with announced(tmp_path, "http://127.0.0.1:8345"):
+    with only_server(Settings(data=tmp_path, port=8345, _env_file=None)):
         assert link().startswith("http://127.0.0.1:8345/join/")
     assert link().startswith(f"http://127.0.0.1:{get_settings().port}/join/"), "it runs no more"
 
