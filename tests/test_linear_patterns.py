@@ -13,14 +13,14 @@ import re
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from backend.learning.words.clauses import GRAMMARS, LONGEST, Grammar
+from backend.learning.words.lexicon import LONGEST
 from backend.store.scrubbing import LONGEST as KEPT_OF_A_TEXT
 from backend.study.protocol.reading import _named
 
@@ -42,19 +42,11 @@ PLAIN = re.compile(r"(?i)\b(code|token)=")  # what a megabyte costs at least, wh
 SENTENCE = 18 * LONGEST  # characters of a wish: refused beyond, and one may become 18 where accents are taken off
 BOUNDED = {
     # file: (the most characters that its patterns ever see, who sees to that)
-    "backend/learning/words/clauses.py": (SENTENCE, "`WordsRead` and `understand` take no longer sentence"),
-    "backend/learning/words/phrases.py": (400, "lines of our own files"),
+    "backend/learning/words/lexicon.py": (SENTENCE, "`WordsRead` and `understand` take no longer sentence"),
     "backend/report/planned_design.py": (6 * 60, "names of levels, of which `Slug` allows 60, and of six factors"),
     "backend/store/scrubbing.py": (KEPT_OF_A_TEXT, "`scrubbed` cuts every text of a log line; keys are ours"),
 }
 MADE_THERE = {  # (file, what is looked for) -> the patterns that are put together or handed on there
-    **{
-        ("backend/learning/words/clauses.py", f"grammar.{field.name}"): [
-            getattr(one, field.name) for one in GRAMMARS.values()
-        ]
-        for field in fields(Grammar)
-        if field.type == "str"
-    },
     ("backend/study/protocol/reading.py", "f\"\\\\b({'|'.join(longest)})\\\\b\""): [
         _named(["NASA-TLX", "SUS", "System Usability Scale"]).pattern
     ],
