@@ -63,6 +63,17 @@ def test_quoted_cookies_of_others_cost_nothing_and_ours_are_read(client: TestCli
     assert 'lang="de"' in page.text
 
 
+@pytest.mark.parametrize("charset", ["idna", "punycode", "undefined", "utf-7", "a\0b", "unheard-of", '"IDNA"'])
+def test_forms_in_parts_are_read_in_utf_8_only(client: TestClient, charset: str) -> None:
+    """Python's codec `idna` takes a second for 256 kB, in the loop that serves everybody; `undefined` raises."""
+    form = b'--B\r\nContent-Disposition: form-data; name="password"\r\n\r\nxn--' + b"a" * 200_000 + b"\r\n--B--\r\n"
+    kind = "multipart/form-data; boundary=B"
+    refused = client.post("/lab/sign-in", content=form, headers={"Content-Type": f"{kind}; charset={charset}"})
+    assert refused.status_code == 422
+    for read in (kind, f"{kind}; charset=UTF-8"):
+        assert client.post("/lab/sign-in", content=form, headers={"Content-Type": read}).status_code == 401
+
+
 def told(services: Services, code: str) -> int:
     with services.database.session() as s:
         return sum(event.data["code"] == code for event in s.scalars(select(Event).where(Event.kind == "refused")))

@@ -14,6 +14,7 @@ from urllib.parse import unquote
 
 import structlog
 from fastapi import Request
+from python_multipart.multipart import parse_options_header
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import MutableHeaders
 from starlette.responses import JSONResponse, Response
@@ -83,6 +84,8 @@ async def _refusal(request: Request, limit: int) -> Response | None:
         return trouble(request, 404, "not_found", "There is nothing at this address.")
     if NUL.search(unquote(request.url.query)):
         return trouble(request, 422, "bad_value", "must be texts without NUL characters", field="query")
+    if not _is_readable_form(request.headers.get("content-type")):
+        return trouble(request, 422, "bad_value", "must be a form in UTF-8", field="body")
     if declared_too_large(request, limit):
         return trouble(request, 413, "too_large", TooLarge(limit).detail)
     if request.method in READING or not _behind_sign_in(request):
@@ -92,6 +95,13 @@ async def _refusal(request: Request, limit: int) -> Response | None:
     except (auth.NotSignedIn, auth.PasswordMustChange, auth.SecondFactorMissing) as problem:
         return auth.exception_handlers[type(problem)](request, problem)
     return None
+
+
+def _is_readable_form(content_type: str | None) -> bool:
+    """Whether whatever is sent in parts is sent in UTF-8: Starlette reads it by any codec of Python that is named,
+    some of which are slow (`idna`, `punycode`) or raise errors of their own. Looked at by the means that it uses."""
+    kind, options = parse_options_header(content_type)
+    return kind != b"multipart/form-data" or options.get(b"charset", b"utf-8").lower() == b"utf-8"
 
 
 def _counted(receive: Receive, limit: int) -> Receive:
