@@ -55,6 +55,9 @@ def _check(model: Any, width: int) -> None:
         if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
             name = f"{node.domain}.{node.op_type}" if node.domain else node.op_type
             raise ValueError(f"operator {name} is not run; allowed are {', '.join(sorted(OPERATORS))}")
+        if len({attribute.name for attribute in node.attribute}) < len(node.attribute):
+            # Of two, the runtime takes the first and whoever infers sizes the last.
+            raise ValueError(f"operator {node.op_type} has an attribute twice")
         for attribute in node.attribute:
             kind = attribute.type
             if kind in (onnx.AttributeProto.GRAPH, onnx.AttributeProto.GRAPHS) or attribute.ref_attr_name:

@@ -170,14 +170,36 @@ def _onnx(content: bytes, manifest: RewardManifest) -> Callable[[Floats], Floats
     try:
         session = onnxruntime.InferenceSession(bounded, options, providers=["CPUExecutionProvider"])
         (given,) = session.get_inputs()
-        tried = np.asarray(session.run(None, {given.name: np.zeros((ROWS, manifest.width), dtype=np.float32)})[0])
+        tried = [
+            np.asarray(session.run(None, {given.name: values})[0], dtype=np.float32)
+            for values in _same_among_others(manifest.width)
+        ]
     except Exception as problem:  # onnxruntime raises what it likes for files of others
         why = (str(problem) or type(problem).__name__).splitlines()[0][:200]
         raise LearningError(f"{manifest.file}: no ONNX network of {manifest.width} inputs per step: {why}") from None
-    if tried.size != ROWS:
-        raise LearningError(f"{manifest.file}: needed is one reward per step; it gives {tried.shape} for {ROWS} steps")
+    for found in tried:
+        if found.size != ROWS:
+            raise LearningError(
+                f"{manifest.file}: needed is one reward per step; it gives {found.shape} for {ROWS} steps"
+            )
+    once, again = (found.reshape(-1)[::2] for found in tried)
+    most = np.abs(once, where=np.isfinite(once), out=np.zeros_like(once)).max()
+    if not np.allclose(once, again, rtol=1e-4, atol=1e-5 * most, equal_nan=True):
+        raise LearningError(
+            f"{manifest.file}: a step's reward changes with the steps that are asked beside it; export a network whose "
+            "operators (Softmax, means, BatchNormalization) leave the first dimension alone"
+        )
 
     def reward(values: Floats) -> Floats:
         return np.asarray(session.run(None, {given.name: values})[0], dtype=np.float32).reshape(-1)
 
     return reward
+
+
+def _same_among_others(width: int) -> tuple[Floats, Floats]:
+    """Twice the same steps at the even places, among others: nothing, as where rows are filled up, and much."""
+    draws = np.random.default_rng(0)
+    first = draws.uniform(-1, 1, (ROWS, width)).astype(np.float32)
+    second = first.copy()
+    first[1::2], second[1::2] = 0, 10 * second[1::2]
+    return first, second

@@ -21,7 +21,7 @@ from torch import nn
 from backend.learning.errors import LearningError
 from backend.learning.people import limited_reward
 from backend.learning.people.onnx_bounds import checked
-from backend.learning.people.reward_file import read_reward, reward_of_store
+from backend.learning.people.reward_file import read_reward, reader_of, reward_of_store
 from backend.learning.people.reward_inputs import quantities
 from backend.learning.people.reward_manifest import MANIFEST_BYTES, kept_together, read_manifest
 from backend.learning.preferences.oracles import make_oracle
@@ -121,6 +121,10 @@ def hostile() -> dict[str, tuple[Any, str]]:
         entry.key, entry.value = key, value
     short = onnx_of(summed, {"w": one})
     short.graph.initializer[0].dims[:] = [INPUTS, 1_000_000_000]
+    twice = helper.make_node(
+        "Constant", [], ["wide"], value=numpy_helper.from_array(np.ones((30_000, 1, 1), np.float32))
+    )
+    twice.attribute.append(helper.make_attribute("value", numpy_helper.from_array(np.ones((1, 1, 1), np.float32))))
     of_function = onnx_of([helper.make_node("Own", ["x"], ["y"], domain="own")], {})
     return {
         "external data": (elsewhere, "another file"),
@@ -130,6 +134,7 @@ def hostile() -> dict[str, tuple[Any, str]]:
         ),
         "doubling": (onnx_of([*doubling, *summed], {"w": one}), "per step"),
         "broadcasting": (onnx_of(spread, {"wide": np.ones((400_000, 1, 1), np.float32)}), "per step"),
+        "large and small by the same name": (onnx_of([twice, *spread], {}), "an attribute twice"),
         "dimensions without numbers": (short, "dimension"),
         "an operator of its own": (of_function, "own.Own is not run"),
         "a size decided by values": (
@@ -148,6 +153,24 @@ def test_a_network_that_could_harm_is_refused_before_it_runs(name: str) -> None:
     model, said = HOSTILE[name]
     with pytest.raises(LearningError, match=re.escape(said)):
         checked(model.SerializeToString(), INPUTS, "net.onnx")
+
+
+MIXING = {
+    "softmax": [helper.make_node("Softmax", ["z"], ["y"], axis=0)],
+    "mean": [helper.make_node("ReduceMean", ["z"], ["m"], axes=[0]), helper.make_node("Sub", ["z", "m"], ["y"])],
+    "first": [helper.make_node("Gather", ["z", "i"], ["f"], axis=0), helper.make_node("Add", ["z", "f"], ["y"])],
+}
+
+
+@pytest.mark.parametrize("name", MIXING)
+def test_the_reward_of_a_step_is_its_own(name: str) -> None:
+    """Steps are asked together with others, the last ones with zeros that fill up."""
+    weights = {"w": np.ones((INPUTS, 1), np.float32), "i": np.array([1], np.int64)}
+    content = onnx_of([helper.make_node("MatMul", ["x", "w"], ["z"]), *MIXING[name]], weights).SerializeToString()
+    stated = {"format": "desirepath-reward-2", "setup": "study_room", "file": "net.onnx", "inputs": EXPORT}
+    mixing = read_manifest(json.dumps(stated).encode(), "manifest")
+    with pytest.raises(LearningError, match="changes with the steps that are asked beside it"):
+        reader_of(mixing)(content, mixing)
 
 
 def test_what_takes_too_long_or_too_much_ends_its_own_process_alone(tmp_path: Path, monkeypatch: Any) -> None:
