@@ -38,7 +38,7 @@ def test_ids_states_codes_and_times_are_listed_and_taken_as_the_platform_wants_t
     assert lab.get(f"{here}/payments.csv?which=approve").text == f"{ids[walked.finished]}\n"
     assert lab.get(f"{here}/payments.csv?which=reject").text == f"{ids[walked.fresh]}\n"
     assert lab.get(f"{here}/payments.csv?which=bonus&bonus=1,5").text == f"{ids[walked.finished]},1.50\n"
-    for wrong in ("", "much", "-1", "nan", "1e9"):
+    for wrong in ("0.001", "", "much", "-1", "nan", "1e9"):
         assert lab.get(f"{here}/payments.csv?which=bonus&bonus={wrong}").status_code == 422
     rows = lab.get(f"{here}/payments.csv").text.splitlines()
     assert rows[0].startswith("platform_id,participant,state,completion_code")

@@ -145,7 +145,7 @@ def _lines(rows: Iterable[Sequence[str]], name: str) -> Response:
 def _amount(given: str) -> str:
     """Raises LabRefusal for what is no amount of money."""
     try:
-        amount = Decimal(given.strip().replace(",", "."))
+        amount = round(Decimal(given.strip().replace(",", ".")), 2)
     except InvalidOperation:
         amount = Decimal(0)
     if not (amount.is_finite() and 0 < amount <= LARGEST_BONUS):
