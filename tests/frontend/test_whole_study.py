@@ -244,11 +244,11 @@ def to_the_first_pair(page: Page, link: str) -> None:
     page.goto(f"{link.partition('/join/')[0]}/p/{joined['token']}")
 
 
-PAIRS = "      trials:\n"
+VIEWING = "viewing: {goal_and_trail: false}"
 
 
 def test_a_pair_can_be_watched_again_as_often_as_the_protocol_says(studies: Studies, page: Page) -> None:
-    to_the_first_pair(page, studies.link((PAIRS, "      viewing: {replays: 1}\n" + PAIRS)))
+    to_the_first_pair(page, studies.link((VIEWING, "viewing: {replays: 1}")))
     begin(page)
     for _ in range(2):
         watch(page, "A")
@@ -264,7 +264,7 @@ def test_a_pair_can_be_watched_again_as_often_as_the_protocol_says(studies: Stud
 
 
 def test_an_early_choice_is_possible_once_b_has_begun(studies: Studies, page: Page) -> None:
-    to_the_first_pair(page, studies.link((PAIRS, "      viewing: {early_choice: true}\n" + PAIRS)))
+    to_the_first_pair(page, studies.link((VIEWING, "viewing: {early_choice: true}")))
     begin(page)
     expect(page.locator("#live")).to_have_text("Watch drive A")
     page.keyboard.press("a")
@@ -279,7 +279,7 @@ def test_an_early_choice_is_possible_once_b_has_begun(studies: Studies, page: Pa
 
 
 def test_when_the_time_to_choose_is_over_the_study_goes_on(studies: Studies, page: Page) -> None:
-    to_the_first_pair(page, studies.link((PAIRS, "      viewing: {choice_limit_s: 3}\n" + PAIRS)))
+    to_the_first_pair(page, studies.link((VIEWING, "viewing: {choice_limit_s: 3}")))
     begin(page)
     watch(page, "A")
     watch(page, "B")
