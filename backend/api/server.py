@@ -23,6 +23,7 @@ from backend import freed_memory
 from backend.api.application import create_application, create_stage_application
 from backend.api.core.addresses import LOOPBACK_NAMES
 from backend.api.core.dependencies import Services
+from backend.api.core.heads import BoundedProtocol
 from backend.collecting import without_collecting
 from backend.jobs.process import start_worker
 from backend.settings import Settings, in_url
@@ -149,6 +150,7 @@ async def _serve(
         return _Server(
             uvicorn.Config(
                 application,
+                http=BoundedProtocol,
                 access_log=False,  # our own log holds no tokens and no query strings
                 log_level="warning",
                 ws="websockets-sansio",

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import socket
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import uvicorn
 from fastapi.testclient import TestClient
 from sqlalchemy import select
+from starlette.types import Receive, Scope, Send
 
 from backend.api.application import build_services, create_application
 from backend.api.core.dependencies import Services
-from backend.api.core.heads import LARGEST_HEAD
+from backend.api.core.heads import LARGEST_HEAD, LARGEST_UNFINISHED, BoundedProtocol
 from backend.api.core.lab_frame import LANGUAGE_COOKIE
 from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY
 from backend.settings import Settings
@@ -52,6 +56,41 @@ def test_a_head_that_is_too_large_is_read_by_nobody(client: TestClient) -> None:
         assert client.get("/health", headers=headers).status_code == 431
     assert client.get("/health?" + "x" * LARGEST_HEAD).status_code == 431
     assert client.get("/health?" + "x" * (LARGEST_HEAD // 2)).status_code == 200
+
+
+def _taken(browser: socket.socket, begins: bytes) -> int:
+    """How many pieces went before the connection was closed."""
+    for pieces in range(40):
+        try:
+            browser.sendall(b"y" * LARGEST_UNFINISHED if pieces else begins)
+        except OSError:
+            return pieces
+    return 40
+
+
+@pytest.mark.parametrize(
+    "begins",
+    [b"GET / HTTP/1.1\r\nx: ", b"GET /?", b"POST / HTTP/1.1\r\ntransfer-encoding: chunked\r\n\r\n1\r\nx\r\n0\r\nx: "],
+)
+def test_what_never_ends_is_not_kept_for_as_long_as_it_grows(begins: bytes) -> None:
+    """A head of 200 MB was, by one connection of anybody."""
+
+    async def waits(scope: Scope, receive: Receive, send: Send) -> None:
+        while (await receive()).get("more_body"):
+            pass
+
+    config = uvicorn.Config(waits, http=BoundedProtocol, port=0, log_level="critical", lifespan="off")
+    server = uvicorn.Server(config)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        while not server.started:
+            time.sleep(0.01)
+        with socket.create_connection(server.servers[0].sockets[0].getsockname()) as browser:
+            assert _taken(browser, begins) < 40, "whatever was sent was kept"
+    finally:
+        server.should_exit = True
+        thread.join()
 
 
 def test_quoted_cookies_of_others_cost_nothing_and_ours_are_read(client: TestClient, services: Services) -> None:

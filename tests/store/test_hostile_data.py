@@ -215,6 +215,7 @@ def refused(folder: Path, tmp_path: Path) -> str:
         (lambda a: a.update(study="A" * 32), "study.json: study"),
         (lambda a: a.update(name="x" * 300), "study.json: name"),
         (lambda a: a.update(seed=10**30), "study.json: seed"),
+        (lambda a: a["protocol"].update(name='x"; filename="evil.exe'), "study.json: protocol.name"),
         (lambda a: a.update(created_at="yesterday"), "study.json: created_at"),
         (lambda a: a.update(protocol_versions=[{"number": "../../x"}]), "study.json: protocol_versions.0"),
         (lambda a: a.pop("erased_participants"), "study.json: erased_participants"),

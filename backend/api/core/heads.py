@@ -1,15 +1,38 @@
 """How much the head of a request may bring, at both doors. What stands in single headers is its readers' to judge.
 
-Plain ASGI and the outermost of all: nothing else has looked at a header before.
+Plain ASGI and the outermost of all: nothing else has looked at a header before. What never becomes a request is the
+protocol's to stop.
 """
 
 from __future__ import annotations
 
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 LARGEST_HEAD = 32 * 1024  # bytes of address and headers, ours: what nginx takes; browsers send some hundred
+LARGEST_UNFINISHED = 2**20  # bytes in which no head and no part of a body came to its end; reads are up to 256 kB
 POLICY_VIOLATION = 1008
+
+
+class BoundedProtocol(HttpToolsProtocol):
+    """Uvicorn's, which keeps a head or trailer for as long as it grows: closes what grows without an end."""
+
+    _unfinished = 0
+
+    def data_received(self, data: bytes) -> None:
+        self._unfinished += len(data)
+        super().data_received(data)
+        if self._unfinished > LARGEST_UNFINISHED and not self.transport.is_closing():
+            self.send_400_response("The head of the request does not end.")
+
+    def on_headers_complete(self) -> None:
+        self._unfinished = 0
+        super().on_headers_complete()
+
+    def on_body(self, body: bytes) -> None:
+        self._unfinished = 0
+        super().on_body(body)
 
 
 class BoundedHeads:

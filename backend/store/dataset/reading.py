@@ -63,7 +63,7 @@ class AboutProtocol(_Stored):
     """A protocol that answers were collected with. written_sha256: of its copy here, which has no completion codes;
     formats before 5 had them and only tell sha256."""
 
-    name: Annotated[str, Field(max_length=80)] = ""
+    name: Annotated[str, Field(pattern="^[A-Za-z0-9_-]{0,80}$")] = ""  # of files that are downloaded
     version: Annotated[int, Field(ge=0, lt=2**31)]
     sha256: Sha
     written_sha256: Sha | None = None
