@@ -368,7 +368,7 @@ def test_a_whole_form_step_is_answered_and_the_next_one_gets_the_focus(running: 
     page = context.new_page()
     page.goto(f"{running.url}/join/{running.recruiting_token}")
     page.get_by_role("button", name="Weiter").click()
-    expect(page.locator("#progress-text")).to_have_text("noch etwa 15 Minuten")
+    expect(page.locator("#progress-text")).to_have_text("Noch etwa 15 Minuten")
     page.get_by_role("button", name="Weiter").click()
     expect(page.locator("h1")).to_be_focused()
     for point in page.get_by_role("checkbox").all():
