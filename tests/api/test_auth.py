@@ -282,6 +282,7 @@ def test_changing_requests_need_this_sign_ins_token_and_our_own_origin(lab, lab_
     own = csrf(lab)
     for headers in (
         {"Origin": "http://evil.example"},
+        {"Origin": "http://["},
         {"Sec-Fetch-Site": "same-site"},
         {"Sec-Fetch-Site": "cross-site"},
     ):

@@ -269,7 +269,7 @@ def refuse_foreign_origin(request: Request) -> None:
         foreign = site not in ("same-origin", "none")
     else:
         ours = (request.headers.get("Host"), urlsplit(public_url(request)).netloc)
-        foreign = origin is not None and urlsplit(origin).netloc not in ours
+        foreign = origin is not None and origin.partition("://")[2] not in ours  # urlsplit raises for `http://[`
     if foreign:
         raise LabRefusal(403, "foreign_origin")
 
