@@ -124,6 +124,21 @@ def test_every_recipe_is_named_and_no_help_sends_to_a_specification():
         assert not re.search(r"\bspec(ification)?\b|spec[_ /]?0\d", told), group
 
 
+def test_what_is_understood_of_a_wish_is_told_as_json():
+    told = RUN.invoke(app, ["words", "read", "Stay well away from me, and be careful", "--json"])
+    assert told.exit_code == 0, told.stderr
+    found = json.loads(told.stdout)
+    assert found.keys() == {"understood", "not_understood", "contradictions"}
+    (wish,) = found["understood"]
+    assert wish == {"objective": "farther", "direction": "+", "weight": 1.0, "words": "away"}
+    (asked,) = found["not_understood"]
+    assert asked.keys() == {"words", "offered"}
+    assert found["contradictions"] == []
+    near = json.loads(RUN.invoke(app, ["words", "read", "Nah, aber weit weg", "--language", "de", "--json"]).stdout)
+    assert near["understood"] == []
+    assert near["contradictions"] == [{"words": "Nah, aber weit weg", "offered": ["closer", "farther"]}]
+
+
 @pytest.mark.parametrize("chapter", ["enquery", "demonstrations", "depth", "adaptable", "interface", "pedestrians"])
 def test_the_help_of_a_chapter_names_every_budget_that_it_has(chapter: str, tmp_path: Path):
     refused = RUN.invoke(app, ["reproduce", chapter, "--out", str(tmp_path), "--budget", "none"]).stderr

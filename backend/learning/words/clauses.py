@@ -106,6 +106,9 @@ def _split(sentence: list[Token], language: Language) -> list[Clause]:
         ):
             new = Clause(link="," if comma else "", role=role)
             kept = token.any("provided", "limits")
+        elif _joins_nothing(token, clauses, comma):
+            now.tokens.append(token)
+            continue
         elif _joins_nouns(token, now, after) or (token.form == "aber" and not comma and now.tokens and not now.heads):
             continue
         elif link := next((sense for sense in ("but", "or", "and") if sense in token), None):
@@ -151,8 +154,18 @@ def _joins_nouns(token: Token, now: Clause, after: Sequence[Token]) -> bool:
     )
 
 
+def _joins_nothing(token: Token, clauses: Sequence[Clause], comma: bool) -> bool:
+    """ "slower still", "noch drei Umwege": "noch" is "nor" only after "weder"."""
+    now = clauses[-1]
+    if token.form == "noch":
+        return not any(one.form == "weder" for clause in clauses for one in clause.tokens)
+    return token.form == "still" and bool(now.heads) and not comma
+
+
 def _is_mere_word(token: Token, after: Sequence[Token]) -> bool:
-    """ "that close", "that would be nice": no clause begins."""
+    """ "that close", "that would be nice", "Warum bremst er denn?": no clause begins."""
+    if token.form == "denn":
+        return token.before not in (",", ".", "?")
     if token.form != "that":
         return False
     is_pronoun = ("would", "will", "really", "way", "much", "far")
@@ -162,7 +175,8 @@ def _is_mere_word(token: Token, after: Sequence[Token]) -> bool:
 def _begins_lesser(token: Token, clauses: list[Clause], after: Sequence[Token], sentence: Sequence[Token]) -> bool:
     """Whether a comparison's second part begins: than, over, "prefer this to", "not so much this as"."""
     now = clauses[-1]
-    if not any(_about(one.tokens) for one in clauses) or not _about(after):
+    preferred = any(one.has("rather") for one in clauses)  # whatever it is: "I'd rather it came than ..."
+    if not (any(_about(one.tokens) for one in clauses) or ("than" in token and preferred)) or not _about(after):
         return False
     if "than" in token:
         return True
@@ -186,6 +200,8 @@ def _splits(before: Sequence[Token], token: Token, after: Sequence[Token], langu
     ):
         return False
     if "not" not in token:
+        if not any(one.any(*HEADS) for one in before):  # "leave the furniture more space" is one wish
+            return False
         return not any(one.any("not", "needless", "avoid", "bad", "why", "too") for one in before)
     if token.form not in ("without", "ohne") and not _same_scale(before, after):
         return False
@@ -221,6 +237,7 @@ def governor_of(clauses: Sequence[Clause], number: int) -> Clause | None:
         if before is not None and leads and (content or before.has(*_ATTITUDES)):
             if (
                 clause.role == "if"
+                and not before.has("good", "bad", "needless")
                 and after is not None
                 and after.role == "main"
                 and not after.heads
@@ -232,7 +249,8 @@ def governor_of(clauses: Sequence[Clause], number: int) -> Clause | None:
         if after is not None and follows and after.has("good", "bad", "needless", "not"):
             return after
         return Clause() if content else None
-    if after is not None and after.link == "," and _only_says_how(after) and not clause.has(*_ATTITUDES, "too", "keep"):
+    own = (*_ATTITUDES, "too", "keep", "slight", "must", "canst", "rather", "please")
+    if after is not None and after.link == "," and _only_says_how(after) and not clause.has(*own):
         return after
     return None
 

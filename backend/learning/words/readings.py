@@ -34,6 +34,9 @@ _TURNING = ("not", "undo", "less", "bad", "needless", "avoid", "why", "enough")
 _NARROW = ("close", "closer", "nah", "naeher", "nahe", "eng", "enger", "dicht", "dichter", "knapp")  # of a gap: small
 _THEIRS = known_words("your its robots his her their deiner deine deinem deinen seiner seine ihrer ihre ihren ihrem")
 _OF_SPEED = ("more", "less", "big", "not", "bad", "too", "good", "needless", "why", "avoid", "rather")
+_ASKS_FOR = ("good", "rather", "may", "keep", "go", "please", "big", "more", "must", "canst")
+_SOONER = known_words("rather sooner better lieber eher besser")
+_SUBJUNCTIVE = known_words("kaeme kaemen kaemst wuerde wuerden wuerdest bliebe blieben fuehre fuehren hielte hielten")
 _CAN = known_words("can could cant cannot couldnt kann kannst koennen")
 _ADJECTIVES = known_words("close near fast far quick jerky sharp bumpy")
 _THEM = ("them", "those", "these", "that", "this", "davon", "denen")
@@ -103,6 +106,10 @@ def _denies(token: Token, clause: Clause) -> bool:
     return any(one is not token for one in clause.heads) or not clause.has("person", "thing")
 
 
+def _compares(tokens: Sequence[Token]) -> bool:
+    return any("than" in one or one.form.startswith(("than ", "als ")) for one in tokens)
+
+
 def _is_mistyped_too(tokens: Sequence[Token]) -> bool:
     """ "to close", "2 fast"."""
     return any(a.form in ("to", "2") and b.form in _ADJECTIVES for a, b in pairwise(tokens))
@@ -156,11 +163,13 @@ class ClauseReader:
                 sense is None
                 or (sense == "turn" and has("smooth", "jerky", "calm"))
                 or (sense == "pace" and has("fast", "slow"))
+                or (sense in ("fast", "slow") and at + 1 < len(self.tokens) and self.tokens[at + 1].any("turn", "arc"))
                 or (sense in ("short", "long") and has("gap", "clearance") and not has("way"))
                 or (sense == "near" and has("gap") and token.form in _NARROW)
             ):
                 continue
-            found.append((token, *_SCALES[sense]))
+            scale, end = _SCALES[sense]
+            found.append((token, scale, -end if sense == "pace" and has("calm", "smooth") else end))
         if has("calm") and has("ride", "turn") and not has("smooth", "jerky"):
             found.append((self.clause.all_of("calm")[0], "smooth", +1))
         if has("arc") and not any(scale == "distance" for _, scale, _ in found):
@@ -174,10 +183,16 @@ class ClauseReader:
         senses = [sense for sense in _SCALES if sense in token]
         if "avoid" in token and not _denies(token, self.clause):
             return "far"
+        after = self.tokens[at + 1 : at + 2]
+        if "smooth" in senses and "arc" in token and (token.words[0].capital or not after):
+            return None  # German "eine Runde", and "runde Kurven"
+        if "smooth" in senses and after and "pace" in after[0]:
+            return None  # "a gentler pace"
         if not senses or (senses == ["mind"] and not self.clause.has("thing", "any")):
             return None
         if "far" in senses and "way" in token:  # German "Weg" and "weg"
-            adjective = at > 0 and self.tokens[at - 1].any("short", "long")
+            takes = any(one.form.startswith(("nimm", "nehm")) for one in self.tokens)  # "nimmt uns die Arbeit weg"
+            adjective = takes or (at > 0 and self.tokens[at - 1].any("short", "long"))
             return None if adjective or token.words[0].capital else "far"
         if "long" in senses and token.form == "lang" and self.clause.has("thing"):
             return "near"  # German "an der Wand lang"
@@ -222,12 +237,25 @@ class ClauseReader:
             and not self.clause.has(*_OF_SPEED)
         ):
             sure = False  # "keep your speed" says neither more nor less
+        elif all("pace" in token for token in tokens) and self.clause.has("half", "smooth"):
+            sure = False
         if scale == "speed" and (self.beside or self.clause.has("beside", "pass")):
             return [self._reading("slower_near_person", end < 0, tokens, sure and not self._beside_things())]
         if end < 0 and self.clause.role == "main" and any(token.any("jerky", "turn") for token in tokens):
             sure = False  # nobody asks for that; more probably a denial was not found
+        if end < 0 and self.clause.role == "main" and not self.clause.better and any("late" in one for one in tokens):
+            sure = sure and self.clause.has("may")  # "it takes forever"
+        few = self.clause.role == "main" and not self.clause.has(*_ASKS_FOR) and not self.waived
+        if scale == "path" and end < 0 and few:
+            sure = False  # nor for detours in so few words
+        if scale == "speed" and end > 0 and self._because_of_me(tokens):
+            return [self._reading("slower_near_person", False, tokens, sure)]
         name = {"speed": "faster", "smooth": "smoother", "path": "shorter"}[scale]
         return [self._reading(name, end > 0, tokens, sure)]
+
+    def _because_of_me(self, tokens: Sequence[Token]) -> bool:
+        """ "don't brake for me" speaks of driving beside the person."""
+        return self.clause.has("forme") and self.turned and all("slow" in token for token in tokens)
 
     def _beside_things(self) -> bool:
         return self.clause.has("thing") and not self.clause.has("person", "beside")
@@ -259,7 +287,12 @@ class ClauseReader:
             certain = certain and (noun or clause.has("keep"))
         if self.waived:
             return end, certain
+        if clause.role == "main" and self._describes() and not clause.has("may", "please"):
+            # "it comes closer than I like", "it is never too fast"
+            certain = certain and not _compares(self.tokens) and not (self.denied and clause.has("too"))
         if self._too_much(heads) and not self.denied:
+            if any(one.form in _SOONER for one in self.tokens) and clause.better:  # "better too far than too near"
+                return end, certain and not clause.has("is")
             return -end, certain and not clause.has("may")
         if clause.has("so") and not self.denied and not clause.has("canst"):
             certain = certain and not self._describes()
@@ -277,7 +310,7 @@ class ClauseReader:
                 rest = rest[1:]
             if rest and (rest[0] in heads or rest[0].any(*_SCALES)):
                 return True
-            if token.form in ("zu sehr", "zu viel", "zuviel", "ubertrieben"):
+            if token.form in ("zu sehr", "zu viel", "zuviel", "uebertrieben"):
                 return True
         return self.language == "en" and bool(self.tokens) and self._ends_with_too_much()
 
@@ -288,7 +321,9 @@ class ClauseReader:
 
     def _describes(self) -> bool:
         """Whether it says how the robot is, rather than how it should be."""
-        return "robot" in self.tokens[0] and not self.clause.has("good", "must")
+        than = next((k for k, one in enumerate(self.tokens) if _compares([one])), len(self.tokens))
+        wished = any(one.any("good", "must") or one.form in _SUBJUNCTIVE for one in self.tokens[:than])
+        return "robot" in self.tokens[0] and not wished
 
     # ---- of whom, of what, on whose side -----------------------------------------------------------------------------
 
@@ -304,6 +339,8 @@ class ClauseReader:
         target = named[0] if named else None
         if any(one.form in _THEM for one in self.tokens[last:]):  # "the walls are new, keep off them"
             return [self._reading("farther", end > 0, heads, False, offered=TARGETS)]
+        if end < 0 and self.turned and any(token.form.endswith("around") for token in heads):
+            sure = False  # "without going around" may speak of the way
         if target is None and not things and not hit:
             return [self._from_person(end, heads, sure)]
         if things and self.turned:  # "don't worry about the furniture"

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, Literal
 
 from backend.learning.words.clauses import Clause, clauses_of, denied_with, governor_of, place_of
@@ -19,6 +20,8 @@ Weights = dict[str, float]
 FOREMOST_WEIGHT, FURTHER = 1.0, 0.6
 SLIGHTLY = 0.5  # what is asked for "a bit" weighs half
 MOST_OF_OWN = 0.6  # of the words; a page's own language has at least the doubt
+_PLACES = ("next to", "right next to", "directly next to", "beside", "right beside", "neben", "bei mir", "bei uns")
+_THERE = known_words("da dort there")
 _IT = known_words("it them her there those ihr ihm ihnen ihn sie dazu davon dort")
 _SMALL_WORDS = known_words(
     "filler robot mine is keep go good may so how and or but if that while because self please prefto big more"
@@ -118,7 +121,9 @@ class WordsReader:
             read += found
             if not found and _says_something(clause) and not _serves(clauses, number):
                 missed.append((clause.tokens[0].words[0].start, clause.tokens[-1].words[-1].end))
-        return _understood(_compared(clauses, read), missed, language)
+            if clause.has("correction"):  # "Not so near ... no, wait": what was said before may hold no more
+                read = [replace(one, sure=False, offered=one.offered or ends_of(one.objective)) for one in read]
+        return _understood(_asked_once(_compared(clauses, read), clauses), missed, language)
 
 
 def language_of_text(text: str, expected: Language) -> Language:
@@ -144,6 +149,7 @@ def _serves(clauses: Sequence[Clause], number: int) -> bool:
 def _read_clause(clauses: Sequence[Clause], number: int, language: Language) -> list[Reading]:
     clause = clauses[number]
     after = clauses[number + 1] if number + 1 < len(clauses) else None
+    before = clauses[number - 1] if number and clause.link != "." else None
     if (
         clause.role == "reason"
         or clause.has("choose")
@@ -153,6 +159,13 @@ def _read_clause(clauses: Sequence[Clause], number: int, language: Language) -> 
     if clause.role in ("lesser", "conceded"):
         return [replace(one, waived=True) for one in ClauseReader(clause, Stance(), language).readings() if one.sure]
     governor = governor_of(clauses, number)
+    if (
+        before is not None
+        and before.has("fast", "slow", "pace")
+        and _is_a_place(clause)
+        and not clause.has("go", "keep")
+    ):
+        return []  # "slower | when it is beside me"
     if governor is None and clause.role in ("if", "while") and not _wishes_beside(clause):
         return _unsaid(clauses, number, language)
     if not clause.heads and after is not None and governor_of(clauses, number + 1) is clause:
@@ -169,19 +182,33 @@ def _read_clause(clauses: Sequence[Clause], number: int, language: Language) -> 
     denied = denied_with(clauses, number) if governor is None else None
     if denied == "too":
         outer = stance_of(clauses[number - 1], language)
+    only = after is not None and all(one.any("only", "filler") for one in after.tokens)
+    reason = clauses[number + 2] if only and number + 2 < len(clauses) else after  # "just | because I'm there"
+    if reason is not None and reason.role == "reason" and reason.link != "." and not reason.heads and _is_of_me(reason):
+        clause = replace(clause, tokens=[*clause.tokens, replace(reason.tokens[0], senses=frozenset({"forme"}))])
     beside = place_of(clauses, number)
-    before = clauses[number - 1] if number and clause.link != "." else None
     limited = (after is not None and after.link != "." and (after.has("limits") or _only_then(clause, after))) or (
         before is not None and (before.has("limits") or (governor is None and _may_be_denied(before, clause)))
     )
-    doubted = denied == "perhaps" or _only_describes(clause) or clause.has("limits") or limited
+    exceptional = after is not None and clause.has("may", "good") and _is_place_of_speed(clause, after)
+    doubted = denied == "perhaps" or _only_describes(clause) or clause.has("limits") or limited or exceptional
+    if after is not None and after.link != "." and "than" in after.tokens[0] and "robot" in clause.tokens[0]:
+        doubted = doubted or not clause.has("must", "good")  # "Er kommt näher, als mir lieb ist"
+    doubted = doubted or (after is not None and _may_be_meant_otherwise(clause, after))
+    doubted = doubted or (clause.asked and "how" in clause.tokens[0])  # "Who wants it fast?"
     found = ClauseReader(clause, outer, language, beside, doubted).readings()
     if not found and number and clause.link in ("and", "or", ",") and clause.has("person", "thing"):
         found = _same_of_another(clauses, number, language)
-    if before is not None and _is_place_of_speed(before, clause):
+    if before is not None and _is_what_is_not_meant(clauses, number):
+        found = [replace(one, waived=True) for one in found]
+    elif before is not None and _is_place_of_speed(before, clause):
         found = [replace(one, sure=False, offered=("slower_near_person", one.objective)) for one in found]
     elif _is_of_something_before(clauses, number):
-        found = [replace(one, sure=False, offered=TARGETS) if one.objective in TARGETS else one for one in found]
+        found = [
+            replace(one, sure=False, offered=TARGETS) if one.objective in (*TARGETS, "closer") else one for one in found
+        ]
+    elif (before is not None or after is not None) and _is_only_a_place(clause):
+        found = [replace(one, sure=False, offered=ends_of(one.objective)) for one in found]
     permitted = clause.has("may") and not clause.has("not", "must", "bad") and governor is None
     condition = after is not None and bool(after.heads) and (after.role == "if" or after.has("provided"))
     if permitted and condition and after is not None and not after.has("limits"):
@@ -189,6 +216,16 @@ def _read_clause(clauses: Sequence[Clause], number: int, language: Language) -> 
         if any(one.objective != other.objective for one in more for other in found):
             return [replace(one, waived=True) for one in found] + (more if after.role == "if" else [])
     return found
+
+
+def _may_be_meant_otherwise(clause: Clause, after: Clause) -> bool:
+    """ "Closer? Never!", "Any slower and I'd fall asleep", "The closer it gets, the more nervous I am"."""
+    if clause.asked and after.link == "." and "not" in after.tokens[0] and not after.heads:
+        return True
+    first = clause.tokens[0].form
+    if first in ("any", "noch") and after.link in ("and", "or"):
+        return after.tokens[0].any("mine", "self", "person") and not after.heads
+    return first in ("the", "je") and after.link == "," and after.has("bad") and not after.heads
 
 
 def _unsaid(clauses: Sequence[Clause], number: int, language: Language) -> list[Reading]:
@@ -201,17 +238,48 @@ def _unsaid(clauses: Sequence[Clause], number: int, language: Language) -> list[
 
 def _is_place_of_speed(before: Clause, clause: Clause) -> bool:
     """ "you may be fast | but not near me" says where not to be fast, rather than not to be near."""
-    bare = clause.has("not") and clause.has("near", "beside", "pass") and not clause.has("go", "keep", "fast", "slow")
+    bare = clause.has("not") and clause.has("near", "beside", "pass")
+    bare = bare and not clause.has("go", "keep", "fast", "slow", "so", "too")
     return bare and before.has("fast", "slow", "pace") and clause.link in ("but", "and", ",")
 
 
 def _is_of_something_before(clauses: Sequence[Clause], number: int) -> bool:
     """ "the vase is old, | give it plenty of room"."""
     clause = clauses[number]
-    stands_for = any(one.form in _IT for one in clause.tokens[1:])
-    return (
-        stands_for and not clause.has("person", "thing", "beside") and any(one.has("thing") for one in clauses[:number])
-    )
+    stands_for = any(one.form.split()[-1] in _IT for one in clause.tokens[1:]) or clause.tokens[0].form in _THERE
+    if clause.has("person", "thing", "beside"):
+        return False
+    if stands_for and any(one.has("thing", "mind") for one in clauses[:number]):
+        return True
+    before = clauses[number - 1] if number and clause.link != "." else None  # "not so far from the sofa, go nearer"
+    return before is not None and clause.has("near") and before.has("thing") and not before.has("person", "beside")
+
+
+def _is_only_a_place(clause: Clause) -> bool:
+    """ "next to my chair" beside another clause says where, and not what is wished."""
+    heads = clause.heads
+    wishes = ("go", "keep", "good", "please", "not", "bad", "more", "less", "too", "rather", "must", "may", "canst")
+    return bool(heads) and all(one.form in _PLACES for one in heads) and not clause.has(*wishes)
+
+
+def _is_of_me(clause: Clause) -> bool:
+    """ "because I'm standing there", "because of me"."""
+    return clause.has("person", "self", "mine") and len(clause.tokens) <= 6
+
+
+def _is_what_is_not_meant(clauses: Sequence[Clause], number: int) -> bool:
+    """ "Distance, | not speed, | is what counts"."""
+    clause = clauses[number]
+    nouns = bool(clause.heads) and all(one.any("gap", "pace", "clearance") for one in clause.heads)
+    only = all(one.any("not", "gap", "pace", "clearance", "filler", "mine") for one in clause.tokens)
+    earlier = [one for before in clauses[:number] for one in before.heads]
+    other = bool(earlier) and all(one.senses != earlier[-1].senses for one in clause.heads)
+    return nouns and only and other and clause.tokens[0].form in ("not", "nicht") and clause.link == ","
+
+
+def _is_a_place(clause: Clause) -> bool:
+    near = any(one.form in _PLACES for one in clause.heads)
+    return clause.role in ("if", "while") and near and not clause.has("not", "good", "bad", "must", "far", "gap")
 
 
 def _only_then(clause: Clause, after: Clause) -> bool:
@@ -262,29 +330,22 @@ def _is_about_me(clause: Clause) -> bool:
 
 def _only_describes(clause: Clause) -> bool:
     """ "it is slow" says neither that it should be nor that it should not."""
-    says_more = (
-        "too",
-        "good",
-        "must",
-        "bad",
-        "not",
-        "needless",
-        "rather",
-        "canst",
-        "why",
-        "more",
-        "less",
-        "enough",
-        "may",
-    )
-    return clause.role == "main" and clause.has("is") and not clause.better and not clause.has(*says_more, "suggest")
+    hedge = next((k for k, one in enumerate(clause.tokens) if one.form in ("rather", "eher")), 0)
+    if any("is" in one for one in clause.tokens[:hedge]):  # "it was rather fast"
+        return clause.role == "main" and not clause.better
+    more = known_words("too good must bad not needless rather canst why more less enough may suggest please swap")
+    says_more = clause.has(*more)
+    says = clause.tokens[1:2]
+    does = "robot" in clause.tokens[0] and bool(says) and says[0].any("fast", "slow", "jerky", "hit")  # "it rushes by"
+    described = does or (clause.has("is") and (not clause.better or "robot" in clause.tokens[0]))
+    return clause.role == "main" and described and not says_more
 
 
 def _compared(clauses: Sequence[Clause], read: list[Reading]) -> list[Reading]:
     """ "Better late than too close": where what is given up is itself something that nobody wishes, its contrary is
     wished, and what comes first only put up with."""
     lesser = [one for one in clauses if one.role == "lesser"]
-    if not lesser:
+    if not lesser or not any(one.has("rather") for one in clauses):
         return read
     later = {id(token): clause for clause in lesser for token in clause.tokens}
     found = list(read)
@@ -302,6 +363,23 @@ def _compared(clauses: Sequence[Clause], read: list[Reading]) -> list[Reading]:
         else:
             continue
         found[first[-1]] = replace(read[first[-1]], waived=True)
+    return found
+
+
+def _asked_once(read: list[Reading], clauses: Sequence[Clause]) -> list[Reading]:
+    """Readings with speed in general left unsure where the sentence had spoken of speed beside the person just before,
+    and does not say that it now means something else: "slow near me, but don't go slower"."""
+    found = list(read)
+    for k, (one, other) in enumerate(pairwise(read), 1):
+        if one.objective != "slower_near_person" or other.objective != "faster" or one.waived or other.waived:
+            continue
+        clause = next((some for some in clauses if any(token in some.tokens for token in other.tokens)), None)
+        if clause is None:
+            continue
+        denied = clause.has("not", "bad", "avoid", "needless") and all(not token.any("fast") for token in other.tokens)
+        same = clause.link == "," and one.wanted != other.wanted  # "quick near me, I don't like it lingering"
+        if not clause.has("general") and ((denied and clause.link != ".") or same):
+            found[k] = replace(other, sure=False, offered=("slower_near_person", "faster"))
     return found
 
 
