@@ -37,7 +37,7 @@ def shortened(pairs: int, into: Path) -> Path:
     shutil.copytree(ROOT / Path(QUICK_STUDY).parent, into)
     file = into / Path(QUICK_STUDY).name
     written = file.read_text(encoding="utf-8")
-    for here, there in (("count: 15, choose", f"count: {pairs}, choose"), ("scenes: 3", "scenes: 1")):
+    for here, there in (("count: 15, choose", f"count: {pairs}, choose"), ("scenes: 3, blind", "scenes: 1, blind")):
         if written.count(here) != 1:
             raise ComposeError(f"{QUICK_STUDY}: has {here!r} {written.count(here)} times, not once")
         written = written.replace(here, there)
