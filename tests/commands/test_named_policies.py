@@ -17,7 +17,7 @@ from backend.store.shipped_policies import policy_artefact, register_shipped
 
 def test_a_stored_conditioned_policy_is_named_by_id_and_wants(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(study, "get_settings", lambda: Settings(data=tmp_path, _env_file=None))
-    database, files = study.open_store()
+    database, files = study.open_store(makes=True)
     with database.transaction() as s:
         register_shipped(s, files)
         conditioned, base = (policy_artefact(s, f"study_room/{name}").id for name in ("conditioned", "base"))

@@ -25,6 +25,7 @@ RUN = CliRunner()
 def own_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setenv("DESIREPATH_DATA", str(tmp_path / "data"))
     get_settings.cache_clear()
+    open_store(makes=True)[0].close()
     yield
     get_settings.cache_clear()
 
