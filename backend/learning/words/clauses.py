@@ -278,7 +278,7 @@ def place_of(clauses: Sequence[Clause], number: int) -> bool:
 
 
 def _is_beside(clause: Clause) -> bool:
-    near = clause.has("near", "pass", "beside", "person")
+    near = clause.has("near", "pass", "beside") or (clause.has("person") and not clause.has("unknown", "late"))
     return clause.role in ("if", "while") and near and not clause.has("far", "gap", "not", "thing")
 
 

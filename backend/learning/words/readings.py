@@ -40,6 +40,10 @@ _SUBJUNCTIVE = known_words("kaeme kaemen kaemst wuerde wuerden wuerdest bliebe b
 _CAN = known_words("can could cant cannot couldnt kann kannst koennen")
 _ADJECTIVES = known_words("close near fast far quick jerky sharp bumpy")
 _THEM = ("them", "those", "these", "that", "this", "davon", "denen")
+_AFTER_RIGHT = known_words(
+    "along past by up next through at into away behind beside there here in now between across over off ahead after to"
+)
+"""Words before which "right" is no side."""
 _MINE = frozenset(["my", "our", "meiner", "meine", "meinen", "unserer"])
 
 
@@ -184,6 +188,8 @@ class ClauseReader:
         if "avoid" in token and not _denies(token, self.clause):
             return "far"
         after = self.tokens[at + 1 : at + 2]
+        if token.form == "right" and after and not after[0].before and after[0].words[0].form in _AFTER_RIGHT:
+            return None  # "right along the wall"
         if "smooth" in senses and "arc" in token and (token.words[0].capital or not after):
             return None  # German "eine Runde", and "runde Kurven"
         if "smooth" in senses and after and "pace" in after[0]:

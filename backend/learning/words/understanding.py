@@ -12,6 +12,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Literal
 
+from backend.learning.words.caution import PLACES, doubted
 from backend.learning.words.clauses import Clause, clauses_of, denied_with, governor_of, place_of
 from backend.learning.words.lexicon import LANGUAGES, LONGEST, Language, known_words, lexicon
 from backend.learning.words.readings import OPPOSITE, SIDES, TARGETS, ClauseReader, Reading, Stance, ends_of, stance_of
@@ -20,7 +21,6 @@ Weights = dict[str, float]
 FOREMOST_WEIGHT, FURTHER = 1.0, 0.6
 SLIGHTLY = 0.5  # what is asked for "a bit" weighs half
 MOST_OF_OWN = 0.6  # of the words; a page's own language has at least the doubt
-_PLACES = ("next to", "right next to", "directly next to", "beside", "right beside", "neben", "bei mir", "bei uns")
 _THERE = known_words("da dort there")
 _IT = known_words("it them her there those ihr ihm ihnen ihn sie dazu davon dort")
 _SMALL_WORDS = known_words(
@@ -123,7 +123,7 @@ class WordsReader:
                 missed.append((clause.tokens[0].words[0].start, clause.tokens[-1].words[-1].end))
             if clause.has("correction"):  # "Not so near ... no, wait": what was said before may hold no more
                 read = [replace(one, sure=False, offered=one.offered or ends_of(one.objective)) for one in read]
-        return _understood(_asked_once(_compared(clauses, read), clauses), missed, language)
+        return _understood(doubted(clauses, _asked_once(_compared(clauses, read), clauses)), missed, language)
 
 
 def language_of_text(text: str, expected: Language) -> Language:
@@ -259,7 +259,7 @@ def _is_only_a_place(clause: Clause) -> bool:
     """ "next to my chair" beside another clause says where, and not what is wished."""
     heads = clause.heads
     wishes = ("go", "keep", "good", "please", "not", "bad", "more", "less", "too", "rather", "must", "may", "canst")
-    return bool(heads) and all(one.form in _PLACES for one in heads) and not clause.has(*wishes)
+    return bool(heads) and all(one.form in PLACES for one in heads) and not clause.has(*wishes)
 
 
 def _is_of_me(clause: Clause) -> bool:
@@ -278,7 +278,7 @@ def _is_what_is_not_meant(clauses: Sequence[Clause], number: int) -> bool:
 
 
 def _is_a_place(clause: Clause) -> bool:
-    near = any(one.form in _PLACES for one in clause.heads)
+    near = any(one.form in PLACES for one in clause.heads)
     return clause.role in ("if", "while") and near and not clause.has("not", "good", "bad", "must", "far", "gap")
 
 

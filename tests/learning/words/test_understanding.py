@@ -233,12 +233,15 @@ def test_on_the_development_sentences_no_direction_is_wrong(language):
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("written", ["fresh", "caution"])
+@pytest.mark.parametrize("written", ["fresh", "fresh_b", "caution"])
 def test_of_others_sentences_and_of_treacherous_ones_none_is_read_in_the_wrong_direction(written, language):
-    """fresh: by writers who knew neither the code nor the data; caution: comparisons, thresholds, descriptions."""
+    """fresh, fresh_b: by writers who knew neither code nor data; caution: comparisons, thresholds, descriptions,
+    questions that are none, what was all right."""
     found = measure(read_cases(Path(__file__).with_name(f"{written}_{language}.csv")), language)
     assert [case.sentence for case in found["wrong_direction"] + found["wrong_otherwise"]] == []
-    assert len(found["right"]) >= {"fresh": 0.6, "caution": 0.45}[written] * sum(map(len, found.values()))
+    assert len(found["right"]) >= {"fresh": 0.6, "fresh_b": 0.58, "caution": 0.45}[written] * sum(
+        map(len, found.values())
+    )
 
 
 @pytest.mark.parametrize(
@@ -277,3 +280,39 @@ def test_comparisons_and_their_parts(sentence, language, weights):
 def test_not_to_slow_down_because_of_somebody_is_meant_beside_them():
     for sentence in ("Don't brake because of me", "It shouldn't go slower just because I'm standing there"):
         assert [(mark.objective, mark.wanted) for mark in said(sentence).marks] == [("slower_near_person", False)]
+
+
+@pytest.mark.parametrize(
+    ("sentence", "language"),
+    [
+        ("Wouldn't a detour be nicer?", "en"),
+        ("A fast robot at my side makes me wobble.", "en"),
+        ("Zoom past me, I love the wind", "en"),
+        ("Take the detour and go direct.", "en"),
+        ("Why does it always slow down?", "en"),
+        ("Wäre ein Umweg nicht schöner?", "de"),
+        ("Ein schneller Roboter neben mir macht mich nervös.", "de"),
+        ("Volles Tempo, auch an mir vorbei.", "de"),
+    ],
+)
+def test_what_the_whole_sentence_makes_doubtful_is_never_read_as_speed_or_a_way_of_its_own(sentence, language):
+    got = said(sentence, language)
+    assert got.questions or got.weights == {}
+    assert not {"faster", "shorter"} & got.weights.keys()
+
+
+@pytest.mark.parametrize(
+    ("sentence", "language"),
+    [("The speed was fine, the distance was fine.", "en"), ("Abstand und Tempo waren genau richtig.", "de")],
+)
+def test_what_was_all_right_is_no_wish(sentence, language):
+    got = said(sentence, language)
+    assert (got.marks, got.questions) == ((), ())
+
+
+def test_right_as_an_adverb_is_no_side():
+    assert {mark.objective for mark in said("Stay off the sofa and drive right up to me").marks} <= {
+        "clearance",
+        "closer",
+    }
+    assert said("Keep me on your right").weights == {"person_on_right": 1.0}
