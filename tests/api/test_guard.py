@@ -96,10 +96,13 @@ def test_what_never_ends_is_not_kept_for_as_long_as_it_grows(begins: bytes) -> N
 def test_quoted_cookies_of_others_cost_nothing_and_ours_are_read(client: TestClient, services: Services) -> None:
     """Python's reader of cookies takes a second for 16 kB of them, in the loop that serves everybody."""
     theirs = 'theirs="' + '\\"' * (LARGEST_HEAD // 2 - 500) + '"'
-    began = time.process_time()
-    page = client.get("/lab/sign-in", headers={"cookie": f"{theirs}; {LANGUAGE_COOKIE}=de"})
-    assert time.process_time() - began < 1
-    assert 'lang="de"' in page.text
+    took = []
+    for _ in range(3):  # of which other threads of this process may have slowed down some
+        began = time.process_time()
+        page = client.get("/lab/sign-in", headers={"cookie": f"{theirs}; {LANGUAGE_COOKIE}=de"})
+        took.append(time.process_time() - began)
+        assert 'lang="de"' in page.text
+    assert min(took) < 1
 
 
 @pytest.mark.parametrize("charset", ["idna", "punycode", "undefined", "utf-7", "a\0b", "unheard-of", '"IDNA"'])
