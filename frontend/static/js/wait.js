@@ -2,6 +2,7 @@
 /** The waiting step: who is before, about how long still, and a bar of the whole wait, which never runs backwards. */
 
 const MINUTE_S = 60;
+const MINUTES_FROM_S = 100; // below, a minute more or less would be a jump
 
 /**
  * @param {HTMLElement} step
@@ -16,9 +17,9 @@ export function readyWait(step, say) {
   let furthest = 0;
   /** @param {string} what @param {number} seconds */
   const inTime = (what, seconds) =>
-    seconds < MINUTE_S
+    seconds < MINUTES_FROM_S
       ? say(`wait.${what}_seconds`, { count: seconds })
-      : say(`wait.${what}_minutes`, { count: Math.ceil(seconds / MINUTE_S) });
+      : say(`wait.${what}_minutes`, { count: Math.round(seconds / MINUTE_S) });
   return ({ progress, before = 0, running = false, seconds, at_most, done = false }) => {
     if (typeof progress !== "number") return;
     furthest = Math.max(furthest, Math.min(1, progress));
