@@ -68,7 +68,7 @@ def benchmark_walking(
                 "standing": float(standing.mean()),
                 "walking": float(walking.mean()),
                 "difference": differs.mean,
-                "interval": [differs.low, differs.high],
+                "interval": None if math.isnan(differs.low) else [differs.low, differs.high],
             }
     return {
         "pairs": len(pairs),

@@ -25,7 +25,8 @@ def test_pairs_of_trainings_differ_only_in_who_walks_and_are_trained_once(
         for measure in MEASURES:
             one = found[f"{where}_{measure}"]
             assert one["difference"] == pytest.approx(one["walking"] - one["standing"])
-            assert one["interval"][0] <= one["difference"] <= one["interval"][1]
+            if one["interval"] is not None:  # pairs that all differ by the same have none
+                assert one["interval"][0] <= one["difference"] <= one["interval"][1]
     written = {path: path.stat().st_mtime_ns for path in tmp_path.glob("trained-*.npz")}
     assert len(written) == 4
     assert benchmark_walking(tmp_path, seeds=(0, 1), updates=16) == found
