@@ -51,7 +51,7 @@ def test_experimenter_makes_a_study_corrects_a_mistake_and_gets_the_link(chromiu
     page.get_by_role("button", name="Check it").first.click()
     yaml = page.get_by_label("Edit the protocol")
     right = yaml.input_value()
-    yaml.fill(right.replace("top_down", "from_above"))
+    yaml.fill(right.replace("top_down", "from_above", 1))
     page.get_by_role("button", name="Save and check again").click()
     expect(page.get_by_role("alert")).to_contain_text("Fix 1 error first")
     expect(page.locator(".problems")).to_contain_text("stages[4].block.view")

@@ -67,7 +67,7 @@ class Recorder:
     def __init__(self) -> None:
         self.asked: list[str] = []
 
-    def show(self, scene, view, *, trajectories=(), explained=None, halted=False):
+    def show(self, scene, view, *, trajectories=(), explained=None, halted=False, goal=False):
         assert explained is None
         assert not halted
         self.asked.append(f"show {view} {scene.setup} {len(trajectories)}")
