@@ -91,7 +91,7 @@ def test_a_mistake_in_a_protocol_on_the_command_line(tmp_path: Path, right: str,
     for part in ("texts", "questionnaires"):
         (folder / part).symlink_to(QUICK.parent / part)
     file = folder / "mine.yaml"
-    file.write_text(QUICK.read_text().replace(right, wrong))
+    file.write_text(QUICK.read_text().replace(right, wrong, 1))
     for command in (("study", "create"), ("study", "validate")):
         refused = run_command(*command, str(file), data=tmp_path / "data")
         assert refused.returncode == 1
