@@ -111,8 +111,8 @@ def main() -> None:
         resource.setrlimit(limit, (most, most))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))  # it writes no file
     given, answers = sys.stdin.buffer, sys.stdout.buffer
-    from backend.learning.people.reward_file import reader_of
     from backend.learning.people.reward_manifest import RewardManifest
+    from backend.learning.people.reward_networks import reader_of
 
     try:
         manifest = RewardManifest.model_validate_json(_read(given))

@@ -21,9 +21,10 @@ from torch import nn
 from backend.learning.errors import LearningError
 from backend.learning.people import limited_reward
 from backend.learning.people.onnx_bounds import checked
-from backend.learning.people.reward_file import read_reward, reader_of, reward_of_store
+from backend.learning.people.reward_file import read_reward, reward_of_store
 from backend.learning.people.reward_inputs import quantities
 from backend.learning.people.reward_manifest import MANIFEST_BYTES, kept_together, read_manifest
+from backend.learning.people.reward_networks import reader_of
 from backend.learning.preferences.oracles import make_oracle
 from backend.learning.queries.queries import QuerySet
 from backend.learning.rewards.linear import fit_linear
