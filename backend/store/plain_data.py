@@ -27,13 +27,19 @@ class Unstorable(ValueError):
     """JSON that could not be read again as plain data; the message says why. Nothing of its change was stored."""
 
 
+def without_texts(written: bytes) -> bytes:
+    """JSON in UTF-8 without what stands within quotation marks. Linear in its bytes, whatever they are, and parses
+    nothing; of what is no JSON, only what comes before the first mistake is right."""
+    parts = written.replace(b"\\\\", b"").replace(b'\\"', b"").split(b'"')  # every other one stands within quotes
+    return b"".join(parts[::2])
+
+
 def is_deeper(written: bytes, limit: int) -> bool:
-    """Whether JSON in UTF-8 has more than `limit` arrays and objects inside each other. Linear in its bytes, whatever
-    they are, and parses nothing; of what is no JSON, only what comes before the first mistake counts."""
+    """Whether JSON in UTF-8 has more than `limit` arrays and objects inside each other: as `without_texts` does it, and
+    of its answer as well."""
     if written.count(b"[") + written.count(b"{") <= limit:
         return False
-    parts = written.replace(b"\\\\", b"").replace(b'\\"', b"").split(b'"')  # every other one stands within quotes
-    signs = np.frombuffer(b"".join(parts[::2]).translate(_OPENS_AND_CLOSES, _NO_BRACKETS), np.int8)
+    signs = np.frombuffer(without_texts(written).translate(_OPENS_AND_CLOSES, _NO_BRACKETS), np.int8)
     return int(signs.cumsum(dtype=np.int32).max(initial=0)) > limit
 
 

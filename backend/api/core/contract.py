@@ -19,6 +19,8 @@ from starlette.responses import Response
 from backend.grammar.error_words import wanted_in_json
 
 DEEPEST = 16  # arrays and objects inside each other (ours); answers need three, flow charts and bots' scenes eight
+MOST_CONTAINERS = 4_200  # arrays and objects of a body (ours); the longest stroke or walk has 4 000 points
+MOST_VALUES = 21_000  # of a body, containers too (ours); the longest stroke or walk has five a point
 LARGEST_EXACT = 2**53  # beyond, no browser and no spreadsheet keeps an integer
 LARGEST_OBJECT = 256 * 1024  # bytes of JSON in an open object; a body has no more anyway
 MOST_KEYS = 1_000  # of an open object, all levels together (ours); the longest questionnaire has some hundred items

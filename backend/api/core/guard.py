@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 from urllib.parse import unquote
 
@@ -22,15 +22,16 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from backend.api.core import auditing, auth
 from backend.api.core.addresses import STRICT_TRANSPORT, insists_on_tls, policy_source
-from backend.api.core.contract import DEEPEST, Refusal, Trouble, is_json
+from backend.api.core.contract import DEEPEST, MOST_CONTAINERS, MOST_VALUES, Refusal, Trouble, is_json
 from backend.api.core.dependencies import page, route_of, services_of, stage_origin
 from backend.api.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, declared_too_large
-from backend.store.plain_data import is_deeper
+from backend.store.plain_data import is_deeper, without_texts
 
 READING = ("GET", "HEAD", "OPTIONS")
 BEHIND_SIGN_IN = ("/lab/", "/api/lab/")
 SIGN_IN = "/lab/sign-in"
 NUL = re.compile("\x00")
+MOST_SEPARATORS = 1_000  # of a form's fields; Starlette takes as many fields, but any number of empty ones
 
 log = structlog.get_logger("desirepath.web")
 
@@ -62,8 +63,8 @@ class Guard:
         try:
             refusal = await _refusal(request, limit)
             bounded = _counted(receive, limit)
-            if refusal is None and is_json(request.headers.get("content-type")):
-                bounded, refusal = await _shallow(request, bounded)
+            if refusal is None and (wrong_with := _bounds_of(request.headers.get("content-type"))):
+                bounded, refusal = await _read_whole(request, bounded, wrong_with)
             await (refusal or self._app)(scope, bounded, sending)
         except Exception:
             log.exception("request failed", method=request.method, route=route_of(request))
@@ -119,8 +120,36 @@ def _counted(receive: Receive, limit: int) -> Receive:
     return counted
 
 
-async def _shallow(request: Request, receive: Receive) -> tuple[Receive, Response | None]:
-    """A JSON body read whole before anything parses it, to be received again; or why it is refused."""
+def _bounds_of(content_type: str | None) -> Callable[[bytes], str | None] | None:
+    """What tells why a body of that type is not parsed, None where any may be. Parsing holds up all who are served."""
+    if is_json(content_type):
+        return _wrong_with_json
+    kind, _ = parse_options_header(content_type)
+    return _wrong_with_form if kind == b"application/x-www-form-urlencoded" else None
+
+
+def _wrong_with_json(body: bytes) -> str | None:
+    if not json.detect_encoding(body).startswith("utf-8"):  # json.loads would read it, is_deeper does not
+        return "must be JSON in UTF-8"
+    bare = without_texts(body)
+    if is_deeper(bare, DEEPEST):
+        return f"has more than {DEEPEST} arrays and objects inside each other"
+    containers = bare.count(b"[") + bare.count(b"{")
+    if containers > MOST_CONTAINERS:
+        return f"has more than {MOST_CONTAINERS} arrays and objects"
+    if containers + bare.count(b",") > MOST_VALUES:
+        return f"has more than {MOST_VALUES} values"
+    return None
+
+
+def _wrong_with_form(body: bytes) -> str | None:
+    return f"has more than {MOST_SEPARATORS} fields" if body.count(b"&") > MOST_SEPARATORS else None
+
+
+async def _read_whole(
+    request: Request, receive: Receive, wrong_with: Callable[[bytes], str | None]
+) -> tuple[Receive, Response | None]:
+    """A body read whole before anything parses it, to be received again; or why it is refused."""
     parts, more = [], True
     try:
         while more:
@@ -132,11 +161,8 @@ async def _shallow(request: Request, receive: Receive) -> tuple[Receive, Respons
     except TooLarge as problem:
         return receive, trouble(request, 413, "too_large", problem.detail)
     body = b"".join(parts)
-    if not json.detect_encoding(body).startswith("utf-8"):  # json.loads would read it, is_deeper does not
-        return receive, trouble(request, 422, "bad_value", "must be JSON in UTF-8", field="body")
-    if is_deeper(body, DEEPEST):
-        problem_text = f"has more than {DEEPEST} arrays and objects inside each other"
-        return receive, trouble(request, 422, "bad_value", problem_text, field="body")
+    if (wrong := wrong_with(body)) is not None:
+        return receive, trouble(request, 422, "bad_value", wrong, field="body")
     whole: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def again() -> Message:

@@ -5,7 +5,16 @@ from __future__ import annotations
 import json
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    AliasChoices,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    FailFast,
+    Field,
+    model_validator,
+)
 
 from backend.api.core.contract import Clock, MaybeObject, OpenObject, Sent, storable
 from backend.api.participant.steps import RequestId
@@ -22,8 +31,13 @@ LONGEST_ID = 200  # characters of what may be a recruiting platform's id, or a p
 Side = Literal["a", "b"]
 Cut = Literal["hidden", "webgl_lost", "connection"]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
-Point = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Pose = Annotated[list[Number], Field(min_length=3, max_length=3)]
+# The first mistake is all that is told, and thousands cost tens of milliseconds in the loop that serves everybody.
+Point = Annotated[list[Number], Field(min_length=2, max_length=2), FailFast()]
+Pose = Annotated[list[Number], Field(min_length=3, max_length=3), FailFast()]
+Points = Annotated[list[Point], Field(max_length=MOST_POINTS), FailFast()]
+Poses = Annotated[list[Pose], Field(max_length=MOST_POSES), FailFast()]
+NumberPerPoint = Annotated[list[Number], Field(max_length=MOST_POINTS), FailFast()]
+NumberPerPose = Annotated[list[Number], Field(max_length=MOST_POSES), FailFast()]
 
 
 def _small(data: dict[str, Any]) -> dict[str, Any]:
@@ -75,19 +89,21 @@ class StrokeSent(Sent):
     """A drawn path: points (n, 2) m, speeds (n,) m/s wanted there, times_s (n,) of the hand."""
 
     request_id: RequestId
-    points: list[Point] = Field(max_length=MOST_POINTS)
-    speeds: list[Number] = Field(max_length=MOST_POINTS)
-    times_s: list[Number] = Field(max_length=MOST_POINTS)
+    points: Points
+    speeds: NumberPerPoint
+    times_s: NumberPerPoint
     pointer: str = Field("mouse", max_length=40, description="mouse, touch, pen or keys, or several with +")
     walk: int | None = Field(None, ge=0, le=99, description="which of the walks that were offered")
     client_time: Clock = None
 
 
-class WalkSent(Sent):
-    """What a participant walked: times_s (n,), poses (n, 3) x, y, yaw in m and radians."""
+class WalkSent(BaseModel):
+    """What a participant walked: times_s (n,), poses (n, 3) x, y, yaw in m and radians. Cleaned as part of its body."""
 
-    times_s: list[Number] = Field(max_length=MOST_POSES)
-    poses: list[Pose] = Field(max_length=MOST_POSES)
+    model_config = ConfigDict(frozen=True)
+
+    times_s: NumberPerPose
+    poses: Poses
 
 
 class RolloutSeen(Sent):
