@@ -19,7 +19,7 @@ lint: setup node_modules/.ready
 	$(BIN)/ruff format --check app backend tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
-	$(BIN)/python -m backend.api.core.published
+	$(BIN)/python -m desirepath.web.core.published
 	node_modules/.bin/tsc -p .
 	node_modules/.bin/tsc -p tsconfig.stage.json
 

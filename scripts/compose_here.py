@@ -16,10 +16,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from backend.experiments.composed import DIFFERENT, composed
-from backend.experiments.composed_walk import PAIRS, walk_study
-from backend.experiments.image_here import build_here
-from backend.experiments.upgrading import rehearse_upgrade
+from desirepath_experiments.composed import DIFFERENT, composed
+from desirepath_experiments.composed_walk import PAIRS, walk_study
+from desirepath_experiments.image_here import build_here
+from desirepath_experiments.upgrading import rehearse_upgrade
 
 
 def walk(participants: int, pairs: int, pictures: Path | None) -> dict[str, Any]:

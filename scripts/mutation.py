@@ -1,4 +1,4 @@
-"""Puts small changes into `backend/analysis` and `backend/report`, one at a time, and counts how many the tests notice.
+"""Puts small changes into `backend/desirepath/analysis` and `backend/desirepath/report`, one at a time, and counts how many the tests notice.
 
 A sample (or `--all`) of all changes that can be made: a comparison, a sign, a bound, a condition, a number. Each is
 tried against all tests of both rooms that reach it, those first that take least. What survives is listed; a survivor
@@ -46,8 +46,8 @@ def libraries() -> None:
     import statsmodels.formula.api
     import torch
 
-    import backend.learning.policies.evaluate
-    import backend.store.models
+    import desirepath.learning.policies.evaluate
+    import desirepath.store.models
 
     mpl.use("agg")
     torch.set_num_threads(1)

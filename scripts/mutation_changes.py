@@ -1,4 +1,4 @@
-"""The small changes that can be put into `backend/analysis` and `backend/report`, and those that once nothing noticed.
+"""The small changes that can be put into `backend/desirepath/analysis` and `backend/desirepath/report`, and those that once nothing noticed.
 Which tests run against them is `mutation_tests.py`, the run and its count `mutation.py`.
 """
 
@@ -13,7 +13,7 @@ from pathlib import Path
 from types import CodeType
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("backend/analysis", "backend/report")
+ROOMS = ("backend/desirepath/analysis", "backend/desirepath/report")
 LEFT_OUT = ("__init__.py", "scale_wordings.py")  # of words there is nothing to change
 EQUIVALENT = Path(__file__).with_name("mutation_equivalent.json")
 COMPARED = {
@@ -27,52 +27,52 @@ COMPUTED = {
 UNCHANGED = -1  # number of the change that is none
 NAMED: dict[str, tuple[str, str, str]] = {  # changes that once nothing noticed: file, what stands there, instead
     "flips pooled over people": (
-        "backend/report/choice_findings.py",
+        "backend/desirepath/report/choice_findings.py",
         "per_person[pair].append(np.mean(flips, axis=0))",
         "per_person[pair].extend(flips)",
     ),
     "correction of own against others taken away": (
-        "backend/report/own_findings.py",
+        "backend/desirepath/report/own_findings.py",
         "corrected([declared for declared, _ in raw], plan.correction)",
         "[declared for declared, _ in raw]",
     ),
     "paused counted as completed": (
-        "backend/report/findings.py",
+        "backend/desirepath/report/findings.py",
         "person.state == FINISHED",
         'person.state in (FINISHED, "paused")',
     ),
     "probes counted as answers": (
-        "backend/report/choice_findings.py",
+        "backend/desirepath/report/choice_findings.py",
         'regular = [one for one in own if one.role == "regular"]',
         "regular = own",
     ),
     "probes counted in agreement": (
-        "backend/report/findings.py",
+        "backend/desirepath/report/findings.py",
         'regular = [one for one in own.choices if one.role == "regular"]',
         "regular = list(own.choices)",
     ),
     "first and second swapped": (
-        "backend/report/study_data.py",
+        "backend/desirepath/report/study_data.py",
         "return self.chosen == self.second",
         "return self.chosen == self.first",
     ),
     "rejected set to chosen": (
-        "backend/report/study_data.py",
+        "backend/desirepath/report/study_data.py",
         "return self.first if self.second_chosen else self.second",
         "return self.chosen",
     ),
     "the own policy always wins": (
-        "backend/report/own_findings.py",
+        "backend/desirepath/report/own_findings.py",
         "counts[one.person][one.chosen] += 1",
         'counts[one.person]["own"] += 1',
     ),
     "preferred whichever side wins": (
-        "backend/report/own_findings.py",
+        "backend/desirepath/report/own_findings.py",
         "return self.test.significant(alpha) and self.test.effect > 0",
         "return self.test.significant(alpha)",
     ),
     "it is personal whichever side wins": (
-        "backend/report/choice_text.py",
+        "backend/desirepath/report/choice_text.py",
         "    if other.preferred(alpha):\n",
         "    if other.test.significant(alpha):\n",
     ),

@@ -29,7 +29,7 @@ from mutation_changes import ROOMS, ROOT, Mutant, changed_code, statement_lines
 TESTS = tuple(f"tests/{room.split('/')[1]}" for room in ROOMS)
 SLOW = ("tests/report/test_made_up_cohorts.py",)  # counts over hundreds of studies; `--slow` runs it, too
 NOT_DONE = "elsewhere"  # what cannot be changed in functions that are there: defaults, constants of modules
-IMPORTED_ANEW = ("backend.analysis", "backend.report", "backend.experiments")
+IMPORTED_ANEW = ("desirepath.analysis", "desirepath.report", "desirepath_experiments")
 
 
 @dataclass(frozen=True)
@@ -351,7 +351,7 @@ def tried_imported(mutant: Mutant, *, slow: bool, limit_s: float) -> Outcome:
     begun = time.monotonic()
     nearest = [file for file in test_files() if file.endswith(f"test_{Path(mutant.file).name}")]
     rest = [file for file in test_files() if file not in nearest and (slow or file not in SLOW)]
-    if mutant.file.startswith("backend/report"):  # no test of analysis imports a report
+    if mutant.file.startswith("backend/desirepath/report"):  # no test of analysis imports a report
         rest = sorted((one for one in rest if one.startswith("tests/report")), key=lambda one: "known" not in one)
     read, write = os.pipe()
     child = os.fork()

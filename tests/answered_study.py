@@ -8,11 +8,11 @@ from __future__ import annotations
 import hashlib
 from datetime import UTC, datetime, timedelta
 
-from backend.learning.policies.shipped import load_queries
-from backend.learning.preferences.oracles import make_oracle
-from backend.store.artefacts import ArtefactStore, save_trajectory
-from backend.store.database import Database
-from backend.store.models import Participant, Response, Session, Study, Trial, new_id, protocol_digest
+from desirepath.learning.policies.shipped import load_queries
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.store.artefacts import ArtefactStore, save_trajectory
+from desirepath.store.database import Database
+from desirepath.store.models import Participant, Response, Session, Study, Trial, new_id, protocol_digest
 
 STARTED = datetime(2026, 11, 2, 9, 30, tzinfo=UTC)
 PROTOCOL_YAML = "protocol: quick_preference_study\n"

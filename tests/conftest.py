@@ -74,7 +74,7 @@ def database_of(request: pytest.FixtureRequest) -> Iterator[Callable[[Path], str
 @pytest.fixture(scope="session")
 def migrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The file of an empty, migrated SQLite database, to be copied: all migrations one by one are slow."""
-    from backend.store.database import Database
+    from desirepath.store.database import Database
 
     file = tmp_path_factory.mktemp("migrated") / "desirepath.sqlite"
     empty = Database(f"sqlite:///{file}")
@@ -86,7 +86,7 @@ def migrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def database(tmp_path: Path, migrated: Path, database_of: Callable[[Path], str]) -> Iterator["Database"]:  # noqa: F821
     """An empty, migrated database."""
-    from backend.store.database import Database
+    from desirepath.store.database import Database
 
     shutil.copy(migrated, tmp_path)
     empty = Database(database_of(tmp_path))
@@ -98,7 +98,7 @@ def database(tmp_path: Path, migrated: Path, database_of: Callable[[Path], str])
 @pytest.fixture
 def files(tmp_path: Path) -> "ArtefactStore":  # noqa: F821
     """An empty artefact store."""
-    from backend.store.artefacts import ArtefactStore
+    from desirepath.store.artefacts import ArtefactStore
 
     return ArtefactStore((tmp_path / "artefacts").as_uri())
 

@@ -17,9 +17,9 @@ import pytest
 from sqlalchemy import create_engine, func, insert, select, text
 from sqlalchemy.engine import make_url
 
-from backend.experiments.own_postgres import NoPostgres, own_postgres
-from backend.store.database import Database
-from backend.store.models import Base
+from desirepath.store.database import Database
+from desirepath.store.models import Base
+from desirepath_experiments.own_postgres import NoPostgres, own_postgres
 
 ASKED = os.environ.get("DESIREPATH_TEST_DATABASE_URL", "")
 OWN = "own"

@@ -90,10 +90,10 @@ def test_a_server_starts_without_what_takes_seconds_to_load(tmp_path):
     """Pages are there within three seconds of a restart; statistics and splines are loaded where they are used."""
     code = """
 import sys
-import backend.cli, backend.api.server
-from backend.api.application import build_services, create_application
-from backend.settings import Settings
-from backend.store.shipped_policies import register_shipped
+import desirepath.cli.main, desirepath.web.server
+from desirepath.web.application import build_services, create_application
+from desirepath.settings import Settings
+from desirepath.store.shipped_policies import register_shipped
 import pathlib
 services = build_services(Settings(data=pathlib.Path(sys.argv[1]), _env_file=None))
 with services.database.transaction() as s:

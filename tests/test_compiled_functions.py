@@ -116,9 +116,9 @@ def test_no_compiled_function_uses_anything_of_another_file():
     [
         ("import numba\nfrom backend import geometry as g", "@numba.njit(cache=True)", "return g.twice(x)"),
         ("from numba import njit\nfrom backend.geometry import twice", "@njit(cache=True)", "return twice(x)"),
-        ("from backend import geometry as g", "@g.compiled", "return g.twice(x)"),
+        ("from desirepath import geometry as g", "@g.compiled", "return g.twice(x)"),
         ("from backend.geometry import compiled, twice as double", "@compiled", "return double(x)"),
-        ("from backend import geometry as g", "@g.compiled", "return x + g.REACH"),
+        ("from desirepath import geometry as g", "@g.compiled", "return x + g.REACH"),
     ],
 )
 def test_the_search_finds_every_way_to_write_it(tmp_path, imports, decorator, body):

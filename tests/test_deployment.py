@@ -14,13 +14,13 @@ import pytest
 import yaml
 from sqlalchemy import make_url
 
-from backend.experiments.composed_walk import shortened
-from backend.experiments.image_here import Image, ImageError, steps_of
-from backend.experiments.image_surroundings import places_named
-from backend.jobs import heartbeat
-from backend.jobs.process import environment_of
-from backend.settings import Settings, SettingsError
-from backend.study.protocol.freezing import freeze
+from desirepath.jobs import heartbeat
+from desirepath.jobs.process import environment_of
+from desirepath.settings import Settings, SettingsError
+from desirepath.study.protocol.freezing import freeze
+from desirepath_experiments.composed_walk import shortened
+from desirepath_experiments.image_here import Image, ImageError, steps_of
+from desirepath_experiments.image_surroundings import places_named
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCKERFILE = (ROOT / "Dockerfile").read_text(encoding="utf-8")
@@ -46,7 +46,7 @@ def test_the_images_steps_can_be_carried_out_in_a_folder(tmp_path: Path) -> None
     image = Image(tmp_path)
     told = {step.line: image.take(step) for step in steps_of(DOCKERFILE) if step.instruction not in ("FROM", "RUN")}
     inside = tmp_path / "desirepath"
-    assert (inside / "backend/api/server.py").is_file()
+    assert (inside / "backend/desirepath/web/server.py").is_file()
     assert (inside / "scripts/setup.sh").stat().st_mode & 0o111, "it is run"
     assert {one.name for one in inside.iterdir()} >= {"app", "backend", "datasets", "docs", "frontend", "Makefile"}
     assert not (inside / "tests").exists()
@@ -94,7 +94,7 @@ def test_what_is_walked_through_a_deployment_is_the_quick_study_with_fewer_pairs
 
 def test_every_container_but_the_proxy_says_whether_it_lives() -> None:
     assert {name for name, service in COMPOSE["services"].items() if "healthcheck" not in service} == {"proxy"}
-    assert COMPOSE["services"]["worker"]["healthcheck"]["test"] == ["CMD", "python", "-m", "backend.jobs.heartbeat"]
+    assert COMPOSE["services"]["worker"]["healthcheck"]["test"] == ["CMD", "python", "-m", "desirepath.jobs.heartbeat"]
 
 
 def test_one_secret_serves_the_database_and_the_server_and_no_value_of_it_is_in_the_file() -> None:
@@ -179,7 +179,7 @@ def test_a_file_of_another_user_is_refused_with_what_would_help(tmp_path: Path) 
 
 def test_a_worker_that_was_silent_for_long_is_not_healthy(tmp_path: Path) -> None:
     def healthy() -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "backend.jobs.heartbeat"]
+        command = [sys.executable, "-m", "desirepath.jobs.heartbeat"]
         known = os.environ | {"DESIREPATH_DATA": str(tmp_path)}
         return subprocess.run(command, env=known, capture_output=True, text=True, check=False, cwd=ROOT)
 

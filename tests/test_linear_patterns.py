@@ -1,7 +1,7 @@
 """No text from outside makes a regular expression of ours work long: a megabyte of its worst case is looked through
 within 50 ms, by every pattern of `backend`, `app` and the browser's modules, found by looking into their source.
 
-Pydantic's `Field(pattern=...)` are not looked for: its engine is linear for every pattern. `backend/experiments` reads
+Pydantic's `Field(pattern=...)` are not looked for: its engine is linear for every pattern. `experiments/desirepath_experiments` reads
 files of this repository only.
 """
 
@@ -20,9 +20,9 @@ from typing import Any
 
 import pytest
 
-from backend.learning.words.lexicon import LONGEST
-from backend.store.scrubbing import LONGEST as KEPT_OF_A_TEXT
-from backend.study.protocol.reading import _named
+from desirepath.learning.words.lexicon import LONGEST
+from desirepath.store.scrubbing import LONGEST as KEPT_OF_A_TEXT
+from desirepath.study.protocol.reading import _named
 
 try:
     from re import _parser as sre  # type: ignore[attr-defined]
@@ -42,15 +42,21 @@ PLAIN = re.compile(r"(?i)\b(code|token)=")  # what a megabyte costs at least, wh
 SENTENCE = 18 * LONGEST  # characters of a wish: refused beyond, and one may become 18 where accents are taken off
 BOUNDED = {
     # file: (the most characters that its patterns ever see, who sees to that)
-    "backend/learning/words/lexicon.py": (SENTENCE, "`WordsRead` and `understand` take no longer sentence"),
-    "backend/report/planned_design.py": (6 * 60, "names of levels, of which `Slug` allows 60, and of six factors"),
-    "backend/store/scrubbing.py": (KEPT_OF_A_TEXT, "`scrubbed` cuts every text of a log line; keys are ours"),
+    "backend/desirepath/learning/words/lexicon.py": (SENTENCE, "`WordsRead` and `understand` take no longer sentence"),
+    "backend/desirepath/report/planned_design.py": (
+        6 * 60,
+        "names of levels, of which `Slug` allows 60, and of six factors",
+    ),
+    "backend/desirepath/store/scrubbing.py": (
+        KEPT_OF_A_TEXT,
+        "`scrubbed` cuts every text of a log line; keys are ours",
+    ),
 }
 MADE_THERE = {  # (file, what is looked for) -> the patterns that are put together or handed on there
-    ("backend/study/protocol/reading.py", "f\"\\\\b({'|'.join(longest)})\\\\b\""): [
+    ("backend/desirepath/study/protocol/reading.py", "f\"\\\\b({'|'.join(longest)})\\\\b\""): [
         _named(["NASA-TLX", "SUS", "System Usability Scale"]).pattern
     ],
-    ("backend/report/planned_design.py", "'(.*?)' + '-(.*?)'.join(map(re.escape, first)) + '(.*)'"): [
+    ("backend/desirepath/report/planned_design.py", "'(.*?)' + '-(.*?)'.join(map(re.escape, first)) + '(.*)'"): [
         "(.*?)near-(.*?)slow(.*)"
     ],
 }
@@ -124,7 +130,7 @@ def in_the_browser() -> Iterator[Found]:
     literal = re.compile(
         r"[(=,:]\s*/((?:[^/\\\n\[*]|\\.|\[[^\]\n]*\])(?:[^/\\\n\[]|\\.|\[[^\]\n]*\])*)/[dgimsuvy]*[,.;) ]"
     )
-    for folder in ("frontend/static/js", "app/client"):
+    for folder in ("frontend/static/js", "app/desirepath_stage/client"):
         for file in sorted((ROOT / folder).rglob("*.js")):
             code = file.read_text(encoding="utf-8")
             assert "RegExp(" not in code, f"{file}: write the pattern as a literal, so that it is looked at here"

@@ -18,7 +18,10 @@ NAMES = re.compile(
 """Our words of before, as names. The field says trajectory, rollout, side, preference weights, conditioned on, lapse
 rate, response model, choice probability, reward weights, action smoothness penalty, fine-tuning, conditioning search,
 replay collector, recovery policy, services, tasks."""
-KERNEL = {("backend/simulation/kernels.py", "drive"), ("backend/simulation/reference.py", "_drive")}  # the wheels do
+KERNEL = {
+    ("backend/desirepath/simulation/kernels.py", "drive"),
+    ("backend/desirepath/simulation/reference.py", "_drive"),
+}  # the wheels do
 
 SAID = (  # old, new
     ("told what is wanted", "Preference-conditioned policies"),
@@ -62,7 +65,7 @@ def said() -> str:
         ("frontend/locales", "*.yaml"),
         ("frontend/templates", "*.html"),
         ("docs", "*.md"),
-        ("backend/commands", "*.py"),
+        ("backend/desirepath/cli", "*.py"),
     )
     files = [path for room, pattern in rooms for path in sorted((ROOT / room).rglob(pattern))]
     return "\n".join(path.read_text(encoding="utf-8") for path in [*files, ROOT / "README.md"])

@@ -8,9 +8,9 @@ import pytest
 from scipy import stats
 from statsmodels.stats.anova import AnovaRM
 
-from backend.analysis.anova import assumptions, rm_anova
-from backend.analysis.factorial import Factorial
-from backend.analysis.rank_agreement import kendall_tau_b
+from desirepath.analysis.anova import assumptions, rm_anova
+from desirepath.analysis.factorial import Factorial
+from desirepath.analysis.rank_agreement import kendall_tau_b
 
 TWO = {"outline": ["without", "with"], "lidar": ["without", "with"]}
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from backend.analysis.between_groups import group_pairs, kruskal_wallis, mann_whitney
-from backend.analysis.intervals import correlation_like
+from desirepath.analysis.between_groups import group_pairs, kruskal_wallis, mann_whitney
+from desirepath.analysis.intervals import correlation_like
 
 # Hollander & Wolfe (1973), p. 69: permeability of the human chorioamnion at term and between 12 and 26 weeks; R's
 # example of wilcox.test gives W = 35, p = 0.1272 one-sided, so 0.2544 two-sided; with conf.int 0.305, -0.15 to 0.76.

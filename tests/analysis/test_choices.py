@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from backend.analysis.choices import (
+from desirepath.analysis.choices import (
     agreement,
     cohens_kappa,
     equal_first_choices,
@@ -14,7 +14,7 @@ from backend.analysis.choices import (
     mostly,
     share_over_people,
 )
-from backend.analysis.triads import whole_triads
+from desirepath.analysis.triads import whole_triads
 
 
 def test_chi_square_of_rs_example() -> None:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from backend.analysis.choices import cohens_kappa
-from backend.analysis.coder_agreement import agreement_on, agreement_on_all
+from desirepath.analysis.choices import cohens_kappa
+from desirepath.analysis.coder_agreement import agreement_on, agreement_on_all
 
 
 def codings(both: int, first_only: int, second_only: int, neither: int) -> tuple[list[set[str]], list[set[str]]]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from backend.analysis.exact import FEW, equal_shares, group_ranks, rank_sum, rank_totals, signed_ranks
+from desirepath.analysis.exact import FEW, equal_shares, group_ranks, rank_sum, rank_totals, signed_ranks
 
 
 def spread(totals: np.ndarray) -> float:

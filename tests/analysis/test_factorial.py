@@ -9,9 +9,9 @@ import statsmodels.formula.api as smf
 from scipy import stats
 from statsmodels.stats.anova import AnovaRM, anova_lm
 
-from backend.analysis.between_groups import mann_whitney
-from backend.analysis.factorial import Factorial, aligned_ranks, f_test, factorial_tests
-from backend.analysis.repeated_measures import wilcoxon
+from desirepath.analysis.between_groups import mann_whitney
+from desirepath.analysis.factorial import Factorial, aligned_ranks, f_test, factorial_tests
+from desirepath.analysis.repeated_measures import wilcoxon
 
 VIEWS, SPEEDS, ROBOTS = ("top", "first", "immersive"), ("slow", "fast"), ("small", "large")
 PEOPLE = 14

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backend.analysis.frechet import deviation, frechet_distance, prefix_distances
+from desirepath.analysis.frechet import deviation, frechet_distance, prefix_distances
 
 STRAIGHT = np.stack([np.linspace(0, 10, 21), np.zeros(21)], axis=1)
 

@@ -10,9 +10,9 @@ import statsmodels.api as sm
 from scipy import integrate, stats
 from statsmodels.stats.weightstats import DescrStatsW
 
-from backend.analysis.bradley_terry import bradley_terry
-from backend.analysis.equivalence import bayes_factor, bayes_factor_of_choices, equivalence
-from backend.analysis.reliability import reliability
+from desirepath.analysis.bradley_terry import bradley_terry
+from desirepath.analysis.equivalence import bayes_factor, bayes_factor_of_choices, equivalence
+from desirepath.analysis.reliability import reliability
 
 # Student (1908); R's `sleep`
 FIRST = np.array([0.7, -1.6, -0.2, -1.2, -0.1, 3.4, 3.7, 0.8, 0.0, 2.0])

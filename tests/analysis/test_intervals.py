@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 from statsmodels.stats.proportion import proportion_confint
 
-from backend.analysis.intervals import (
+from desirepath.analysis.intervals import (
     bounded,
     clustered_share,
     correlation_like,
@@ -21,8 +21,8 @@ from backend.analysis.intervals import (
     wilson,
     within,
 )
-from backend.analysis.repeated_measures import wilcoxon
-from backend.analysis.tested import mean_of
+from desirepath.analysis.repeated_measures import wilcoxon
+from desirepath.analysis.tested import mean_of
 
 FIRST_VISIT = [1.83, 0.50, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.30]
 SECOND_VISIT = [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29]

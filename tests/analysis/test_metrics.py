@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from backend.analysis import metrics
-from backend.simulation.crowds.crowd_scenes import draw_crowd_scene
-from backend.simulation.fast import evaluate, rollout
-from backend.simulation.scene import Obstacle, Person, Pose, Scene
-from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS
-from backend.simulation.trajectory import Outcome, Trajectory
+from desirepath.analysis import metrics
+from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
+from desirepath.simulation.fast import evaluate, rollout
+from desirepath.simulation.scene import Obstacle, Person, Pose, Scene
+from desirepath.simulation.scenes import draw_scenes
+from desirepath.simulation.setups import PREFERENCE_SETUPS, SETUPS
+from desirepath.simulation.trajectory import Outcome, Trajectory
 
 
 def poses_of(xy: list[tuple[float, float]]) -> np.ndarray:

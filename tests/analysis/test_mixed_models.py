@@ -8,7 +8,7 @@ import statsmodels.api as sm
 from scipy import special, stats
 from statsmodels.miscmodels.ordinal_model import OrderedModel
 
-from backend.analysis.mixed_models import MixedFit, NoFit, chance_of_the_higher, cumulative_logit, ratio_test
+from desirepath.analysis.mixed_models import MixedFit, NoFit, chance_of_the_higher, cumulative_logit, ratio_test
 
 # Randall (1989), ratings of bitterness of wines by nine judges, cold and warm, without and with contact to the skins,
 # twice each; R's `ordinal::wine`. Christensen's tutorial of clmm2 gives for rating ~ temp + contact, random judge,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from backend.analysis.intervals import correlation_like
-from backend.analysis.repeated_measures import friedman, pairs_of, wilcoxon
-from backend.analysis.tested import corrected
+from desirepath.analysis.intervals import correlation_like
+from desirepath.analysis.repeated_measures import friedman, pairs_of, wilcoxon
+from desirepath.analysis.tested import corrected
 
 # Hollander & Wolfe (1973), p. 140: seconds of 22 baseball players rounding first base in three ways; the example of R's
 # friedman.test, which gives chi-squared = 11.143, df = 2, p-value = 0.003805.

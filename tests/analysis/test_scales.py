@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from backend.analysis.scale_wordings import SCALES
-from backend.analysis.scales import wording_digest
+from desirepath.analysis.scale_wordings import SCALES
+from desirepath.analysis.scales import wording_digest
 
 SUS, TLX = SCALES["sus"], SCALES["raw_tlx"]
 

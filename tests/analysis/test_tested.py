@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from statsmodels.stats.multitest import multipletests
 
-from backend.analysis import tested as results
-from backend.analysis.anova import rm_anova
-from backend.analysis.between_groups import kruskal_wallis, mann_whitney
-from backend.analysis.equivalence import equivalence
-from backend.analysis.factorial import Factorial
-from backend.analysis.repeated_measures import friedman, wilcoxon
-from backend.analysis.tested import corrected, corrected_pairs, p_in_words, star_bounds, stars
-from backend.report.report_cells import p_cells, statistic_cell
+from desirepath.analysis import tested as results
+from desirepath.analysis.anova import rm_anova
+from desirepath.analysis.between_groups import kruskal_wallis, mann_whitney
+from desirepath.analysis.equivalence import equivalence
+from desirepath.analysis.factorial import Factorial
+from desirepath.analysis.repeated_measures import friedman, wilcoxon
+from desirepath.analysis.tested import corrected, corrected_pairs, p_in_words, star_bounds, stars
+from desirepath.report.report_cells import p_cells, statistic_cell
 
 
 def result(p: float, *, least: float = 0.0) -> results.Tested:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from backend.demonstrations.demonstration import Demonstration
-from backend.demonstrations.demonstrators import demonstrate
-from backend.simulation.demonstration_scenes import demonstration_scenes
+from desirepath.demonstrations.demonstration import Demonstration
+from desirepath.demonstrations.demonstrators import demonstrate
+from desirepath.simulation.demonstration_scenes import demonstration_scenes
 
 
 @pytest.fixture(scope="session")

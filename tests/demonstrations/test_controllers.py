@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.analysis.metrics import measure
-from backend.demonstrations.controllers import BASELINES, DWA, SOCIAL_COST, roll_out
-from backend.demonstrations.demonstrators import demonstrate
-from backend.demonstrations.dwa import lidar_setup
-from backend.demonstrations.social_cost import SocialCost
-from backend.learning.policies.shipped import load_policy
-from backend.learning.preferences.oracles import ORACLE_PREFERENCES, min_human_distance_m
-from backend.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
-from backend.simulation.fast import FastEngine
-from backend.simulation.scene import Person, Pose
-from backend.simulation.setups import CORRIDOR, DEMONSTRATION_SETUPS, ROOM, SetupError
-from backend.simulation.trajectory import Outcome
-from backend.simulation.walks import Walk
+from desirepath.analysis.metrics import measure
+from desirepath.demonstrations.controllers import BASELINES, DWA, SOCIAL_COST, roll_out
+from desirepath.demonstrations.demonstrators import demonstrate
+from desirepath.demonstrations.dwa import lidar_setup
+from desirepath.demonstrations.social_cost import SocialCost
+from desirepath.learning.policies.shipped import load_policy
+from desirepath.learning.preferences.oracles import ORACLE_PREFERENCES, min_human_distance_m
+from desirepath.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
+from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.scene import Person, Pose
+from desirepath.simulation.setups import CORRIDOR, DEMONSTRATION_SETUPS, ROOM, SetupError
+from desirepath.simulation.trajectory import Outcome
+from desirepath.simulation.walks import Walk
 
 
 @pytest.mark.parametrize("setup", DEMONSTRATION_SETUPS)

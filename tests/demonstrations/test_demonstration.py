@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, event, given, settings
 from hypothesis import strategies as st
 
-from backend.demonstrations.demonstration import (
+from desirepath.demonstrations.demonstration import (
     Demonstration,
     as_actions,
     augmented,
@@ -18,12 +18,12 @@ from backend.demonstrations.demonstration import (
     demonstration_from,
     executed,
 )
-from backend.demonstrations.stroke import Stroke, StrokeProblem
-from backend.simulation.demonstration_scenes import PAIRS, demonstration_scene
-from backend.simulation.fast import replay
-from backend.simulation.scene import Scene, SceneError
-from backend.simulation.setups import CONTROL_DT_S, DEMONSTRATION_SETUPS, get_setup
-from backend.simulation.trajectory import Outcome
+from desirepath.demonstrations.stroke import Stroke, StrokeProblem
+from desirepath.simulation.demonstration_scenes import PAIRS, demonstration_scene
+from desirepath.simulation.fast import replay
+from desirepath.simulation.scene import Scene, SceneError
+from desirepath.simulation.setups import CONTROL_DT_S, DEMONSTRATION_SETUPS, get_setup
+from desirepath.simulation.trajectory import Outcome
 
 
 def arched(scene: Scene, height: float, *, wave: float = 0.0, jitter: float = 0.0, slow: float = 0.1) -> Stroke:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.demonstrations.demonstration import Demonstration, demonstration_from
-from backend.demonstrations.demonstration_quality import qualities
-from backend.demonstrations.stroke import Stroke
-from backend.simulation.demonstration_scenes import demonstration_scene
+from desirepath.demonstrations.demonstration import Demonstration, demonstration_from
+from desirepath.demonstrations.demonstration_quality import qualities
+from desirepath.demonstrations.stroke import Stroke
+from desirepath.simulation.demonstration_scenes import demonstration_scene
 
 
 def drawn(bend_m: float, speeds: tuple[float, ...] = (0.2,)) -> Demonstration:

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from backend.demonstrations.demonstrators import STYLES, demonstrate, draw_stroke
-from backend.simulation.demonstration_scenes import PAIRS, demonstration_scene
-from backend.simulation.setups import DEMONSTRATION_SETUPS
-from backend.simulation.trajectory import Outcome, Trajectory
+from desirepath.demonstrations.demonstrators import STYLES, demonstrate, draw_stroke
+from desirepath.simulation.demonstration_scenes import PAIRS, demonstration_scene
+from desirepath.simulation.setups import DEMONSTRATION_SETUPS
+from desirepath.simulation.trajectory import Outcome, Trajectory
 
 
 def beside_person(drive: Trajectory) -> tuple[float, float]:

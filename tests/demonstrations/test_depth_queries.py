@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
-from backend.demonstrations.depth.controller import DepthController
-from backend.demonstrations.depth.queries import SHOWN
-from backend.demonstrations.depth.states import CONFIGURATIONS
-from backend.experiments.shipping import depth
-from backend.learning.cards import Card, file_sha256
-from backend.learning.preferences.measures import MEASURES, measures
-from backend.learning.queries.queries import QuerySet, look_alike
-from backend.learning.shipped_files import DATASETS, load_card, resolve
-from backend.simulation.trajectory import Outcome
-from backend.store.artefacts import ArtefactStore, load_trajectory
-from backend.store.database import Database
-from backend.store.models import Response, Trial
-from backend.study.simulated.in_process import walk_in_process
-from backend.study.studies import create_study
+from desirepath.demonstrations.depth.controller import DepthController
+from desirepath.demonstrations.depth.queries import SHOWN
+from desirepath.demonstrations.depth.states import CONFIGURATIONS
+from desirepath.learning.cards import Card, file_sha256
+from desirepath.learning.preferences.measures import MEASURES, measures
+from desirepath.learning.queries.queries import QuerySet, look_alike
+from desirepath.learning.shipped_files import DATASETS, load_card, resolve
+from desirepath.simulation.trajectory import Outcome
+from desirepath.store.artefacts import ArtefactStore, load_trajectory
+from desirepath.store.database import Database
+from desirepath.store.models import Response, Trial
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.studies import create_study
+from desirepath_experiments.shipping import depth
 from tests.study.small_protocol import small_protocol
 
 TINY = replace(SHOWN, count=3, scenes_per_round=12)

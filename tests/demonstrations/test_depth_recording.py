@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.demonstrations.depth.encoding import EncoderTraining, pixel_weights, train_encoder
-from backend.demonstrations.depth.episodes import MODES, EpisodePool, Episodes, home_episodes, people_of
-from backend.demonstrations.depth.recording import Recording, record
-from backend.learning.cards import file_sha256
-from backend.learning.shipped_files import DATASETS, load_card
-from backend.perception.beta_vae import LATENTS, DepthEncoder, VaeConfig
-from backend.perception.predictor import INPUTS, STEPS, PersonPredictor, PredictorConfig, fit_predictor
-from backend.simulation.depth_camera import DEPTH_CAMERA, CameraNoise
-from backend.simulation.fast import FastEngine
-from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import HOME
+from desirepath.demonstrations.depth.encoding import EncoderTraining, pixel_weights, train_encoder
+from desirepath.demonstrations.depth.episodes import MODES, EpisodePool, Episodes, home_episodes, people_of
+from desirepath.demonstrations.depth.recording import Recording, record
+from desirepath.learning.cards import file_sha256
+from desirepath.learning.shipped_files import DATASETS, load_card
+from desirepath.perception.beta_vae import LATENTS, DepthEncoder, VaeConfig
+from desirepath.perception.predictor import INPUTS, STEPS, PersonPredictor, PredictorConfig, fit_predictor
+from desirepath.simulation.depth_camera import DEPTH_CAMERA, CameraNoise
+from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.scenes import draw_scenes
+from desirepath.simulation.setups import HOME
 
 
 class Straight:

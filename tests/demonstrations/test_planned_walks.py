@@ -9,16 +9,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.demonstrations.controllers import DWA, roll_out
-from backend.demonstrations.demonstration import Demonstration, augmented, demonstration_from
-from backend.demonstrations.demonstrators import draw_stroke
-from backend.demonstrations.planned_walks import MODES, walking_scene
-from backend.demonstrations.stroke import StrokeProblem
-from backend.simulation import kernels
-from backend.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
-from backend.simulation.scene import SceneError
-from backend.simulation.scenes import scene_to_row
-from backend.simulation.trajectory import Outcome
+from desirepath.demonstrations.controllers import DWA, roll_out
+from desirepath.demonstrations.demonstration import Demonstration, augmented, demonstration_from
+from desirepath.demonstrations.demonstrators import draw_stroke
+from desirepath.demonstrations.planned_walks import MODES, walking_scene
+from desirepath.demonstrations.stroke import StrokeProblem
+from desirepath.simulation import kernels
+from desirepath.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
+from desirepath.simulation.scene import SceneError
+from desirepath.simulation.scenes import scene_to_row
+from desirepath.simulation.trajectory import Outcome
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backend.demonstrations.td3_bc.returns import ReturnsBuffer, returns_along
-from backend.learning.td3.replay import ReplayBuffer
+from desirepath.demonstrations.td3_bc.returns import ReturnsBuffer, returns_along
+from desirepath.learning.td3.replay import ReplayBuffer
 
 GAMMA = 0.9
 

@@ -10,25 +10,25 @@ import numpy as np
 import pytest
 import torch
 
-from backend.demonstrations.controllers import DWA
-from backend.demonstrations.demonstration import augmented
-from backend.demonstrations.demonstrators import demonstrate
-from backend.demonstrations.judging import judge, judge_rollouts, unseen_scenes
-from backend.demonstrations.planned_walks import walking_scene
-from backend.demonstrations.td3_bc.configuration import DemonstrationConfig
-from backend.demonstrations.td3_bc.loss import Balance, balance, cloning_term, demonstration_batch, update
-from backend.demonstrations.td3_bc.placement import Placements
-from backend.demonstrations.td3_bc.training import DemonstrationTraining, train_with_demonstrations
-from backend.learning.policies.networks import Layer, actor_forward, critic_forward
-from backend.learning.policies.shape import NetworkShape
-from backend.learning.scene_sets import Purpose
-from backend.learning.td3.replay import concatenate
-from backend.learning.td3.td3 import Batch, Td3Agent, Td3Config
-from backend.simulation import kernels as k
-from backend.simulation.demonstration_scenes import demonstration_scene
-from backend.simulation.fast import FastEngine, rollout
-from backend.simulation.scenes import check_scene, row_to_scene
-from backend.simulation.setups import ROOM, SetupError, get_setup
+from desirepath.demonstrations.controllers import DWA
+from desirepath.demonstrations.demonstration import augmented
+from desirepath.demonstrations.demonstrators import demonstrate
+from desirepath.demonstrations.judging import judge, judge_rollouts, unseen_scenes
+from desirepath.demonstrations.planned_walks import walking_scene
+from desirepath.demonstrations.td3_bc.configuration import DemonstrationConfig
+from desirepath.demonstrations.td3_bc.loss import Balance, balance, cloning_term, demonstration_batch, update
+from desirepath.demonstrations.td3_bc.placement import Placements
+from desirepath.demonstrations.td3_bc.training import DemonstrationTraining, train_with_demonstrations
+from desirepath.learning.policies.networks import Layer, actor_forward, critic_forward
+from desirepath.learning.policies.shape import NetworkShape
+from desirepath.learning.scene_sets import Purpose
+from desirepath.learning.td3.replay import concatenate
+from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
+from desirepath.simulation import kernels as k
+from desirepath.simulation.demonstration_scenes import demonstration_scene
+from desirepath.simulation.fast import FastEngine, rollout
+from desirepath.simulation.scenes import check_scene, row_to_scene
+from desirepath.simulation.setups import ROOM, SetupError, get_setup
 
 QUICK = DemonstrationConfig(updates=96, n_envs=16, random_transitions=256, augmentation=2, selection_scenes=20)
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from backend.experiments.asking import AskingConfig, asking_study, summarise
-from backend.learning.errors import LearningError
-from backend.learning.preferences.posterior import PosteriorConfig
-from backend.learning.queries.queries import QuerySet
+from desirepath.learning.errors import LearningError
+from desirepath.learning.preferences.posterior import PosteriorConfig
+from desirepath.learning.queries.queries import QuerySet
+from desirepath_experiments.asking import AskingConfig, asking_study, summarise
 
 QUICK = PosteriorConfig(particles=4_000)
 

@@ -7,12 +7,12 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from backend.cli import app
-from backend.experiments.cohorts.ranking_cohorts import ANY, ranking_cohorts
-from backend.report.made_up_rankers import PUBLISHED, RankerCohort
-from backend.report.planned_design import Assumed, PlannedDesign
-from backend.report.ranking_power import RankedDesign, ranking_found
-from backend.report.simulated_power import power
+from desirepath.cli.main import app
+from desirepath.report.made_up_rankers import PUBLISHED, RankerCohort
+from desirepath.report.planned_design import Assumed, PlannedDesign
+from desirepath.report.ranking_power import RankedDesign, ranking_found
+from desirepath.report.simulated_power import power
+from desirepath_experiments.cohorts.ranking_cohorts import ANY, ranking_cohorts
 
 
 def test_effects_put_in_are_found_and_nulls_are_not() -> None:

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
-from backend.explain.methods import AttributionError
-from backend.explain.ranking_sets import ExplainedRollout, RankingSet, explained_rollout
-from backend.learning.policies.shipped import load_policy
-from backend.learning.policies.torch_actor import actor_of
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.simulation.scene import Scene
+from desirepath.explain.methods import AttributionError
+from desirepath.explain.ranking_sets import ExplainedRollout, RankingSet, explained_rollout
+from desirepath.learning.policies.shipped import load_policy
+from desirepath.learning.policies.torch_actor import actor_of
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.simulation.scene import Scene
 
 FIVE = (0, 2, 3, 5, 6)  # of the study room's eight: three boxes and two pillars
 

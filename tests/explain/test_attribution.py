@@ -13,20 +13,20 @@ import torch
 from torch import Tensor
 from typer.testing import CliRunner
 
-from backend.cli import app
-from backend.explain.attribution import attribute, baseline, explain
-from backend.explain.faithfulness import faithfulness, gain_over_chance
-from backend.explain.methods import METHODS, AttributionError
-from backend.explain.sight import Sight, sight_of
-from backend.learning.policies.policy import Policy
-from backend.learning.policies.sb3 import sb3_model_of
-from backend.learning.policies.shipped import load_policy
-from backend.learning.policies.torch_actor import actor_of, actor_of_sb3
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.simulation.fast import rollout
-from backend.simulation.scene import Obstacle, Person, Pose, Room, Scene
-from backend.simulation.setups import SetupError, get_setup
-from backend.simulation.trajectory import Trajectory
+from desirepath.cli.main import app
+from desirepath.explain.attribution import attribute, baseline, explain
+from desirepath.explain.faithfulness import faithfulness, gain_over_chance
+from desirepath.explain.methods import METHODS, AttributionError
+from desirepath.explain.sight import Sight, sight_of
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.sb3 import sb3_model_of
+from desirepath.learning.policies.shipped import load_policy
+from desirepath.learning.policies.torch_actor import actor_of, actor_of_sb3
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene
+from desirepath.simulation.setups import SetupError, get_setup
+from desirepath.simulation.trajectory import Trajectory
 
 SETUP = get_setup("study_room")
 

@@ -17,15 +17,15 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from backend.cli import app
-from backend.explain import flow_field as flow
-from backend.explain.flow_files import flow_files, starts_files
-from backend.learning.policies.shipped import load_ensemble, load_policy
-from backend.simulation.fast import rollout
-from backend.simulation.scene import Obstacle, Person, Pose, Room, Scene, SceneError
-from backend.simulation.scenes import check_scene, draw_scene
-from backend.simulation.setups import OPEN_FIELD, STUDY_ROOM, SetupError
-from backend.simulation.trajectory import Outcome
+from desirepath.cli.main import app
+from desirepath.explain import flow_field as flow
+from desirepath.explain.flow_files import flow_files, starts_files
+from desirepath.learning.policies.shipped import load_ensemble, load_policy
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene, SceneError
+from desirepath.simulation.scenes import check_scene, draw_scene
+from desirepath.simulation.setups import OPEN_FIELD, STUDY_ROOM, SetupError
+from desirepath.simulation.trajectory import Outcome
 
 GAIN = math.pi / (STUDY_ROOM.limits.w_max * 0.2)  # turns by exactly the goal's bearing in one step, where it can
 

@@ -9,16 +9,16 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from backend.explain.attribution import explain
-from backend.explain.in_sight import halts_in_sight
-from backend.explain.methods import AttributionError
-from backend.explain.ranking_sets import RankingSet, explained_rollout, is_ranking_set, ranking_set
-from backend.explain.sight import sight_of
-from backend.learning.policies.shipped import load_policy
-from backend.learning.policies.torch_actor import actor_of
-from backend.simulation.fast import rollout
-from backend.simulation.scene import Obstacle, Person, Pose
-from backend.simulation.setups import get_setup
+from desirepath.explain.attribution import explain
+from desirepath.explain.in_sight import halts_in_sight
+from desirepath.explain.methods import AttributionError
+from desirepath.explain.ranking_sets import RankingSet, explained_rollout, is_ranking_set, ranking_set
+from desirepath.explain.sight import sight_of
+from desirepath.learning.policies.shipped import load_policy
+from desirepath.learning.policies.torch_actor import actor_of
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.scene import Obstacle, Person, Pose
+from desirepath.simulation.setups import get_setup
 from tests.explain.ranking_rooms import five_things, small_ranking_set
 
 

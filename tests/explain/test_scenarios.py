@@ -9,26 +9,26 @@ import numpy as np
 import pytest
 import torch
 
-from backend.explain.attribution import attribute, baseline, explain
-from backend.explain.in_sight import LEAST_IN_SIGHT, share_in_sight
-from backend.explain.methods import METHODS
-from backend.explain.ranking_sets import DRIVE_S, RankingSet, explained_rollout
-from backend.explain.scenarios import OBJECTS, PRACTICE, SCENARIOS, practice_rooms, rooms
-from backend.explain.sight import sight_of
-from backend.explain.slowing import slowing
-from backend.learning.cards import file_sha256
-from backend.learning.policies.mirroring import mirror_of
-from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import load_policy
-from backend.learning.policies.torch_actor import actor_of
-from backend.learning.preferences.features import obstacle_clearance_m
-from backend.learning.scene_sets import Purpose, first_seed, scene_set
-from backend.learning.shipped_files import load_card, resolve
-from backend.simulation.fast import rollout
-from backend.simulation.scene import Obstacle, Person, Pose
-from backend.simulation.scenes import check_scene
-from backend.simulation.setups import EXPLAINED_ROOM, SetupError
-from backend.simulation.trajectory import Outcome
+from desirepath.explain.attribution import attribute, baseline, explain
+from desirepath.explain.in_sight import LEAST_IN_SIGHT, share_in_sight
+from desirepath.explain.methods import METHODS
+from desirepath.explain.ranking_sets import DRIVE_S, RankingSet, explained_rollout
+from desirepath.explain.scenarios import OBJECTS, PRACTICE, SCENARIOS, practice_rooms, rooms
+from desirepath.explain.sight import sight_of
+from desirepath.explain.slowing import slowing
+from desirepath.learning.cards import file_sha256
+from desirepath.learning.policies.mirroring import mirror_of
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.shipped import load_policy
+from desirepath.learning.policies.torch_actor import actor_of
+from desirepath.learning.preferences.features import obstacle_clearance_m
+from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
+from desirepath.learning.shipped_files import load_card, resolve
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.scene import Obstacle, Person, Pose
+from desirepath.simulation.scenes import check_scene
+from desirepath.simulation.setups import EXPLAINED_ROOM, SetupError
+from desirepath.simulation.trajectory import Outcome
 from tests.simulation.simple_policies import towards_goal
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from backend.explain.sight import sight_of
-from backend.explain.slowing import NOTHING, slow_downs, slowing
-from backend.simulation.fast import Floats, rollout
-from backend.simulation.scene import Obstacle, Person, Pose, Room, Scene
-from backend.simulation.setups import EXPLAINED_ROOM
+from desirepath.explain.sight import sight_of
+from desirepath.explain.slowing import NOTHING, slow_downs, slowing
+from desirepath.simulation.fast import Floats, rollout
+from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene
+from desirepath.simulation.setups import EXPLAINED_ROOM
 
 SCENE = Scene(
     "explained_room", 0, Pose(-3.0, 0.0), Pose(3.2, 0.0), 0.36, Person(Pose(0.0, 3.0)),

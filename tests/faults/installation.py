@@ -19,19 +19,19 @@ from sqlalchemy import select
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_websocket
 
-from app.viser_hooks import SUBPROTOCOL, readable_part
-from backend.api.core.auth import ensure_first_user
-from backend.experiments.benchmarks.open_browser import CAMERA
-from backend.experiments.loopback import loopback_server
-from backend.settings import Settings
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
-from backend.store.models import Event, Response, Session, Study, Trial
-from backend.store.shipped_policies import register_shipped
-from backend.study.protocol.freezing import freeze_text
-from backend.study.session.finding import token_hash
-from backend.study.simulated.participant import any_answer
-from backend.study.studies import create_study
+from desirepath.settings import Settings
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.models import Event, Response, Session, Study, Trial
+from desirepath.store.shipped_policies import register_shipped
+from desirepath.study.protocol.freezing import freeze_text
+from desirepath.study.session.finding import token_hash
+from desirepath.study.simulated.participant import any_answer
+from desirepath.study.studies import create_study
+from desirepath.web.core.auth import ensure_first_user
+from desirepath_experiments.benchmarks.open_browser import CAMERA
+from desirepath_experiments.loopback import loopback_server
+from desirepath_stage.viser_hooks import SUBPROTOCOL, readable_part
 from tests.study.walking import QUICK, VALUES, twenty_queries
 
 HEARD_S = 60.0
@@ -158,7 +158,7 @@ def hear(socket: ClientConnection, words: str) -> None:
 def run_command(*arguments: str, data: Path) -> subprocess.CompletedProcess[str]:
     """Run `desirepath ARGUMENTS` in a process of its own over that data folder."""
     return subprocess.run(
-        [sys.executable, "-m", "backend.cli", *arguments],
+        [sys.executable, "-m", "desirepath", *arguments],
         env={**os.environ, "DESIREPATH_DATA": str(data)},
         capture_output=True,
         text=True,

@@ -6,7 +6,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from uuid import uuid4
 
-from backend.store.database import BUSY_TIMEOUT_MS
+from desirepath.store.database import BUSY_TIMEOUT_MS
 from tests.faults.conftest import Served
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
-from backend.experiments.benchmarks import database_writes
-from backend.experiments.benchmarks.serving import installation
-from backend.experiments.own_postgres import NoPostgres
-from backend.store.models import Event, Response, Trial
+from desirepath.store.models import Event, Response, Trial
+from desirepath_experiments.benchmarks import database_writes
+from desirepath_experiments.benchmarks.serving import installation
+from desirepath_experiments.own_postgres import NoPostgres
 
 
 def test_recorded_answers_are_stored_again_and_again_with_their_events_and_next_pairs(tmp_path: Path) -> None:

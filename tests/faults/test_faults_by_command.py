@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from backend.experiments.benchmarks.faults import benchmark_faults
-from backend.experiments.own_postgres import NoPostgres
+from desirepath_experiments.benchmarks.faults import benchmark_faults
+from desirepath_experiments.own_postgres import NoPostgres
 
 
 def test_a_killed_server_process_costs_no_answer_and_no_job() -> None:

@@ -8,15 +8,15 @@ import sys
 
 import pytest
 
-from backend import freed_memory
-from backend.api import server
+from desirepath import freed_memory
+from desirepath.web import server
 
 # Threads that each make, by turns, much that goes again and a little that stays, as answers to requests do: what stays
 # lies between what was freed. Prints the megabytes that are held beyond what stays.
 WORK = """
 import platform, sys, threading
-from backend import freed_memory
-from backend.experiments.benchmarks.processes import resident_mb
+from desirepath import freed_memory
+from desirepath_experiments.benchmarks.processes import resident_mb
 import os
 if platform.libc_ver()[0] != "glibc":
     sys.exit(77)

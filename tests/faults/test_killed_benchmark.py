@@ -12,8 +12,8 @@ from pathlib import Path
 BRINGS_A_SERVER = """
     import sys, time
     from pathlib import Path
-    from backend.experiments.loopback import loopback_server
-    from backend.settings import Settings
+    from desirepath_experiments.loopback import loopback_server
+    from desirepath.settings import Settings
 
     settings = Settings(data=Path(sys.argv[1]), database_url=None, artefacts_url=None)
     with loopback_server(settings) as (url, server):

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from sqlalchemy import select
 
-from backend.jobs.process import read_log
-from backend.store.models import Artefact, Job
-from backend.store.outbox import enqueue_job
+from desirepath.jobs.process import read_log
+from desirepath.store.models import Artefact, Job
+from desirepath.store.outbox import enqueue_job
 from tests.faults.installation import Installation
 
 PATIENCE_S = 120
@@ -71,7 +71,7 @@ def test_a_job_survives_the_death_of_its_server_and_of_its_worker(tmp_path: Path
     with installation.serving(worker=True) as (_, server):
         begun(1)
         family = descendants(server.pid)
-        assert any("backend.jobs.run" in command for command in family.values()), family
+        assert any("desirepath.jobs.run" in command for command in family.values()), family
         server.kill()
         server.wait()
         wait_until(lambda: not any(map(command_of, family)), lambda: "the worker or its training outlived the server")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from backend.experiments.benchmarks import serving as benchmark
-from backend.experiments.own_postgres import NoPostgres
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath_experiments.benchmarks import serving as benchmark
+from desirepath_experiments.own_postgres import NoPostgres
 from tests.answered_study import add_answered_study
 
 

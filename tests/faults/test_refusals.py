@@ -10,7 +10,7 @@ import httpx
 import pytest
 import websockets
 
-from backend.store.models import Event, Session, utc_now
+from desirepath.store.models import Event, Session, utc_now
 from tests.faults.conftest import Served
 from tests.faults.installation import Installation, Visitor, hear, stage_token_of
 

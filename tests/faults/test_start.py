@@ -14,9 +14,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from backend.api.replicas.only_server import running_server
-from backend.experiments.loopback import free_port_pair
-from backend.settings import Settings
+from desirepath.settings import Settings
+from desirepath.web.replicas.only_server import running_server
+from desirepath_experiments.loopback import free_port_pair
 from tests.faults.installation import run_command
 
 
@@ -62,7 +62,7 @@ def test_a_port_that_is_taken(tmp_path: Path) -> None:
 
 def started(data: Path, port: int, host: str = "127.0.0.1", *, worker: bool = False) -> subprocess.Popen[str]:
     """A server of its own, once it has said where it is."""
-    command = [sys.executable, "-m", "backend.cli", "serve", "--data", str(data), "--port", str(port), "--host", host]
+    command = [sys.executable, "-m", "desirepath", "serve", "--data", str(data), "--port", str(port), "--host", host]
     server = subprocess.Popen(
         command,
         env={**os.environ, "DESIREPATH_WORKER": str(worker).lower()},

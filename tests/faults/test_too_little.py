@@ -9,9 +9,9 @@ from pathlib import Path
 import httpx
 import pytest
 
-from backend.store.models import Artefact, Job
-from backend.study.protocol.freezing import freeze_text, thaw
-from backend.study.studies import create_study
+from desirepath.store.models import Artefact, Job
+from desirepath.study.protocol.freezing import freeze_text, thaw
+from desirepath.study.studies import create_study
 from tests.faults.conftest import Served
 from tests.faults.installation import run_command
 from tests.study.walking import QUICK

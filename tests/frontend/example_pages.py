@@ -16,9 +16,9 @@ from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from starlette.responses import Response
 
-from backend.api.core.catalogues import Texts
-from backend.api.core.prose import prose
-from backend.study.kinds.live import CONTROLS
+from desirepath.study.kinds.live import CONTROLS
+from desirepath.web.core.catalogues import Texts
+from desirepath.web.core.prose import prose
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
 CONTACT = "Dr. Ada Muster, ada@example.org"

@@ -19,14 +19,14 @@ import uvicorn
 from playwright.sync_api import expect
 from sqlalchemy import select
 
-from backend.api.application import build_services, create_application
-from backend.api.core.dependencies import Services
-from backend.experiments.loopback import free_port_pair
-from backend.settings import Settings
-from backend.store.models import Event, ProblemReport, Response, Session
-from backend.study.protocol.freezing import freeze
-from backend.study.session.finding import token_hash
-from backend.study.studies import create_study
+from desirepath.settings import Settings
+from desirepath.store.models import Event, ProblemReport, Response, Session
+from desirepath.study.protocol.freezing import freeze
+from desirepath.study.session.finding import token_hash
+from desirepath.study.studies import create_study
+from desirepath.web.application import build_services, create_application
+from desirepath.web.core.dependencies import Services
+from desirepath_experiments.loopback import free_port_pair
 from tests.frontend.empty_room import empty_rooms, room_says
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def test_while_the_database_is_busy_the_page_says_so_and_the_answer_counts_once(
 ) -> None:
     visit.watch_both()
     key = visit.step["key"]
-    monkeypatch.setattr("backend.store.database.TURN_PATIENCE_S", 0.1)
+    monkeypatch.setattr("desirepath.store.database.TURN_PATIENCE_S", 0.1)
     with visit.running.services.database.transaction():  # somebody else keeps writing
         visit.page.keyboard.press("a")
         expect(visit.page.locator("#banner")).to_contain_text("We are trying again")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from backend.api.core.catalogues import TextError, Texts, flatten, placeholders
+from desirepath.web.core.catalogues import TextError, Texts, flatten, placeholders
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
 FILES = sorted(file.name for file in (FRONTEND / "locales" / "en").glob("*.yaml"))

@@ -19,15 +19,15 @@ import uvicorn
 from playwright.sync_api import expect
 from sqlalchemy import select
 
-from backend.api.application import build_services, create_application
-from backend.api.core.dependencies import Services
-from backend.experiments.loopback import free_port_pair
-from backend.learning.policies.shipped import load_queries
-from backend.learning.queries.queries import QuerySet
-from backend.settings import Settings
-from backend.store.models import Event, Response, Session, Trial
-from backend.study.protocol.freezing import PROTOCOLS, freeze_text
-from backend.study.studies import create_study
+from desirepath.learning.policies.shipped import load_queries
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.settings import Settings
+from desirepath.store.models import Event, Response, Session, Trial
+from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.study.studies import create_study
+from desirepath.web.application import build_services, create_application
+from desirepath.web.core.dependencies import Services
+from desirepath_experiments.loopback import free_port_pair
 from tests.frontend.empty_room import empty_rooms, room_says
 from tests.frontend.test_participant_pages import COLOURS, violations
 

@@ -10,29 +10,29 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 
-from backend.jobs import aligning, free_form
-from backend.jobs.aligning import align
-from backend.jobs.answers import posterior_of_person, preferences_of
-from backend.jobs.answers import snapshot_of as snapshot_artefact_of
-from backend.jobs.context import JobContext, Progress
-from backend.jobs.kept_artefacts import ArtefactError
-from backend.jobs.kinds import ConditioningSearchParams, FineTuningParams, InstantParams, RewardModelParams
-from backend.jobs.reward_models import learn_reward_model
-from backend.learning.errors import LearningError
-from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import load_conditioned, load_policy
-from backend.learning.policies.stand_ins import load_stand_ins
-from backend.learning.preferences.objectives import NAMES, preference_weights
-from backend.settings import Settings
-from backend.simulation.fast import rollout
-from backend.simulation.setups import get_setup
-from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
-from backend.store.database import Database
-from backend.store.erasure import erase_participant
-from backend.store.models import Artefact, Job, Participant, Response, TrajectoryRow, utc_now
-from backend.store.outbox import enqueue_job
-from backend.store.shipped_policies import policy_artefact, register_shipped
-from backend.store.snapshots import take_snapshot
+from desirepath.jobs import aligning, free_form
+from desirepath.jobs.aligning import align
+from desirepath.jobs.answers import posterior_of_person, preferences_of
+from desirepath.jobs.answers import snapshot_of as snapshot_artefact_of
+from desirepath.jobs.context import JobContext, Progress
+from desirepath.jobs.kept_artefacts import ArtefactError
+from desirepath.jobs.kinds import ConditioningSearchParams, FineTuningParams, InstantParams, RewardModelParams
+from desirepath.jobs.reward_models import learn_reward_model
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.shipped import load_conditioned, load_policy
+from desirepath.learning.policies.stand_ins import load_stand_ins
+from desirepath.learning.preferences.objectives import NAMES, preference_weights
+from desirepath.settings import Settings
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.setups import get_setup
+from desirepath.store.artefacts import ArtefactStore, lineage, load_trajectory
+from desirepath.store.database import Database
+from desirepath.store.erasure import erase_participant
+from desirepath.store.models import Artefact, Job, Participant, Response, TrajectoryRow, utc_now
+from desirepath.store.outbox import enqueue_job
+from desirepath.store.shipped_policies import policy_artefact, register_shipped
+from desirepath.store.snapshots import take_snapshot
 from tests.answered_study import add_answered_study
 
 QUICK = {"updates": 12, "gate_scenes": 50, "comparisons": 2}

@@ -4,24 +4,24 @@ from __future__ import annotations
 
 import pytest
 
-from backend.demonstrations.controllers import DWA, roll_out
-from backend.demonstrations.demonstration import Demonstration
-from backend.demonstrations.depth.controller import DepthController
-from backend.jobs import controller_training
-from backend.jobs.context import JobContext, Progress
-from backend.jobs.demonstrating import train_demonstrations
-from backend.jobs.kept_artefacts import ArtefactError
-from backend.jobs.kinds import JobParamsError, TrainDemonstrationsParams
-from backend.learning.policies.policy import Policy
-from backend.settings import Settings
-from backend.simulation.demonstration_scenes import demonstration_scene
-from backend.simulation.trajectory import Outcome
-from backend.store.artefacts import ArtefactStore, lineage, load_trajectory
-from backend.store.database import Database
-from backend.store.demonstration_snapshots import read_demonstrations
-from backend.store.models import Artefact
-from backend.store.outbox import enqueue_job
-from backend.store.simulated_demonstrations import take_simulated_demonstrations
+from desirepath.demonstrations.controllers import DWA, roll_out
+from desirepath.demonstrations.demonstration import Demonstration
+from desirepath.demonstrations.depth.controller import DepthController
+from desirepath.jobs import controller_training
+from desirepath.jobs.context import JobContext, Progress
+from desirepath.jobs.demonstrating import train_demonstrations
+from desirepath.jobs.kept_artefacts import ArtefactError
+from desirepath.jobs.kinds import JobParamsError, TrainDemonstrationsParams
+from desirepath.learning.policies.policy import Policy
+from desirepath.settings import Settings
+from desirepath.simulation.demonstration_scenes import demonstration_scene
+from desirepath.simulation.trajectory import Outcome
+from desirepath.store.artefacts import ArtefactStore, lineage, load_trajectory
+from desirepath.store.database import Database
+from desirepath.store.demonstration_snapshots import read_demonstrations
+from desirepath.store.models import Artefact
+from desirepath.store.outbox import enqueue_job
+from desirepath.store.simulated_demonstrations import take_simulated_demonstrations
 
 
 @pytest.fixture(scope="module")

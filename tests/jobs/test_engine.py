@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from backend.jobs.engine import Engine, EngineState
-from backend.store.outbox import Queue
+from desirepath.jobs.engine import Engine, EngineState
+from desirepath.store.outbox import Queue
 
 PATIENCE_S = 60
 
@@ -112,7 +112,7 @@ def test_crash_gets_one_more_attempt_and_failure_none(engine, recorder):
 
 KILLED = """
 import os, signal, sys, time
-from backend.jobs.engine import Engine, Queue
+from desirepath.jobs.engine import Engine, Queue
 def attempt(job_id, number):
     if number == 1:
         return "crashed"

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from backend.api.core.catalogues import Texts
-from backend.jobs.alignment_algorithms import search_config, training_config
-from backend.jobs.kept_artefacts import command_of
-from backend.jobs.kinds import (
+from desirepath.jobs.alignment_algorithms import search_config, training_config
+from desirepath.jobs.kept_artefacts import command_of
+from desirepath.jobs.kinds import (
     ALIGNMENTS,
     KINDS,
     ConditioningSearchParams,
@@ -21,13 +20,14 @@ from backend.jobs.kinds import (
     ThesisParams,
     get_kind,
 )
-from backend.jobs.policy_training import config_of
-from backend.learning.alignment.conditioning_search import ConditioningSearchConfig
-from backend.learning.alignment.fine_tuning import FineTuningConfig
-from backend.learning.alignment.thesis import thesis_config
-from backend.learning.queries.queries import QueryConfig
-from backend.learning.td3.base import BaseConfig, base_config
-from backend.learning.td3.ensemble import PolicyEnsembleConfig
+from desirepath.jobs.policy_training import config_of
+from desirepath.learning.alignment.conditioning_search import ConditioningSearchConfig
+from desirepath.learning.alignment.fine_tuning import FineTuningConfig
+from desirepath.learning.alignment.thesis import thesis_config
+from desirepath.learning.queries.queries import QueryConfig
+from desirepath.learning.td3.base import BaseConfig, base_config
+from desirepath.learning.td3.ensemble import PolicyEnsembleConfig
+from desirepath.web.core.catalogues import Texts
 
 LOCALES = Path(__file__).resolve().parents[2] / "frontend" / "locales"
 REQUIRED = {

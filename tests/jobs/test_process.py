@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from backend.jobs import process
-from backend.store import database as stored
-from backend.store.database import Database, DatabaseBusy
-from backend.store.models import Job
-from backend.store.outbox import enqueue_job
+from desirepath.jobs import process
+from desirepath.store import database as stored
+from desirepath.store.database import Database, DatabaseBusy
+from desirepath.store.models import Job
+from desirepath.store.outbox import enqueue_job
 
 
 def test_a_training_is_not_lost_because_others_keep_writing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

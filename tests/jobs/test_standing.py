@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from backend.jobs.process import Standing, ended, log_file
-from backend.settings import Settings
-from backend.store.database import Database
+from desirepath.jobs.process import Standing, ended, log_file
+from desirepath.settings import Settings
+from desirepath.store.database import Database
 
 PATIENCE_S = 120
 

@@ -15,15 +15,15 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
-from backend.jobs.context import PAUSED
-from backend.jobs.leases import attempts_at
-from backend.jobs.process import FINAL_STATES, environment_of, read_log
-from backend.settings import Settings
-from backend.store.artefacts import ArtefactStore, lineage
-from backend.store.database import Database
-from backend.store.models import Artefact, Job, JobMetric, Participant, Session
-from backend.store.outbox import PARTICIPANT_WAITS, REFINES, cancel_job, enqueue_job
-from backend.store.snapshots import take_snapshot
+from desirepath.jobs.context import PAUSED
+from desirepath.jobs.leases import attempts_at
+from desirepath.jobs.process import FINAL_STATES, environment_of, read_log
+from desirepath.settings import Settings
+from desirepath.store.artefacts import ArtefactStore, lineage
+from desirepath.store.database import Database
+from desirepath.store.models import Artefact, Job, JobMetric, Participant, Session
+from desirepath.store.outbox import PARTICIPANT_WAITS, REFINES, cancel_job, enqueue_job
+from desirepath.store.snapshots import take_snapshot
 from tests.answered_study import add_answered_study
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -43,7 +43,7 @@ class WorkerRig:
 
     def start_worker(self) -> None:
         self.worker = subprocess.Popen(
-            [sys.executable, "-m", "backend.cli", "worker"], cwd=ROOT, env=environment_of(self.settings)
+            [sys.executable, "-m", "desirepath", "worker"], cwd=ROOT, env=environment_of(self.settings)
         )
 
     def stop_worker(self, number: signal.Signals = signal.SIGTERM) -> int:
@@ -85,7 +85,7 @@ def processes_of(job_id: str) -> list[int]:
     for entry in Path("/proc").iterdir():
         with contextlib.suppress(OSError):
             words = (entry / "cmdline").read_bytes().split(b"\0") if entry.name.isdigit() else []
-            if b"backend.jobs.run" in words and job_id.encode() in words:
+            if b"desirepath.jobs.run" in words and job_id.encode() in words:
                 found.append(int(entry.name))
     return found
 
@@ -132,7 +132,7 @@ def test_trained_policy_is_measured_afterwards(rig):
 def test_command_starts_a_job_and_prints_its_result(rig):
     words = ["jobs", "start", "evaluate", "--set", "policy=study_room/base", "--set", "scenes=30", "--json"]
     told = subprocess.run(
-        [sys.executable, "-m", "backend.cli", *words],
+        [sys.executable, "-m", "desirepath", *words],
         cwd=ROOT,
         env=environment_of(rig.settings),
         stdout=subprocess.PIPE,

@@ -14,18 +14,18 @@ from pathlib import Path
 
 import pytest
 
-from backend.experiments.reproduction.on_workers import Queue, SweepError
-from backend.experiments.reproduction.tasks import Task, Work
-from backend.jobs import leases, process
-from backend.jobs.leases import STALE_AFTER, WorkerName, attempts_at, begin_attempt, claim_silent, end_attempt, holds
-from backend.jobs.process import FINAL_STATES, Outcome
-from backend.settings import Settings
-from backend.store import database as database_module
-from backend.store import models, outbox
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
-from backend.store.models import Artefact, Job, JobAttempt, TaskFile, WorkerProcess, base, utc_now
-from backend.store.outbox import enqueue_job
+from desirepath.jobs import leases, process
+from desirepath.jobs.leases import STALE_AFTER, WorkerName, attempts_at, begin_attempt, claim_silent, end_attempt, holds
+from desirepath.jobs.process import FINAL_STATES, Outcome
+from desirepath.settings import Settings
+from desirepath.store import database as database_module
+from desirepath.store import models, outbox
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.models import Artefact, Job, JobAttempt, TaskFile, WorkerProcess, base, utc_now
+from desirepath.store.outbox import enqueue_job
+from desirepath_experiments.reproduction.on_workers import Queue, SweepError
+from desirepath_experiments.reproduction.tasks import Task, Work
 from tests import postgres
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,7 +44,7 @@ def worker_on(machine: str, folder: Path, database_url: str, artefacts_url: str)
     }
     plain = {name: value for name, value in os.environ.items() if not name.startswith("DESIREPATH_")}
     worker = subprocess.Popen(
-        [sys.executable, "-m", "backend.cli", "worker"], cwd=folder, env=plain | {"PYTHONPATH": str(ROOT)} | told
+        [sys.executable, "-m", "desirepath", "worker"], cwd=folder, env=plain | {"PYTHONPATH": str(ROOT)} | told
     )
     try:
         yield worker

@@ -17,7 +17,7 @@ import httpx
 import pytest
 from playwright.sync_api import Frame, Page, Route, expect
 
-from backend.simulation.demonstration_scenes import demonstration_scene
+from desirepath.simulation.demonstration_scenes import demonstration_scene
 from tests.journeys.conftest import Installation
 
 pytestmark = pytest.mark.journey
@@ -29,7 +29,7 @@ SPEED = 12
 def created(installation: Installation) -> str:
     """The recruiting link's token of a new study."""
     told = subprocess.run(
-        [sys.executable, "-m", "backend.cli", "study", "create", str(QUICK), "--live", "--json"],
+        [sys.executable, "-m", "desirepath", "study", "create", str(QUICK), "--live", "--json"],
         env={**os.environ, "DESIREPATH_DATA": str(installation.data)},
         capture_output=True,
         text=True,

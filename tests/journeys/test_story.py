@@ -19,18 +19,18 @@ import pytest
 from playwright.sync_api import Page, expect
 from sqlalchemy import select
 
-from backend.analysis.metrics import measure
-from backend.experiments.browser.client import walk_with_browser
-from backend.learning.policies.shipped import load_queries
-from backend.learning.queries.queries import QuerySet
-from backend.settings import Settings
-from backend.store.artefacts import ArtefactStore, load_trajectory
-from backend.store.database import Database
-from backend.store.models import Response, Session, Trial
-from backend.study.links import token_hash
-from backend.study.protocol.freezing import PROTOCOLS, freeze_text
-from backend.study.simulated.participant import Character
-from backend.study.studies import create_study
+from desirepath.analysis.metrics import measure
+from desirepath.learning.policies.shipped import load_queries
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.settings import Settings
+from desirepath.store.artefacts import ArtefactStore, load_trajectory
+from desirepath.store.database import Database
+from desirepath.store.models import Response, Session, Trial
+from desirepath.study.links import token_hash
+from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.study.simulated.participant import Character
+from desirepath.study.studies import create_study
+from desirepath_experiments.browser.client import walk_with_browser
 from tests.journeys.conftest import Installation
 
 pytestmark = pytest.mark.journey
@@ -328,7 +328,7 @@ def _finished(page: Page, installation: Installation, job: str) -> dict:
     environment = {**os.environ, "DESIREPATH_DATA": str(installation.data)}
     for _ in range(240):
         told = subprocess.run(
-            [sys.executable, "-m", "backend.cli", "jobs", "show", job, "--json"],
+            [sys.executable, "-m", "desirepath", "jobs", "show", job, "--json"],
             env=environment,
             capture_output=True,
             text=True,

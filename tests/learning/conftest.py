@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from backend.learning.policies.shipped import load_queries
-from backend.learning.preferences.oracles import make_oracle
-from backend.learning.preferences.preferences import Preference
-from backend.learning.queries.queries import QuerySet
-from backend.learning.td3.base import BaseConfig, BaseResult, train_base
+from desirepath.learning.policies.shipped import load_queries
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.learning.td3.base import BaseConfig, BaseResult, train_base
 
 TINY_BASE = BaseConfig(
     setup="open_field",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from backend.learning.preferences.advantage_process import AdvantageProcess
+from desirepath.learning.preferences.advantage_process import AdvantageProcess
 
 
 @pytest.mark.parametrize("strength", [8.0, 64.0, 512.0])

@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 from torch.nn.functional import mse_loss
 
-from backend.learning.policies.networks import Parameters, actor_forward, critic_forward
-from backend.learning.policies.shape import EXPLAINED_HEADS, NetworkShape
-from backend.learning.td3.backprop import Adam
-from backend.learning.td3.td3 import Batch, Td3Config, act, actor_gradients, critic_gradients, td_targets
-from backend.simulation.setups import EXPLAINED_ROOM, OPEN_FIELD, STUDY_ROOM, Setup
+from desirepath.learning.policies.networks import Parameters, actor_forward, critic_forward
+from desirepath.learning.policies.shape import EXPLAINED_HEADS, NetworkShape
+from desirepath.learning.td3.backprop import Adam
+from desirepath.learning.td3.td3 import Batch, Td3Config, act, actor_gradients, critic_gradients, td_targets
+from desirepath.simulation.setups import EXPLAINED_ROOM, OPEN_FIELD, STUDY_ROOM, Setup
 
 SHAPES = [
     NetworkShape.of(OPEN_FIELD),

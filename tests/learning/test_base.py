@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from backend.analysis.metrics import success_rate, timeout_rate
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.learning.td3.base import BaseConfig, BaseResult, BaseTraining, smoothness_penalty_gradient, train_base
-from backend.learning.td3.replay import collect
-from backend.simulation.fast import evaluate
+from desirepath.analysis.metrics import success_rate, timeout_rate
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.learning.td3.base import BaseConfig, BaseResult, BaseTraining, smoothness_penalty_gradient, train_base
+from desirepath.learning.td3.replay import collect
+from desirepath.simulation.fast import evaluate
 
 
 def test_a_short_training_changes_the_weights_and_says_what_it_did(

@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.learning.errors import LearningError
-from backend.learning.preferences.measures import MEASURES, typical_differences
-from backend.learning.preferences.objectives import NAMES, OPPOSITES
-from backend.learning.preferences.posterior import Posterior, PosteriorConfig
-from backend.learning.queries.choosing import (
+from desirepath.learning.errors import LearningError
+from desirepath.learning.preferences.measures import MEASURES, typical_differences
+from desirepath.learning.preferences.objectives import NAMES, OPPOSITES
+from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
+from desirepath.learning.queries.choosing import (
     StoppingRule,
     best_information,
     choose_queries,
     information_bits,
     next_query,
 )
-from backend.learning.queries.queries import QuerySet
-from backend.learning.queries.varied_queries import balanced, describe_differences, drawn_weights
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.learning.queries.varied_queries import balanced, describe_differences, drawn_weights
 
 QUICK = PosteriorConfig(particles=4_000)
 PRIOR = Posterior.prior("study_room", QUICK)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from backend.learning.errors import LearningError
-from backend.learning.policies.conditioned import ConditionedPolicy, settings
-from backend.learning.policies.mirroring import ACTION_SIGNS, mirror_of
-from backend.learning.policies.policy import Policy, PolicyError
-from backend.learning.policies.shipped import load_policy
-from backend.learning.preferences.objectives import (
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.conditioned import ConditionedPolicy, settings
+from desirepath.learning.policies.mirroring import ACTION_SIGNS, mirror_of
+from desirepath.learning.policies.policy import Policy, PolicyError
+from desirepath.learning.policies.shipped import load_policy
+from desirepath.learning.preferences.objectives import (
     MIRRORED,
     NAMES,
     OPPOSITES,
@@ -24,8 +24,8 @@ from backend.learning.preferences.objectives import (
     shares_of_reward,
     step_terms_of,
 )
-from backend.learning.td3.base import BaseResult
-from backend.learning.td3.conditioned_training import (
+from desirepath.learning.td3.base import BaseResult
+from desirepath.learning.td3.conditioned_training import (
     REWARD_WEIGHTS,
     ConditionedConfig,
     ConditionedResult,
@@ -34,10 +34,10 @@ from backend.learning.td3.conditioned_training import (
     strong_enough,
     train_conditioned,
 )
-from backend.simulation.fast import FastEngine
-from backend.simulation.scene import Pose, Scene
-from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import SetupError, get_setup
+from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.scene import Pose, Scene
+from desirepath.simulation.scenes import draw_scenes
+from desirepath.simulation.setups import SetupError, get_setup
 
 Floats = NDArray[np.float32]
 TINY = ConditionedConfig(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.learning.alignment.conditioning_search import (
+from desirepath.learning.alignment.conditioning_search import (
     AIM,
     CROSSING_COST,
     FAILURE_COST,
@@ -18,15 +18,15 @@ from backend.learning.alignment.conditioning_search import (
     length_weight_of,
     search_conditioning,
 )
-from backend.learning.alignment.gate import GateRule
-from backend.learning.errors import LearningError
-from backend.learning.policies.conditioned import ConditionedPolicy
-from backend.learning.policies.shipped import load_conditioned, load_policy
-from backend.learning.policies.steerability import MeasuredRollouts
-from backend.learning.preferences.measures import MEASURES, typical_differences
-from backend.learning.preferences.objectives import SIZE, preference_weights
-from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
-from backend.simulation.trajectory import Outcome
+from desirepath.learning.alignment.gate import GateRule
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.conditioned import ConditionedPolicy
+from desirepath.learning.policies.shipped import load_conditioned, load_policy
+from desirepath.learning.policies.steerability import MeasuredRollouts
+from desirepath.learning.preferences.measures import MEASURES, typical_differences
+from desirepath.learning.preferences.objectives import SIZE, preference_weights
+from desirepath.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
+from desirepath.simulation.trajectory import Outcome
 
 TINY = ConditioningSearchConfig(tried=16, copies=8, survivors=3, selection_scenes=40, gate=GateRule(scenes=60))
 FARTHER = preference_weights({"farther": 1.0})

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.learning.errors import LearningError
-from backend.learning.policies.mirroring import ACTION_SIGNS, mirror_of
-from backend.learning.preferences.measures import measures, table_of
-from backend.learning.preferences.objectives import (
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.mirroring import ACTION_SIGNS, mirror_of
+from desirepath.learning.preferences.measures import measures, table_of
+from desirepath.learning.preferences.objectives import (
     CROWD_NAMES,
     CROWD_OBJECTIVES,
     OBJECTIVES,
@@ -21,12 +21,12 @@ from backend.learning.preferences.objectives import (
     preference_weights,
     step_terms_of,
 )
-from backend.learning.preferences.oracles import CROWD_PREFERENCES, preference_of
-from backend.simulation.fast import replay
-from backend.simulation.pedestrians import Crowd, Pedestrian
-from backend.simulation.scene import Person, Pose, Room, Scene
-from backend.simulation.setups import CROWD_HALL
-from backend.simulation.trajectory import Trajectory
+from desirepath.learning.preferences.oracles import CROWD_PREFERENCES, preference_of
+from desirepath.simulation.fast import replay
+from desirepath.simulation.pedestrians import Crowd, Pedestrian
+from desirepath.simulation.scene import Person, Pose, Room, Scene
+from desirepath.simulation.setups import CROWD_HALL
+from desirepath.simulation.trajectory import Trajectory
 
 PLACE = {measure.name: k for k, measure in enumerate(table_of("crowd_hall"))}
 

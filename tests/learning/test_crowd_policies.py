@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 import torch
 
-from backend.analysis.metrics import measure
-from backend.learning.pedestrians.attended import as_trajectory
-from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds, roll_out_crowd
-from backend.learning.pedestrians.crowd_networks import VARIANTS, Actor, Attention, Critic, attention_weights
-from backend.learning.pedestrians.crowd_planners import PLANNERS
-from backend.learning.pedestrians.crowd_states import SIZES, states
-from backend.learning.pedestrians.crowd_training import (
+from desirepath.analysis.metrics import measure
+from desirepath.learning.pedestrians.attended import as_trajectory
+from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds, roll_out_crowd
+from desirepath.learning.pedestrians.crowd_networks import VARIANTS, Actor, Attention, Critic, attention_weights
+from desirepath.learning.pedestrians.crowd_planners import PLANNERS
+from desirepath.learning.pedestrians.crowd_states import SIZES, states
+from desirepath.learning.pedestrians.crowd_training import (
     CrowdTrainingConfig,
     actor_from_arrays,
     actor_to_arrays,
     ended_for_good,
     train_crowd,
 )
-from backend.learning.scene_sets import Purpose
-from backend.simulation.crowds.crowd_engine import CrowdEngine
-from backend.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, CrowdConditions, draw_crowd_scene
+from desirepath.learning.scene_sets import Purpose
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine
+from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, CrowdConditions, draw_crowd_scene
 
 TINY = {"random_transitions": 64, "n_envs": 8, "batch_size": 16, "evaluation_episodes": 2, "evaluate_every": 8}
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from backend.learning.errors import LearningError
-from backend.learning.td3.base import BaseResult
-from backend.learning.td3.ensemble import (
+from desirepath.learning.errors import LearningError
+from desirepath.learning.td3.base import BaseResult
+from desirepath.learning.td3.ensemble import (
     PolicyEnsembleConfig,
     choose_candidates,
     diversity_gradient,

@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 
-from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
-from backend.learning.pedestrians.crowd_planners import PLANNERS
-from backend.learning.pedestrians.foresight import ground_of
-from backend.learning.scene_sets import Purpose
-from backend.simulation.crowds.crowd_engine import CrowdEngine
-from backend.simulation.crowds.crowd_scenes import PUBLISHED, draw_crowd_scene
-from backend.simulation.crowds.foresight_kernels import foresee
-from backend.simulation.setups import CONTROL_DT_S
+from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
+from desirepath.learning.pedestrians.crowd_planners import PLANNERS
+from desirepath.learning.pedestrians.foresight import ground_of
+from desirepath.learning.scene_sets import Purpose
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine
+from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, draw_crowd_scene
+from desirepath.simulation.crowds.foresight_kernels import foresee
+from desirepath.simulation.setups import CONTROL_DT_S
 
 
 def test_who_is_told_where_everybody_will_be_arrives_where_the_path_alone_collides():

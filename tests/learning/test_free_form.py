@@ -9,21 +9,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.learning.errors import TooFewAnswers
-from backend.learning.policies.mirroring import ACTION_SIGNS, mirror_of
-from backend.learning.policies.shipped import load_queries
-from backend.learning.preferences.oracles import make_oracle
-from backend.learning.preferences.posterior import PosteriorConfig
-from backend.learning.preferences.preferences import Preference
-from backend.learning.rewards.held_out import predicted_in_new_scenes
-from backend.learning.rewards.mlp import MlpConfig
-from backend.learning.rewards.mlp_ensemble import RewardEnsembleConfig, fit_mlp_ensemble
-from backend.learning.rewards.model_choice import choose_reward_model
-from backend.learning.rewards.preference_weights import fit_weights
-from backend.learning.rewards.reward_model import RewardModel
-from backend.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
-from backend.simulation.setups import get_setup
-from backend.simulation.trajectory import Trajectory
+from desirepath.learning.errors import TooFewAnswers
+from desirepath.learning.policies.mirroring import ACTION_SIGNS, mirror_of
+from desirepath.learning.policies.shipped import load_queries
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.preferences.posterior import PosteriorConfig
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.rewards.held_out import predicted_in_new_scenes
+from desirepath.learning.rewards.mlp import MlpConfig
+from desirepath.learning.rewards.mlp_ensemble import RewardEnsembleConfig, fit_mlp_ensemble
+from desirepath.learning.rewards.model_choice import choose_reward_model
+from desirepath.learning.rewards.preference_weights import fit_weights
+from desirepath.learning.rewards.reward_model import RewardModel
+from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
+from desirepath.simulation.setups import get_setup
+from desirepath.simulation.trajectory import Trajectory
 
 QUICK = RewardEnsembleConfig(members=1, member=MlpConfig(epochs=12, learning_rate=3e-3, pairs_per_step=16))
 LEFT_SECTORS = slice(16, 26)  # of a study-room observation: lidar around straight left

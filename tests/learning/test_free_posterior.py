@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.learning.errors import LearningError
-from backend.learning.measures.named import NAMES, named_measures
-from backend.learning.measures.pairs import PairDifferences
-from backend.learning.policies.mirroring import mirror_of
-from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
-from backend.learning.preferences.oracles import make_oracle
-from backend.learning.preferences.posterior import PosteriorConfig
-from backend.learning.queries.queries import QuerySet
-from backend.simulation.setups import get_setup
+from desirepath.learning.errors import LearningError
+from desirepath.learning.measures.named import NAMES, named_measures
+from desirepath.learning.measures.pairs import PairDifferences
+from desirepath.learning.policies.mirroring import mirror_of
+from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.preferences.posterior import PosteriorConfig
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.simulation.setups import get_setup
 
 CONFIG = FreeConfig(posterior=PosteriorConfig(particles=3_000))
 

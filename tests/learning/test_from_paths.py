@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.learning.preferences.from_paths import WeightsOfPaths, credible
-from backend.learning.preferences.measures import typical_differences
+from desirepath.learning.preferences.from_paths import WeightsOfPaths, credible
+from desirepath.learning.preferences.measures import typical_differences
 
 TYPICAL = typical_differences("study_room")
 

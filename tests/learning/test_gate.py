@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.learning.alignment.gate import GateRule, at_gate, verdict
-from backend.learning.cards import SOCIAL
-from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import load_policy
+from desirepath.learning.alignment.gate import GateRule, at_gate, verdict
+from desirepath.learning.cards import SOCIAL
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.shipped import load_policy
 
 RULE = GateRule(scenes=30)
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from backend.learning.errors import LearningError
-from backend.learning.preferences.oracles import make_oracle
-from backend.learning.preferences.posterior import PosteriorConfig
-from backend.learning.preferences.preferences import Preference
-from backend.learning.queries.queries import QuerySet
-from backend.learning.rewards.held_out import Prediction, majority_share, predictions
-from backend.learning.rewards.preference_weights import fit_weights
-from backend.learning.rewards.reward_model import RewardModel
+from desirepath.learning.errors import LearningError
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.preferences.posterior import PosteriorConfig
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.learning.rewards.held_out import Prediction, majority_share, predictions
+from desirepath.learning.rewards.preference_weights import fit_weights
+from desirepath.learning.rewards.reward_model import RewardModel
 
 
 def quick(preferences: list[Preference]) -> RewardModel:

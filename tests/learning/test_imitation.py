@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
-from backend.learning.pedestrians import foresight
-from backend.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
-from backend.learning.pedestrians.crowd_networks import VARIANTS, Chooser, actor_acts, attention_weights
-from backend.learning.pedestrians.crowd_planners import PLANNERS
-from backend.learning.pedestrians.crowd_states import SIZES, mirror_of_state, states
-from backend.learning.pedestrians.crowd_training import actor_from_arrays, actor_to_arrays
-from backend.learning.pedestrians.foresight import (
+from desirepath.learning.pedestrians import foresight
+from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
+from desirepath.learning.pedestrians.crowd_networks import VARIANTS, Chooser, actor_acts, attention_weights
+from desirepath.learning.pedestrians.crowd_planners import PLANNERS
+from desirepath.learning.pedestrians.crowd_states import SIZES, mirror_of_state, states
+from desirepath.learning.pedestrians.crowd_training import actor_from_arrays, actor_to_arrays
+from desirepath.learning.pedestrians.foresight import (
     COMMANDS,
     MIRRORED,
     MOST_M,
@@ -18,12 +18,12 @@ from backend.learning.pedestrians.foresight import (
     costs_by_velocity,
     ground_of,
 )
-from backend.learning.pedestrians.imitation import ImitationConfig, imitate, learn_from, mirrored
-from backend.learning.policies.mirroring import ACTION_SIGNS
-from backend.learning.scene_sets import Purpose
-from backend.simulation.crowds.crowd_engine import CrowdEngine
-from backend.simulation.crowds.crowd_scenes import PUBLISHED, CrowdConditions
-from backend.simulation.crowds.foresight_kernels import Ground
+from desirepath.learning.pedestrians.imitation import ImitationConfig, imitate, learn_from, mirrored
+from desirepath.learning.policies.mirroring import ACTION_SIGNS
+from desirepath.learning.scene_sets import Purpose
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine
+from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, CrowdConditions
+from desirepath.simulation.crowds.foresight_kernels import Ground
 
 
 def begun(n: int, **settings: float) -> CrowdEngine:

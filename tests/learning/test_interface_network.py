@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.learning.errors import LearningError
-from backend.learning.policies.shipped import load_queries
-from backend.learning.preferences.oracles import make_oracle
-from backend.learning.preferences.preferences import Preference
-from backend.learning.rewards.held_out import accuracy
-from backend.learning.rewards.interface_network import InterfaceConfig, InterfaceRewardModel, fit_interface
-from backend.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.shipped import load_queries
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.rewards.held_out import accuracy
+from desirepath.learning.rewards.interface_network import InterfaceConfig, InterfaceRewardModel, fit_interface
+from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 
 BRIEF = InterfaceConfig(epochs=60)
 

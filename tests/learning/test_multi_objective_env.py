@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import backend.gymnasium_envs
-from backend.learning.preferences.multi_objective_env import REWARDS
-from backend.learning.preferences.objectives import NAMES
-from backend.simulation.scenes import draw_scene
+import desirepath.gymnasium_envs
+from desirepath.learning.preferences.multi_objective_env import REWARDS
+from desirepath.learning.preferences.objectives import NAMES
+from desirepath.simulation.scenes import draw_scene
 
 IDS = [id for id in gymnasium.registry if id.startswith("desirepath/")]
 
 
 def test_every_registered_environment_passes_the_libraries_own_check() -> None:
-    assert backend.gymnasium_envs
+    assert desirepath.gymnasium_envs
     assert len(IDS) == 12
     for name in IDS:
         with warnings.catch_warnings():

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from backend.learning.alignment.never_worse import better_for_person
-from backend.learning.measures.pairs import PairDifferences
-from backend.learning.policies.shipped import load_conditioned, load_policy
-from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
-from backend.learning.preferences.objectives import preference_weights
-from backend.learning.preferences.oracles import make_oracle
-from backend.learning.preferences.posterior import PosteriorConfig
-from backend.learning.preferences.predictive_check import PredictiveCheck, checked_answers
-from backend.learning.preferences.sureness import Sureness
-from backend.learning.queries.queries import QuerySet
+from desirepath.learning.alignment.never_worse import better_for_person
+from desirepath.learning.measures.pairs import PairDifferences
+from desirepath.learning.policies.shipped import load_conditioned, load_policy
+from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
+from desirepath.learning.preferences.objectives import preference_weights
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.preferences.posterior import PosteriorConfig
+from desirepath.learning.preferences.predictive_check import PredictiveCheck, checked_answers
+from desirepath.learning.preferences.sureness import Sureness
+from desirepath.learning.queries.queries import QuerySet
 
 CONFIG = FreeConfig(posterior=PosteriorConfig(particles=3_000))
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from backend.learning.policies.shipped import load_conditioned
-from backend.learning.preferences.measures import MEASURES, TABLE, typical_differences
-from backend.learning.preferences.objectives import (
+from desirepath.learning.policies.shipped import load_conditioned
+from desirepath.learning.preferences.measures import MEASURES, TABLE, typical_differences
+from desirepath.learning.preferences.objectives import (
     CROWD_NAMES,
     MIRRORED,
     NAMES,
@@ -21,10 +21,10 @@ from backend.learning.preferences.objectives import (
     scales,
     step_terms_of,
 )
-from backend.learning.shipped_files import load_card
-from backend.learning.td3.conditioned_training import REWARD_WEIGHTS
-from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import PREFERENCE_SETUPS, get_setup
+from desirepath.learning.shipped_files import load_card
+from desirepath.learning.td3.conditioned_training import REWARD_WEIGHTS
+from desirepath.simulation.scenes import draw_scenes
+from desirepath.simulation.setups import PREFERENCE_SETUPS, get_setup
 
 LOCALES = Path(__file__).resolve().parents[2] / "frontend" / "locales"
 

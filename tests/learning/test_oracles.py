@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.learning.errors import LearningError
-from backend.learning.preferences.measures import MEASURES, measures
-from backend.learning.preferences.objectives import NAMES, OBJECTIVES
-from backend.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES, TUNING, make_oracle
-from backend.learning.preferences.spans import beginning
-from backend.learning.queries.queries import Query, QuerySet
+from desirepath.learning.errors import LearningError
+from desirepath.learning.preferences.measures import MEASURES, measures
+from desirepath.learning.preferences.objectives import NAMES, OBJECTIVES
+from desirepath.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES, TUNING, make_oracle
+from desirepath.learning.preferences.spans import beginning
+from desirepath.learning.queries.queries import Query, QuerySet
 
 
 @pytest.fixture(scope="module")

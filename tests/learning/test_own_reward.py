@@ -13,38 +13,38 @@ import torch
 from torch import nn
 from typer.testing import CliRunner
 
-from backend.cli import app
-from backend.experiments.benchmarks import people_policies
-from backend.experiments.benchmarks.people_policies import PeoplePoliciesConfig, TrueReward, known_persons
-from backend.experiments.benchmarks.true_yardstick import YardstickConfig, converged_on_the_truth
-from backend.learning.alignment import own_policy
-from backend.learning.alignment.gate import GateRule
-from backend.learning.alignment.mix_search import Candidate, MixSearchConfig
-from backend.learning.alignment.own_policy import SearchedPolicy, searched
-from backend.learning.alignment.own_reward import OwnRewardConfig, means_of, tune_to_reward
-from backend.learning.alignment.policy_library import best_of, mixed_policy
-from backend.learning.errors import LearningError
-from backend.learning.measures.pairs import PairDifferences
-from backend.learning.measures.step_basis import StepBasis
-from backend.learning.people.card import member
-from backend.learning.people.families.base import StepFamilyMember
-from backend.learning.policies.shipped import (
+from desirepath.cli.main import app
+from desirepath.learning.alignment import own_policy
+from desirepath.learning.alignment.gate import GateRule
+from desirepath.learning.alignment.mix_search import Candidate, MixSearchConfig
+from desirepath.learning.alignment.own_policy import SearchedPolicy, searched
+from desirepath.learning.alignment.own_reward import OwnRewardConfig, means_of, tune_to_reward
+from desirepath.learning.alignment.policy_library import best_of, mixed_policy
+from desirepath.learning.errors import LearningError
+from desirepath.learning.measures.pairs import PairDifferences
+from desirepath.learning.measures.step_basis import StepBasis
+from desirepath.learning.people.card import member
+from desirepath.learning.people.families.base import StepFamilyMember
+from desirepath.learning.policies.shipped import (
     load_conditioned,
     load_policy,
     load_policy_library,
     load_shipped,
     load_step_basis,
 )
-from backend.learning.preferences.free_posterior import FreePosterior
-from backend.learning.preferences.preferences import Preference
-from backend.learning.preferences.step_posterior import StepPosterior
-from backend.learning.queries.queries import QuerySet
-from backend.learning.rewards.step_weights import StepWeightsRewardModel, fit_step_weights, step_differences
-from backend.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.simulation.fast import rollout
-from backend.simulation.setups import OPEN_FIELD, get_setup
-from backend.simulation.trajectory import Outcome, Trajectory
+from desirepath.learning.preferences.free_posterior import FreePosterior
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.preferences.step_posterior import StepPosterior
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.learning.rewards.step_weights import StepWeightsRewardModel, fit_step_weights, step_differences
+from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.setups import OPEN_FIELD, get_setup
+from desirepath.simulation.trajectory import Outcome, Trajectory
+from desirepath_experiments.benchmarks import people_policies
+from desirepath_experiments.benchmarks.people_policies import PeoplePoliciesConfig, TrueReward, known_persons
+from desirepath_experiments.benchmarks.true_yardstick import YardstickConfig, converged_on_the_truth
 
 Pairs = list[tuple[Trajectory, Trajectory]]
 

@@ -17,17 +17,17 @@ import pytest
 from numpy.typing import NDArray
 from stable_baselines3 import TD3
 
-from backend.learning.policies.export import policy_to_onnx, policy_to_sb3_zip
-from backend.learning.policies.policy import Policy, PolicyError
-from backend.learning.policies.sb3 import policy_of_sb3
-from backend.learning.policies.shape import EXPLAINED_HEADS, THESIS_HEADS, NetworkShape
-from backend.learning.policies.shipped import load_policy
-from backend.learning.td3.base import BaseResult
-from backend.learning.td3.ensemble import agent_of
-from backend.learning.td3.td3 import Td3Config
-from backend.simulation.fast import FastEngine, evaluate
-from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import EXPLAINED_ROOM, OPEN_FIELD, STUDY_ROOM, SetupError, get_setup
+from desirepath.learning.policies.export import policy_to_onnx, policy_to_sb3_zip
+from desirepath.learning.policies.policy import Policy, PolicyError
+from desirepath.learning.policies.sb3 import policy_of_sb3
+from desirepath.learning.policies.shape import EXPLAINED_HEADS, THESIS_HEADS, NetworkShape
+from desirepath.learning.policies.shipped import load_policy
+from desirepath.learning.td3.base import BaseResult
+from desirepath.learning.td3.ensemble import agent_of
+from desirepath.learning.td3.td3 import Td3Config
+from desirepath.simulation.fast import FastEngine, evaluate
+from desirepath.simulation.scenes import draw_scenes
+from desirepath.simulation.setups import EXPLAINED_ROOM, OPEN_FIELD, STUDY_ROOM, SetupError, get_setup
 
 
 @pytest.fixture(params=["open_field", "study_room"])
@@ -195,9 +195,9 @@ def acts_alike_in_onnx(setup: str, shape: NetworkShape) -> Policy:
 
 
 def test_sb3_zip_of_before_the_rooms_were_rebuilt_still_opens() -> None:
-    """Its class travels by value under the module name it had then, `backend.learning.sb3_extractor`."""
+    """Its class travels by value under the module name it had then, `desirepath.learning.sb3_extractor`."""
     model = TD3.load(Path(__file__).parent / "old" / "policy_of_before_the_rooms.zip", device="cpu")
-    assert type(model.actor.features_extractor).__module__ == "backend.learning.sb3_extractor"
+    assert type(model.actor.features_extractor).__module__ == "desirepath.learning.sb3_extractor"
     seen = np.full((1, OPEN_FIELD.observation_size), 0.25, dtype=np.float32)
     acted = [-0.16083994507789612, 0.15350012481212616]  # by the policy it was exported from
     np.testing.assert_allclose(model.predict(seen, deterministic=True)[0][0], acted, atol=1e-5)

@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.experiments.shipping.policy_libraries import directions, library_settings
-from backend.learning.alignment.library_measures import measured_against
-from backend.learning.alignment.mix_search import MixSearchConfig, search_mixes
-from backend.learning.alignment.policy_library import (
+from desirepath.learning.alignment.library_measures import measured_against
+from desirepath.learning.alignment.mix_search import MixSearchConfig, search_mixes
+from desirepath.learning.alignment.policy_library import (
     FORMAT_WITHOUT_MIXES,
     TIME,
     PolicyLibrary,
@@ -21,27 +20,28 @@ from backend.learning.alignment.policy_library import (
     expected_gains,
     mixed_policy,
 )
-from backend.learning.errors import LearningError
-from backend.learning.measures.pairs import PairDifferences
-from backend.learning.people.card import member
-from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import (
+from desirepath.learning.errors import LearningError
+from desirepath.learning.measures.pairs import PairDifferences
+from desirepath.learning.people.card import member
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.shipped import (
     load_conditioned,
     load_policy,
     load_policy_library,
     load_shipped,
     load_step_basis,
 )
-from backend.learning.preferences.free_posterior import FreePosterior
-from backend.learning.preferences.step_posterior import StepPosterior
-from backend.learning.queries.queries import QuerySet
-from backend.learning.rewards.step_weights import step_differences
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.simulation.fast import rollout
-from backend.simulation.npz import from_npz, to_npz
-from backend.simulation.scene import Scene
-from backend.simulation.setups import get_setup
-from backend.simulation.trajectory import Outcome
+from desirepath.learning.preferences.free_posterior import FreePosterior
+from desirepath.learning.preferences.step_posterior import StepPosterior
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.learning.rewards.step_weights import step_differences
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.npz import from_npz, to_npz
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import get_setup
+from desirepath.simulation.trajectory import Outcome
+from desirepath_experiments.shipping.policy_libraries import directions, library_settings
 
 SETUPS = ("study_room", "open_field")
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.learning.measures.pairs import PairDifferences
-from backend.learning.people.card import people_card
-from backend.learning.preferences.free_posterior import FreeConfig, FreePosterior
-from backend.learning.preferences.oracles import make_oracle
-from backend.learning.preferences.population_prior import (
+from desirepath.learning.measures.pairs import PairDifferences
+from desirepath.learning.people.card import people_card
+from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.preferences.population_prior import (
     EarlierPerson,
     columns_of,
     fitted_prior,
@@ -17,9 +17,9 @@ from backend.learning.preferences.population_prior import (
     shipped_priors,
     to_bytes,
 )
-from backend.learning.preferences.posterior import PosteriorConfig
-from backend.learning.queries.queries import QuerySet
-from backend.simulation.npz import from_npz
+from desirepath.learning.preferences.posterior import PosteriorConfig
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.simulation.npz import from_npz
 
 CONFIG = FreeConfig(posterior=PosteriorConfig(particles=2_000))
 

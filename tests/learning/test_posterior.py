@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.learning.errors import LearningError
-from backend.learning.preferences.measures import MEASURES, typical_differences
-from backend.learning.preferences.objectives import NAMES, OBJECTIVES, OPPOSITES
-from backend.learning.preferences.posterior import Posterior, PosteriorConfig, supports, weights_of_shares
-from backend.learning.preferences.preferences import Preference
-from backend.learning.preferences.spans import SPANS_S
-from backend.learning.rewards.held_out import accuracy
-from backend.learning.rewards.preference_weights import WeightsRewardModel, fit_weights
-from backend.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
+from desirepath.learning.errors import LearningError
+from desirepath.learning.preferences.measures import MEASURES, typical_differences
+from desirepath.learning.preferences.objectives import NAMES, OBJECTIVES, OPPOSITES
+from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig, supports, weights_of_shares
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.preferences.spans import SPANS_S
+from desirepath.learning.rewards.held_out import accuracy
+from desirepath.learning.rewards.preference_weights import WeightsRewardModel, fit_weights
+from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 
 QUICK = PosteriorConfig(particles=4_000)
 

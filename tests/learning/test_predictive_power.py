@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.learning.measures.pairs import PairDifferences
-from backend.learning.preferences.oracles import make_oracle
-from backend.learning.preferences.posterior import Posterior, PosteriorConfig
-from backend.learning.preferences.predictive_check import PredictiveCheck
-from backend.learning.preferences.predictive_power import better_than_chance, odds_against_chance
-from backend.learning.queries.choosing import next_query
-from backend.learning.queries.queries import QuerySet
+from desirepath.learning.measures.pairs import PairDifferences
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
+from desirepath.learning.preferences.predictive_check import PredictiveCheck
+from desirepath.learning.preferences.predictive_power import better_than_chance, odds_against_chance
+from desirepath.learning.queries.choosing import next_query
+from desirepath.learning.queries.queries import QuerySet
 
 ANSWERS = 15
 CONFIG = PosteriorConfig(particles=3_000)

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.learning.errors import LearningError
-from backend.learning.policies.shipped import load_ensemble, load_policy
-from backend.learning.preferences.preferences import Preference
-from backend.learning.queries.queries import (
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.shipped import load_ensemble, load_policy
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.queries.queries import (
     QueryConfig,
     QuerySet,
     flaw,
@@ -20,9 +20,9 @@ from backend.learning.queries.queries import (
     path_gap_m,
     segment_queries,
 )
-from backend.simulation.scenes import check_scene
-from backend.simulation.setups import SetupError
-from backend.simulation.trajectory import Outcome, Trajectory
+from desirepath.simulation.scenes import check_scene
+from desirepath.simulation.setups import SetupError
+from desirepath.simulation.trajectory import Outcome, Trajectory
 
 
 @pytest.fixture(scope="module")

@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.learning.alignment.fine_tuning import FineTuningConfig, FineTuningReward
-from backend.learning.alignment.gate import GateRule
-from backend.learning.alignment.relabelling import RelabelledBuffer, align
-from backend.learning.alignment.thesis import ThesisConfig, thesis_config
-from backend.learning.errors import LearningError
-from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import load_policy
-from backend.learning.preferences.preferences import Preference
-from backend.learning.rewards.linear import LinearRewardModel, fit_linear
-from backend.learning.rewards.mlp import MlpConfig, fit_mlp
-from backend.learning.td3.base import BaseResult
-from backend.learning.td3.replay import collect
-from backend.simulation.setups import STUDY_ROOM, SetupError
+from desirepath.learning.alignment.fine_tuning import FineTuningConfig, FineTuningReward
+from desirepath.learning.alignment.gate import GateRule
+from desirepath.learning.alignment.relabelling import RelabelledBuffer, align
+from desirepath.learning.alignment.thesis import ThesisConfig, thesis_config
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.shipped import load_policy
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.rewards.linear import LinearRewardModel, fit_linear
+from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
+from desirepath.learning.td3.base import BaseResult
+from desirepath.learning.td3.replay import collect
+from desirepath.simulation.setups import STUDY_ROOM, SetupError
 
 TINY = FineTuningConfig(
     updates=120,

@@ -12,19 +12,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backend.learning.errors import LearningError, TooFewAnswers
-from backend.learning.preferences.features import FEATURE_NAMES, obstacle_clearance_m, step_features
-from backend.learning.preferences.oracles import ORACLES, make_oracle, min_human_distance_m
-from backend.learning.preferences.preferences import Preference
-from backend.learning.queries.queries import QuerySet
-from backend.learning.rewards.held_out import accuracy, held_out_accuracy
-from backend.learning.rewards.linear import LinearConfig, LinearRewardModel, fit_linear
-from backend.learning.rewards.mlp import MlpConfig, fit_mlp
-from backend.learning.rewards.reward_model import RewardModel, bradley_terry_gradient, bradley_terry_loss
-from backend.learning.rewards.storage import load_reward_model, save_reward_model
-from backend.simulation.fast import FastEngine
-from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import OPEN_FIELD, STUDY_ROOM, Setup, SetupError
+from desirepath.learning.errors import LearningError, TooFewAnswers
+from desirepath.learning.preferences.features import FEATURE_NAMES, obstacle_clearance_m, step_features
+from desirepath.learning.preferences.oracles import ORACLES, make_oracle, min_human_distance_m
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.learning.rewards.held_out import accuracy, held_out_accuracy
+from desirepath.learning.rewards.linear import LinearConfig, LinearRewardModel, fit_linear
+from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
+from desirepath.learning.rewards.reward_model import RewardModel, bradley_terry_gradient, bradley_terry_loss
+from desirepath.learning.rewards.storage import load_reward_model, save_reward_model
+from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.scenes import draw_scenes
+from desirepath.simulation.setups import OPEN_FIELD, STUDY_ROOM, Setup, SetupError
 
 LEARNED, HELD_OUT = slice(0, 15), slice(15, 200)
 

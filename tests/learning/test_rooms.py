@@ -32,7 +32,7 @@ def circles(of: dict[str, set[str]]) -> list[list[str]]:
     return found
 
 
-@pytest.mark.parametrize("room", ["backend.learning", "backend.jobs"])
+@pytest.mark.parametrize("room", ["desirepath.learning", "desirepath.jobs"])
 def test_no_circle_of_imports(room: str) -> None:
     """Imports inside functions count, too: they only hide a circle."""
     graph = grimp.build_graph("backend", cache_dir=None)

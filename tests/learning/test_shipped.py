@@ -9,22 +9,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.learning.adaptable.policy import AdaptablePolicy
-from backend.learning.alignment.policy_library import PolicyLibrary
-from backend.learning.cards import Card, card_path, file_sha256
-from backend.learning.errors import LearningError
-from backend.learning.measures.step_basis import StepBasis
-from backend.learning.policies.conditioned import ConditionedPolicy
-from backend.learning.policies.evaluate import compare_policies, evaluate_policy, mean_estimate, wilson
-from backend.learning.policies.policy import Policy
-from backend.learning.policies.shipped import load_ensemble, load_policy, load_queries, load_shipped
-from backend.learning.policies.steerability import steerability_of
-from backend.learning.preferences.objectives import NAMES
-from backend.learning.queries.queries import QueryConfig, QuerySet, flaw, look_alike
-from backend.learning.scene_sets import Purpose, first_seed, scene_set
-from backend.learning.shipped_files import DATASETS, load_card, resolve, shipped_names
-from backend.learning.td3.conditioned_training import CONFIGS
-from backend.simulation.scenes import check_scene, draw_scene
+from desirepath.learning.adaptable.policy import AdaptablePolicy
+from desirepath.learning.alignment.policy_library import PolicyLibrary
+from desirepath.learning.cards import Card, card_path, file_sha256
+from desirepath.learning.errors import LearningError
+from desirepath.learning.measures.step_basis import StepBasis
+from desirepath.learning.policies.conditioned import ConditionedPolicy
+from desirepath.learning.policies.evaluate import compare_policies, evaluate_policy, mean_estimate, wilson
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.shipped import load_ensemble, load_policy, load_queries, load_shipped
+from desirepath.learning.policies.steerability import steerability_of
+from desirepath.learning.preferences.objectives import NAMES
+from desirepath.learning.queries.queries import QueryConfig, QuerySet, flaw, look_alike
+from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
+from desirepath.learning.shipped_files import DATASETS, load_card, resolve, shipped_names
+from desirepath.learning.td3.conditioned_training import CONFIGS
+from desirepath.simulation.scenes import check_scene, draw_scene
 
 EXPECTED = {
     *(f"{setup}/base" for setup in ("open_field", "study_room")),
@@ -62,7 +62,7 @@ def test_file_and_card_agree_and_the_card_is_complete(name: str) -> None:
     assert card.name == name
     assert card.sha256 == file_sha256(resolve(name))
     assert card.command.startswith(
-        ("python -m backend.experiments.ship ", "python -m backend.learning.ship ")
+        ("python -m desirepath_experiments.ship ", "python -m desirepath.learning.ship ")
     )  # its room before
     assert card.command.endswith(f"--seed {card.seed}")
     assert len(card.commit.removesuffix("-dirty")) == 40
@@ -168,7 +168,7 @@ def test_a_changed_file_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     folder.mkdir()
     for path in (DATASETS / "open_field/base.npz", DATASETS / "open_field/base.card.json"):
         (folder / path.name).write_bytes(path.read_bytes())
-    monkeypatch.setattr("backend.learning.shipped_files.DATASETS", tmp_path)
+    monkeypatch.setattr("desirepath.learning.shipped_files.DATASETS", tmp_path)
     assert load_shipped("open_field/base")
     (folder / "base.npz").write_bytes(load_policy("open_field/base").without_critic().to_bytes())
     with pytest.raises(LearningError, match="disagree"):

@@ -7,23 +7,23 @@ import math
 import numpy as np
 import pytest
 
-from backend.learning.policies.conditioned import settings
-from backend.learning.policies.evaluate import evaluate_policy
-from backend.learning.policies.shipped import load_conditioned, load_policy
-from backend.learning.policies.steerability import (
+from desirepath.learning.policies.conditioned import settings
+from desirepath.learning.policies.evaluate import evaluate_policy
+from desirepath.learning.policies.shipped import load_conditioned, load_policy
+from desirepath.learning.policies.steerability import (
     Course,
     MeasuredRollouts,
     Steerability,
     measured_rollouts,
     steerability_of,
 )
-from backend.learning.preferences.measures import MEASURES
-from backend.learning.preferences.objectives import NAMES, OBJECTIVES, best_possible
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.simulation.fast import rollout
-from backend.simulation.scene import Person, Pose, Scene
-from backend.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
-from backend.simulation.trajectory import Outcome
+from desirepath.learning.preferences.measures import MEASURES
+from desirepath.learning.preferences.objectives import NAMES, OBJECTIVES, best_possible
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.scene import Person, Pose, Scene
+from desirepath.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
+from desirepath.simulation.trajectory import Outcome
 
 
 def trajectories(human_m: list[float], outcome: Outcome = Outcome.SUCCESS, crossings: int = 0) -> MeasuredRollouts:

@@ -11,11 +11,11 @@ from stable_baselines3.common.logger import configure
 from stable_baselines3.common.type_aliases import ReplayBufferSamples
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from backend.learning.policies.networks import Parameters, actor_forward
-from backend.learning.policies.sb3 import SpacesOnly, actor_layers, critic_layers, read_layers, sb3_td3, write_layers
-from backend.learning.policies.shape import NetworkShape
-from backend.learning.td3.td3 import Batch, Td3Agent, Td3Config
-from backend.simulation.setups import OPEN_FIELD, STUDY_ROOM, Setup
+from desirepath.learning.policies.networks import Parameters, actor_forward
+from desirepath.learning.policies.sb3 import SpacesOnly, actor_layers, critic_layers, read_layers, sb3_td3, write_layers
+from desirepath.learning.policies.shape import NetworkShape
+from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
+from desirepath.simulation.setups import OPEN_FIELD, STUDY_ROOM, Setup
 
 
 def random_batch(setup: Setup, n: int, seed: int) -> Batch:

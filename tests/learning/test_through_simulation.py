@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import torch
 
-from backend.learning.policies.shipped import load_conditioned, load_policy
-from backend.learning.policies.steerability import Course
-from backend.learning.preferences.measures import MEASURES
-from backend.learning.preferences.objectives import OPPOSITES
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.learning.through_simulation.differentiable import Rolled, roll_out
-from backend.learning.through_simulation.sharpening import drawn_weights, mixed, sharpen
-from backend.learning.through_simulation.uphill import SHARPENING
-from backend.simulation.fast import FastEngine
-from backend.simulation.setups import PREFERENCE_SETUPS, SetupError, get_setup
-from backend.simulation.trajectory import Outcome
+from desirepath.learning.policies.shipped import load_conditioned, load_policy
+from desirepath.learning.policies.steerability import Course
+from desirepath.learning.preferences.measures import MEASURES
+from desirepath.learning.preferences.objectives import OPPOSITES
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.learning.through_simulation.differentiable import Rolled, roll_out
+from desirepath.learning.through_simulation.sharpening import drawn_weights, mixed, sharpen
+from desirepath.learning.through_simulation.uphill import SHARPENING
+from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.setups import PREFERENCE_SETUPS, SetupError, get_setup
+from desirepath.simulation.trajectory import Outcome
 
 
 def _driven(setup: str, act: object, scenes: list, *, kept: float = 1.0) -> Rolled:

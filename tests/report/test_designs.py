@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from backend.analysis.repeated_measures import wilcoxon
-from backend.analysis.scale_wordings import SCALES
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.findings import Findings, analyse
-from backend.report.report_text import brief, sections
-from backend.report.study_data import Choice, ParticipantRow, Rating, StudyData
-from backend.report.study_design import designs_of
+from desirepath.analysis.repeated_measures import wilcoxon
+from desirepath.analysis.scale_wordings import SCALES
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.findings import Findings, analyse
+from desirepath.report.report_text import brief, sections
+from desirepath.report.study_data import Choice, ParticipantRow, Rating, StudyData
+from desirepath.report.study_design import designs_of
 
 PLAN = AnalysisPlan(metrics=())
 

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.explanation_figures import explanation_pictures
-from backend.report.explanation_findings import Explained, explained, trials_of
-from backend.report.explanation_text import explanation_brief, explanation_sections
-from backend.report.findings import analyse
-from backend.report.made_up_cohorts import CohortError
-from backend.report.made_up_rankers import PUBLISHED, RankerCohort, made_up_rankings, noise_for, ranked
-from backend.report.study_data import ImportanceRanking, StudyData
-from backend.report.study_report import write_study_report
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.explanation_figures import explanation_pictures
+from desirepath.report.explanation_findings import Explained, explained, trials_of
+from desirepath.report.explanation_text import explanation_brief, explanation_sections
+from desirepath.report.findings import analyse
+from desirepath.report.made_up_cohorts import CohortError
+from desirepath.report.made_up_rankers import PUBLISHED, RankerCohort, made_up_rankings, noise_for, ranked
+from desirepath.report.study_data import ImportanceRanking, StudyData
+from desirepath.report.study_report import write_study_report
 
 PLAN = AnalysisPlan(metrics=())
 OBJECTS = ("a", "b", "c", "d", "e")

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 import yaml
 
-from backend.analysis.metrics import measure
-from backend.analysis.scale_wordings import SCALES
-from backend.analysis.triads import is_circular
-from backend.learning.policies.shipped import load_queries
-from backend.report.analysis_plan import AnalysisPlan, declared_plan, deviations, read_plan
-from backend.report.choice_text import disagreement_section
-from backend.report.findings import NothingToReport, analyse
-from backend.report.report_text import sections
-from backend.report.study_data import Choice, Comparison, ItemText, ParticipantRow, Rating, StudyData
-from backend.report.study_report import answer_rows, scale_rows
+from desirepath.analysis.metrics import measure
+from desirepath.analysis.scale_wordings import SCALES
+from desirepath.analysis.triads import is_circular
+from desirepath.learning.policies.shipped import load_queries
+from desirepath.report.analysis_plan import AnalysisPlan, declared_plan, deviations, read_plan
+from desirepath.report.choice_text import disagreement_section
+from desirepath.report.findings import NothingToReport, analyse
+from desirepath.report.report_text import sections
+from desirepath.report.study_data import Choice, Comparison, ItemText, ParticipantRow, Rating, StudyData
+from desirepath.report.study_report import answer_rows, scale_rows
 
 HERE, THERE = "first_person", "top_down"
 MOUSE = {"pointer": "fine"}

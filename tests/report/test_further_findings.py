@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from backend.analysis.equivalence import bayes_factor, bayes_factor_of_choices
-from backend.analysis.mixed_models import chance_of_the_higher, cumulative_logit
-from backend.analysis.reliability import reliability
-from backend.analysis.scale_wordings import SCALES
-from backend.report.analysis_plan import AnalysisPlan, Equivalence
-from backend.report.findings import Findings, analyse
-from backend.report.further_findings import Further
-from backend.report.made_up_cohorts import Cohort, made_up_study
-from backend.report.report_text import sections
-from backend.report.study_data import Choice, Comparison, ParticipantRow, Rating, StudyData
+from desirepath.analysis.equivalence import bayes_factor, bayes_factor_of_choices
+from desirepath.analysis.mixed_models import chance_of_the_higher, cumulative_logit
+from desirepath.analysis.reliability import reliability
+from desirepath.analysis.scale_wordings import SCALES
+from desirepath.report.analysis_plan import AnalysisPlan, Equivalence
+from desirepath.report.findings import Findings, analyse
+from desirepath.report.further_findings import Further
+from desirepath.report.made_up_cohorts import Cohort, made_up_study
+from desirepath.report.report_text import sections
+from desirepath.report.study_data import Choice, Comparison, ParticipantRow, Rating, StudyData
 
 PLAN = AnalysisPlan(metrics=())
 X, Y = "immersive", "top_down"

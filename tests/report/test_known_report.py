@@ -11,16 +11,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from backend.analysis.scale_wordings import SCALES
-from backend.explain.printed import Section
-from backend.report.analysis_plan import AnalysisPlan, Equivalence
-from backend.report.findings import Findings, analyse
-from backend.report.made_up_cohorts import Cohort, made_up_study
-from backend.report.planned_design import Assumed, PlannedDesign
-from backend.report.report_text import brief, every_test, facts, sections
-from backend.report.simulated_power import enough, power
-from backend.report.study_data import Choice, Guess, ItemText, Rating, StudyData
-from backend.report.study_report import answer_rows, findings_dict, scale_rows
+from desirepath.analysis.scale_wordings import SCALES
+from desirepath.explain.printed import Section
+from desirepath.report.analysis_plan import AnalysisPlan, Equivalence
+from desirepath.report.findings import Findings, analyse
+from desirepath.report.made_up_cohorts import Cohort, made_up_study
+from desirepath.report.planned_design import Assumed, PlannedDesign
+from desirepath.report.report_text import brief, every_test, facts, sections
+from desirepath.report.simulated_power import enough, power
+from desirepath.report.study_data import Choice, Guess, ItemText, Rating, StudyData
+from desirepath.report.study_report import answer_rows, findings_dict, scale_rows
 
 EXPECTED = Path(__file__).with_name("known_report.txt")
 PEOPLE = 14

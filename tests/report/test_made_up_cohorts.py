@@ -9,15 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.analysis.repeated_measures import friedman
-from backend.experiments.cohorts.design_cohorts import DESIGNS, design_cohorts
-from backend.experiments.cohorts.further_cohorts import CASES, further_cohorts
-from backend.experiments.cohorts.known_cohorts import OTHER_ITEM, OTHER_PAIR, OTHER_RANKING, known_cohorts
-from backend.experiments.cohorts.null_cohorts import null_cohorts
-from backend.experiments.cohorts.null_ratings import friedman_p, null_family
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.findings import Findings
-from backend.report.made_up_cohorts import (
+from desirepath.analysis.repeated_measures import friedman
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.findings import Findings
+from desirepath.report.made_up_cohorts import (
     CONDITIONS,
     ITEMS,
     RANKINGS,
@@ -27,8 +22,13 @@ from backend.report.made_up_cohorts import (
     made_up_study,
     read_cohort,
 )
-from backend.report.planned_design import Assumed, PlannedDesign
-from backend.report.simulated_power import COMPARISONS, analysed, enough, power, rate
+from desirepath.report.planned_design import Assumed, PlannedDesign
+from desirepath.report.simulated_power import COMPARISONS, analysed, enough, power, rate
+from desirepath_experiments.cohorts.design_cohorts import DESIGNS, design_cohorts
+from desirepath_experiments.cohorts.further_cohorts import CASES, further_cohorts
+from desirepath_experiments.cohorts.known_cohorts import OTHER_ITEM, OTHER_PAIR, OTHER_RANKING, known_cohorts
+from desirepath_experiments.cohorts.null_cohorts import null_cohorts
+from desirepath_experiments.cohorts.null_ratings import friedman_p, null_family
 
 DIFFERENT = Cohort(
     ratings={"fun": {"immersive": 1.5}, "boredom": {"first_person": 1.5}},

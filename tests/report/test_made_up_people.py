@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.analysis.scales import Scale, ScaleItem
-from backend.report.made_up_cohorts import CONDITIONS, Cohort, CohortError, as_rated, made_up_study
-from backend.report.made_up_rankers import (
+from desirepath.analysis.scales import Scale, ScaleItem
+from desirepath.report.made_up_cohorts import CONDITIONS, Cohort, CohortError, as_rated, made_up_study
+from desirepath.report.made_up_rankers import (
     ITEMS,
     OBJECTS,
     PUBLISHED,

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.method_findings import methods_of
-from backend.report.method_text import methods_section
-from backend.report.study_data import MethodChoice, Taught
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.method_findings import methods_of
+from desirepath.report.method_text import methods_section
+from desirepath.report.study_data import MethodChoice, Taught
 
 METHODS = ("choices", "drawing", "sliders", "words")
 

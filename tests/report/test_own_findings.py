@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.findings import Findings, analyse
-from backend.report.report_text import sections
-from backend.report.study_data import Choice, Comparison, Guess, ParticipantRow, StudyData
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.findings import Findings, analyse
+from desirepath.report.report_text import sections
+from desirepath.report.study_data import Choice, Comparison, Guess, ParticipantRow, StudyData
 
 PLAN = AnalysisPlan(metrics=())
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.analysis.scale_wordings import SCALES
-from backend.report.analysis_plan import AnalysisPlan, Equivalence
-from backend.report.findings import analyse
-from backend.report.made_up_cohorts import CONDITIONS, Cohort, CohortError, made_up_study
-from backend.report.planned_design import Assumed, PlannedDesign, as_planned
-from backend.report.simulated_power import Power, power
-from backend.report.study_design import StudyDesign
+from desirepath.analysis.scale_wordings import SCALES
+from desirepath.report.analysis_plan import AnalysisPlan, Equivalence
+from desirepath.report.findings import analyse
+from desirepath.report.made_up_cohorts import CONDITIONS, Cohort, CohortError, made_up_study
+from desirepath.report.planned_design import Assumed, PlannedDesign, as_planned
+from desirepath.report.simulated_power import Power, power
+from desirepath.report.study_design import StudyDesign
 
 VIEWS = {"view": ("immersive", "top_down")}
 SPEEDS = {"speed": ("fast", "slow")}

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from backend.learning.policies.evaluate import evaluate_policy
-from backend.learning.policies.shipped import load_policy
-from backend.report.policy_table import BASE, MEANS, PERCENT, PolicyRow, policies_section
+from desirepath.learning.policies.evaluate import evaluate_policy
+from desirepath.learning.policies.shipped import load_policy
+from desirepath.report.policy_table import BASE, MEANS, PERCENT, PolicyRow, policies_section
 
 
 def test_the_table_holds_every_number_with_its_interval() -> None:

@@ -10,14 +10,14 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
-from backend.analysis.scale_wordings import SCALES
-from backend.analysis.tested import Mean
-from backend.explain.pictures import Picture
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.findings import Findings, analyse
-from backend.report.made_up_cohorts import CONDITIONS, ITEMS, Cohort, made_up_study
-from backend.report.planned_design import Assumed
-from backend.report.report_figures import (
+from desirepath.analysis.scale_wordings import SCALES
+from desirepath.analysis.tested import Mean
+from desirepath.explain.pictures import Picture
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.findings import Findings, analyse
+from desirepath.report.made_up_cohorts import CONDITIONS, ITEMS, Cohort, made_up_study
+from desirepath.report.planned_design import Assumed
+from desirepath.report.report_figures import (
     PLACES,
     agreement_picture,
     disagreement_picture,
@@ -27,7 +27,7 @@ from backend.report.report_figures import (
     power_picture,
     ranking_picture,
 )
-from backend.report.simulated_power import Power, rate
+from desirepath.report.simulated_power import Power, rate
 
 DIFFERENT = Cohort(
     ratings={"fun": {"immersive": 2.0}, "ease": {"top_down": 1.2, "immersive": 2.5}},

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from backend.analysis.scale_wordings import SCALES
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.findings import NothingToReport
-from backend.report.made_up_cohorts import Cohort, made_up_study
-from backend.report.study_data import StudyData
-from backend.report.study_report import write_study_report
+from desirepath.analysis.scale_wordings import SCALES
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.findings import NothingToReport
+from desirepath.report.made_up_cohorts import Cohort, made_up_study
+from desirepath.report.study_data import StudyData
+from desirepath.report.study_report import write_study_report
 
 PLAN = AnalysisPlan(metrics=())
 

@@ -9,9 +9,9 @@ from datetime import UTC, datetime
 import pytest
 import yaml
 
-from backend.analysis.scale_wordings import SCALES
-from backend.report.study_data import StudyData
-from backend.report.tidy_tables import tidy
+from desirepath.analysis.scale_wordings import SCALES
+from desirepath.report.study_data import StudyData
+from desirepath.report.tidy_tables import tidy
 
 FILES = {
     "questionnaires/usability.yaml": yaml.safe_dump({"title": {"en": "Usability"}, "blocks": [{"scale": "sus"}]}),

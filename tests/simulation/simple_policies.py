@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.simulation.acting import ActFunction
-from backend.simulation.setups import Setup
+from desirepath.simulation.acting import ActFunction
+from desirepath.simulation.setups import Setup
 
 
 def towards_goal(setup: Setup) -> ActFunction:

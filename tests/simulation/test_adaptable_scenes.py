@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from backend.simulation.adaptable_scenes import WALKING_SPEED_M_S, intersection, walking_scenes
-from backend.simulation.fast import FastEngine, rollout
-from backend.simulation.scene import Scene
-from backend.simulation.scenes import check_scene, draw_scenes
-from backend.simulation.setups import ADAPTABLE, CONTROL_DT_S
+from desirepath.simulation.adaptable_scenes import WALKING_SPEED_M_S, intersection, walking_scenes
+from desirepath.simulation.fast import FastEngine, rollout
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.scenes import check_scene, draw_scenes
+from desirepath.simulation.setups import ADAPTABLE, CONTROL_DT_S
 
 
 def test_start_and_goal_lie_six_to_twelve_metres_apart_with_the_person_between_and_three_boxes() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from backend.simulation.crowds.avoidance_kernels import ForceRules, OrcaRules, orca_velocity, social_velocity
+from desirepath.simulation.crowds.avoidance_kernels import ForceRules, OrcaRules, orca_velocity, social_velocity
 
 NO_BOXES = np.zeros((1, 6))
 

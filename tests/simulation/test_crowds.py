@@ -7,24 +7,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool, recorded
-from backend.simulation.crowds.crowd_kernels import nearest_wall
-from backend.simulation.crowds.crowd_maps import boxes_of, map_of
-from backend.simulation.crowds.crowd_reference import CrowdReference
-from backend.simulation.crowds.crowd_scenes import (
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool, recorded
+from desirepath.simulation.crowds.crowd_kernels import nearest_wall
+from desirepath.simulation.crowds.crowd_maps import boxes_of, map_of
+from desirepath.simulation.crowds.crowd_reference import CrowdReference
+from desirepath.simulation.crowds.crowd_scenes import (
     PUBLISHED,
     UNSEEN_HOMES,
     CrowdConditions,
     draw_crowd_scene,
     robot_path,
 )
-from backend.simulation.crowds.crowd_setups import TRAINED_SETUPS
-from backend.simulation.fast import FastEngine
-from backend.simulation.pedestrians import Crowd, Pedestrian, PedestrianError, where_on_route
-from backend.simulation.scene import Person, Pose, Room, Scene, SceneError
-from backend.simulation.scenes import draw_scene
-from backend.simulation.setups import CROWD_CORRIDOR, ROBOT_RADIUS_M, STUDY_ROOM
-from backend.simulation.trajectory import Outcome
+from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
+from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.pedestrians import Crowd, Pedestrian, PedestrianError, where_on_route
+from desirepath.simulation.scene import Person, Pose, Room, Scene, SceneError
+from desirepath.simulation.scenes import draw_scene
+from desirepath.simulation.setups import CROWD_CORRIDOR, ROBOT_RADIUS_M, STUDY_ROOM
+from desirepath.simulation.trajectory import Outcome
 
 EIGHT = CrowdConditions(moving=(8, 8), standing=(2, 2))
 STAND = np.array([[-1.0, 0.0]], np.float32)

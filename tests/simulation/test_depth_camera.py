@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.simulation.depth_camera import (
+from desirepath.simulation.depth_camera import (
     DEPTH_CAMERA,
     WIDE_CAMERA,
     CameraNoise,
@@ -17,10 +17,10 @@ from backend.simulation.depth_camera import (
     depth_frame,
     person_of,
 )
-from backend.simulation.depth_shapes import UprightBox, parts_of
-from backend.simulation.reference_camera import ReferenceCamera
-from backend.simulation.scene import Obstacle, Person, Pose, Room, Scene
-from backend.simulation.scenes import draw_scenes
+from desirepath.simulation.depth_shapes import UprightBox, parts_of
+from desirepath.simulation.reference_camera import ReferenceCamera
+from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene
+from desirepath.simulation.scenes import draw_scenes
 
 EMPTY = Scene(
     setup="home",

@@ -10,13 +10,13 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3 import TD3
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
-from backend.experiments.benchmarks.engines import benchmark_simulate
-from backend.simulation.acting import ActionError
-from backend.simulation.environments import FastVecEnv, NavigationEnv
-from backend.simulation.fast import FastEngine
-from backend.simulation.reference import ReferenceEngine
-from backend.simulation.scenes import draw_scene
-from backend.simulation.setups import SETUPS, STUDY_ROOM
+from desirepath.simulation.acting import ActionError
+from desirepath.simulation.environments import FastVecEnv, NavigationEnv
+from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.reference import ReferenceEngine
+from desirepath.simulation.scenes import draw_scene
+from desirepath.simulation.setups import SETUPS, STUDY_ROOM
+from desirepath_experiments.benchmarks.engines import benchmark_simulate
 
 NAMES = list(SETUPS)
 

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from backend.simulation import kernels
-from backend.simulation.acting import ActionError
-from backend.simulation.fast import FastEngine, evaluate, raw_ranges, rollout, table_of
-from backend.simulation.scene import Obstacle, Person, Pose, Scene, SceneError
-from backend.simulation.scenes import draw_scene, draw_scenes, scene_to_row
-from backend.simulation.setups import OPEN_FIELD, PREFERENCE_SETUPS, SETUPS, STUDY_ROOM, Setup, SetupError
-from backend.simulation.trajectory import Outcome, Trajectory
+from desirepath.simulation import kernels
+from desirepath.simulation.acting import ActionError
+from desirepath.simulation.fast import FastEngine, evaluate, raw_ranges, rollout, table_of
+from desirepath.simulation.scene import Obstacle, Person, Pose, Scene, SceneError
+from desirepath.simulation.scenes import draw_scene, draw_scenes, scene_to_row
+from desirepath.simulation.setups import OPEN_FIELD, PREFERENCE_SETUPS, SETUPS, STUDY_ROOM, Setup, SetupError
+from desirepath.simulation.trajectory import Outcome, Trajectory
 from tests.simulation.simple_policies import towards_goal
 
 NAMES = list(SETUPS)

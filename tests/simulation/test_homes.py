@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from backend.simulation import home_interiors as homes
-from backend.simulation import kernels as k
-from backend.simulation.scene import Scene
-from backend.simulation.scenes import draw_scene, draw_scenes, scene_to_row
+from desirepath.simulation import home_interiors as homes
+from desirepath.simulation import kernels as k
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.scenes import draw_scene, draw_scenes, scene_to_row
 
 
 @pytest.fixture(scope="module")

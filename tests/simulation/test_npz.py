@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.learning.errors import LearningError
-from backend.learning.policies.policy import Policy, PolicyError
-from backend.learning.queries.queries import QuerySet
-from backend.learning.shipped_files import DATASETS
-from backend.simulation.fast import rollout
-from backend.simulation.npz import Bounds, NpzError, from_npz, npz_header, to_npz
-from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import STUDY_ROOM
-from backend.simulation.trajectory import Trajectory
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.policy import Policy, PolicyError
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.learning.shipped_files import DATASETS
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.npz import Bounds, NpzError, from_npz, npz_header, to_npz
+from desirepath.simulation.scenes import draw_scenes
+from desirepath.simulation.setups import STUDY_ROOM
+from desirepath.simulation.trajectory import Trajectory
 
 SHIPPED = sorted(DATASETS.glob("*/**/*.npz"))
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from backend.simulation import kernels
-from backend.simulation.fast import FastEngine, raw_ranges, rollout
-from backend.simulation.reference import ReferenceEngine, rollout_reference
-from backend.simulation.scene import Pose, Scene
-from backend.simulation.scenes import draw_scenes, scene_to_row
-from backend.simulation.setups import DEMONSTRATION_SETUPS, PREFERENCE_SETUPS, ROBOT_RADIUS_M, SETUPS
-from backend.simulation.trajectory import Outcome
+from desirepath.simulation import kernels
+from desirepath.simulation.fast import FastEngine, raw_ranges, rollout
+from desirepath.simulation.reference import ReferenceEngine, rollout_reference
+from desirepath.simulation.scene import Pose, Scene
+from desirepath.simulation.scenes import draw_scenes, scene_to_row
+from desirepath.simulation.setups import DEMONSTRATION_SETUPS, PREFERENCE_SETUPS, ROBOT_RADIUS_M, SETUPS
+from desirepath.simulation.trajectory import Outcome
 from tests.simulation.simple_policies import towards_goal
 
 SCENES = 100

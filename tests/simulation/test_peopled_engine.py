@@ -8,16 +8,16 @@ import gymnasium
 import numpy as np
 import pytest
 
-import backend.gymnasium_envs  # noqa: F401 - registers them
-from backend.simulation.crowds.crowd_engine import CrowdEngine
-from backend.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
-from backend.simulation.crowds.peopled_engine import PeopledEngine
-from backend.simulation.fast import FastEngine, evaluate, rollout, table_of
-from backend.simulation.reference import ReferenceEngine
-from backend.simulation.scene import SceneError
-from backend.simulation.scenes import draw_scene, draw_scenes
-from backend.simulation.setups import CROWD_HALL, CROWD_OFFICE, CROWD_SETUPS, STUDY_ROOM, SetupError
-from backend.simulation.trajectory import Outcome, Trajectory
+import desirepath.gymnasium_envs  # noqa: F401 - registers them
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine
+from desirepath.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
+from desirepath.simulation.crowds.peopled_engine import PeopledEngine
+from desirepath.simulation.fast import FastEngine, evaluate, rollout, table_of
+from desirepath.simulation.reference import ReferenceEngine
+from desirepath.simulation.scene import SceneError
+from desirepath.simulation.scenes import draw_scene, draw_scenes
+from desirepath.simulation.setups import CROWD_HALL, CROWD_OFFICE, CROWD_SETUPS, STUDY_ROOM, SetupError
+from desirepath.simulation.trajectory import Outcome, Trajectory
 
 
 def slowly(observations: np.ndarray) -> np.ndarray:

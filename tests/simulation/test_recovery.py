@@ -5,13 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.simulation.acting import ActFunction, EpisodeActs, EpisodicPolicy, Floats, RecoveringPolicy, Recovery, Rows
-from backend.simulation.fast import evaluate, rollout
-from backend.simulation.reference import rollout_reference
-from backend.simulation.scene import Scene
-from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import CORRIDOR, STUDY_ROOM, SetupError
-from backend.simulation.trajectory import Outcome
+from desirepath.simulation.acting import (
+    ActFunction,
+    EpisodeActs,
+    EpisodicPolicy,
+    Floats,
+    RecoveringPolicy,
+    Recovery,
+    Rows,
+)
+from desirepath.simulation.fast import evaluate, rollout
+from desirepath.simulation.reference import rollout_reference
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.scenes import draw_scenes
+from desirepath.simulation.setups import CORRIDOR, STUDY_ROOM, SetupError
+from desirepath.simulation.trajectory import Outcome
 from tests.simulation.simple_policies import towards_goal
 
 SETUP = STUDY_ROOM

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backend.simulation import kernels
-from backend.simulation.scene import Obstacle, Person, Pose, Room, Scene, SceneError
-from backend.simulation.scenes import (
+from desirepath.simulation import kernels
+from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene, SceneError
+from desirepath.simulation.scenes import (
     LARGEST_SEED,
     ScenePool,
     check_scene,
@@ -22,7 +22,7 @@ from backend.simulation.scenes import (
     draw_scenes,
     scene_to_row,
 )
-from backend.simulation.setups import SETUPS
+from desirepath.simulation.setups import SETUPS
 
 SOUND = Scene(
     setup="study_room",

@@ -10,22 +10,22 @@ import numpy as np
 import onnx
 import pytest
 
-from backend.learning.policies.conditioned import ConditionedPolicy
-from backend.learning.policies.export import policy_to_onnx
-from backend.learning.policies.policy import Policy, PolicyError, networks_to_bytes
-from backend.learning.policies.shipped import load_conditioned, load_policy
-from backend.learning.policies.steerability import Course
-from backend.learning.preferences.measures import MEASURES
-from backend.learning.preferences.objectives import preference_weights
-from backend.learning.queries.queries import QueryConfig
-from backend.learning.queries.varied_queries import VariedConfig, generate_varied_queries
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.learning.shipped_files import load_card
-from backend.simulation.fast import FastEngine, evaluate, rollout
-from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import SETUPS, SetupError, get_setup
-from backend.simulation.slowing import Slowing
-from backend.study.personalising.live_rollouts import conditioned_on
+from desirepath.learning.policies.conditioned import ConditionedPolicy
+from desirepath.learning.policies.export import policy_to_onnx
+from desirepath.learning.policies.policy import Policy, PolicyError, networks_to_bytes
+from desirepath.learning.policies.shipped import load_conditioned, load_policy
+from desirepath.learning.policies.steerability import Course
+from desirepath.learning.preferences.measures import MEASURES
+from desirepath.learning.preferences.objectives import preference_weights
+from desirepath.learning.queries.queries import QueryConfig
+from desirepath.learning.queries.varied_queries import VariedConfig, generate_varied_queries
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.learning.shipped_files import load_card
+from desirepath.simulation.fast import FastEngine, evaluate, rollout
+from desirepath.simulation.scenes import draw_scenes
+from desirepath.simulation.setups import SETUPS, SetupError, get_setup
+from desirepath.simulation.slowing import Slowing
+from desirepath.study.personalising.live_rollouts import conditioned_on
 
 FIELD = get_setup("open_field")
 RULE = Slowing(near_m=2.0, free_m=3.0, most=0.3)

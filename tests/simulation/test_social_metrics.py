@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.simulation.scene import Person, Pose, Scene
-from backend.simulation.social_metrics import LONGEST_TTC_S, SocialMetrics, joined, social_metrics
+from desirepath.simulation.scene import Person, Pose, Scene
+from desirepath.simulation.social_metrics import LONGEST_TTC_S, SocialMetrics, joined, social_metrics
 
 DT = 0.2
 SCENE = Scene("open_field", 0, Pose(0.0, 0.0, 0.0), Pose(4.0, 0.0), 0.4, Person(Pose(2.0, 0.0)))

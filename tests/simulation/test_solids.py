@@ -9,13 +9,13 @@ import pytest
 from shapely import LineString, Point, Polygon
 from shapely.ops import nearest_points
 
-from backend.learning.policies.mirroring import mirror_of
-from backend.learning.preferences.features import step_features
-from backend.simulation.environments import NavigationEnv, observation_space
-from backend.simulation.fast import FastEngine
-from backend.simulation.scene import Scene
-from backend.simulation.scenes import draw_scenes
-from backend.simulation.setups import DEMONSTRATION_SETUPS, SETUPS, SetupError
+from desirepath.learning.policies.mirroring import mirror_of
+from desirepath.learning.preferences.features import step_features
+from desirepath.simulation.environments import NavigationEnv, observation_space
+from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.scenes import draw_scenes
+from desirepath.simulation.setups import DEMONSTRATION_SETUPS, SETUPS, SetupError
 
 
 def by_hand(scene: Scene, scale: float) -> list[float]:

@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.analysis.metrics import measure
-from backend.simulation.demonstration_scenes import demonstration_scene
-from backend.simulation.fast import evaluate, replay, rollout, table_of
-from backend.simulation.reference import rollout_reference
-from backend.simulation.scene import Person, Pose, Scene, SceneError
-from backend.simulation.setups import CORRIDOR
-from backend.simulation.trajectory import Outcome, Trajectory
-from backend.simulation.walks import Walk, WalkError
+from desirepath.analysis.metrics import measure
+from desirepath.simulation.demonstration_scenes import demonstration_scene
+from desirepath.simulation.fast import evaluate, replay, rollout, table_of
+from desirepath.simulation.reference import rollout_reference
+from desirepath.simulation.scene import Person, Pose, Scene, SceneError
+from desirepath.simulation.setups import CORRIDOR
+from desirepath.simulation.trajectory import Outcome, Trajectory
+from desirepath.simulation.walks import Walk, WalkError
 
 STANDING = demonstration_scene("corridor", 0)
 STRAIGHT_ON = np.array([[1.0, 0.0]] * 260, dtype=np.float32)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
 from tests import postgres
 from tests.store.small_study import SmallStudy
 

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from sqlalchemy import select
 
-from backend.simulation.scene import Scene
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
-from backend.store.models import Job, Session
-from backend.store.outbox import ENDED, cancel_job
-from backend.study.drawing import strokes
-from backend.study.kinds.demonstration import drawing_of
-from backend.study.links import next_token, token_hash
-from backend.study.session import leaving, machine, watching
-from backend.study.session.finding import acting
-from backend.study.simulated.known import known_to_simulated
-from backend.study.simulated.participant import any_answer
+from desirepath.simulation.scene import Scene
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.models import Job, Session
+from desirepath.store.outbox import ENDED, cancel_job
+from desirepath.study.drawing import strokes
+from desirepath.study.kinds.demonstration import drawing_of
+from desirepath.study.links import next_token, token_hash
+from desirepath.study.session import leaving, machine, watching
+from desirepath.study.session.finding import acting
+from desirepath.study.simulated.known import known_to_simulated
+from desirepath.study.simulated.participant import any_answer
 from tests.study.walking import Walker
 
 PACKED = Path(__file__).parent / "old" / "installation.tar.xz"

@@ -8,13 +8,13 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from backend.simulation.scene import Person, Pose, Room, Scene
-from backend.simulation.setups import get_setup
-from backend.simulation.trajectory import Outcome, Trajectory
-from backend.store.artefacts import ArtefactStore, save_artefact, save_trajectory
-from backend.store.database import Database
-from backend.store.events import log_event
-from backend.store.models import (
+from desirepath.simulation.scene import Person, Pose, Room, Scene
+from desirepath.simulation.setups import get_setup
+from desirepath.simulation.trajectory import Outcome, Trajectory
+from desirepath.store.artefacts import ArtefactStore, save_artefact, save_trajectory
+from desirepath.store.database import Database
+from desirepath.store.events import log_event
+from desirepath.store.models import (
     Participant,
     ProblemReport,
     RecruitingId,

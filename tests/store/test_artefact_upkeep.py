@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select, update
 
-from backend.store.artefact_upkeep import (
+from desirepath.store.artefact_upkeep import (
     archive_artefact,
     delete_artefact,
     offered,
@@ -13,11 +13,11 @@ from backend.store.artefact_upkeep import (
     restore_artefact,
     uses_of,
 )
-from backend.store.artefacts import ArtefactError, lineage
-from backend.store.models import Artefact, Session, Study, Trial, utc_now
-from backend.store.outbox import cancel_job, enqueue_job
-from backend.store.shipped_policies import policy_artefact, register_shipped
-from backend.store.snapshots import take_snapshot
+from desirepath.store.artefacts import ArtefactError, lineage
+from desirepath.store.models import Artefact, Session, Study, Trial, utc_now
+from desirepath.store.outbox import cancel_job, enqueue_job
+from desirepath.store.shipped_policies import policy_artefact, register_shipped
+from desirepath.store.snapshots import take_snapshot
 from tests.store.small_study import SmallStudy
 
 

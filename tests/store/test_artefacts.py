@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select, update
 
-from backend.learning.queries.queries import Query, QuerySet
-from backend.simulation.setups import SetupError
-from backend.store.artefacts import (
+from desirepath.learning.queries.queries import Query, QuerySet
+from desirepath.simulation.setups import SetupError
+from desirepath.store.artefacts import (
     ArtefactError,
     ArtefactStore,
     lineage,
@@ -19,9 +19,9 @@ from backend.store.artefacts import (
     save_artefact,
     save_trajectory,
 )
-from backend.store.database import Database, StorageError
-from backend.store.events import log_event
-from backend.store.models import (
+from desirepath.store.database import Database, StorageError
+from desirepath.store.events import log_event
+from desirepath.store.models import (
     Artefact,
     Event,
     Job,
@@ -32,9 +32,9 @@ from backend.store.models import (
     Trial,
     utc_now,
 )
-from backend.store.outbox import cancel_job, enqueue_job
-from backend.store.query_sets import import_query_set, queries_of, save_query_set
-from backend.store.snapshots import (
+from desirepath.store.outbox import cancel_job, enqueue_job
+from desirepath.store.query_sets import import_query_set, queries_of, save_query_set
+from desirepath.store.snapshots import (
     Snapshot,
     SnapshotError,
     checked_whose,

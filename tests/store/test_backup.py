@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
-from backend.store.artefacts import ArtefactStore, load_trajectory
-from backend.store.backup import BackupError, backup, restore
-from backend.store.database import Database, StorageError
-from backend.store.demonstration_snapshots import read_demonstrations
-from backend.store.erasure import erase_participant
-from backend.store.models import Response, Setting, StrokeRow, TaskFile, TrajectoryRow
-from backend.store.simulated_demonstrations import take_simulated_demonstrations
-from backend.store.snapshots import load_snapshot, take_snapshot
+from desirepath.store.artefacts import ArtefactStore, load_trajectory
+from desirepath.store.backup import BackupError, backup, restore
+from desirepath.store.database import Database, StorageError
+from desirepath.store.demonstration_snapshots import read_demonstrations
+from desirepath.store.erasure import erase_participant
+from desirepath.store.models import Response, Setting, StrokeRow, TaskFile, TrajectoryRow
+from desirepath.store.simulated_demonstrations import take_simulated_demonstrations
+from desirepath.store.snapshots import load_snapshot, take_snapshot
 from tests import postgres
 from tests.store.small_study import SmallStudy
 

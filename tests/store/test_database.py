@@ -18,16 +18,16 @@ import pytest
 from sqlalchemy import select, text
 from sqlalchemy.exc import IntegrityError
 
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database, DatabaseBusy, StorageError, check_writable
-from backend.store.models import Setting
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database, DatabaseBusy, StorageError, check_writable
+from desirepath.store.models import Setting
 from tests import postgres
 
 # Writes one answer after another and says the id of each once its transaction has returned.
 WRITER = """
 import sys
-from backend.store.database import Database
-from backend.store.models import Setting
+from desirepath.store.database import Database
+from desirepath.store.models import Setting
 database = Database(sys.argv[1])
 for k in range(100_000):
     with database.transaction() as s:
@@ -37,8 +37,8 @@ for k in range(100_000):
 # Writes until the disk (here: the largest file this process may have) is full, then says what it was told.
 FILLER = """
 import resource, signal, sys
-from backend.store.database import Database, StorageError
-from backend.store.models import Setting
+from desirepath.store.database import Database, StorageError
+from desirepath.store.models import Setting
 database = Database(sys.argv[1])
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
@@ -109,7 +109,7 @@ def test_writers_get_in_in_the_order_in_which_they_came(database: Database):
 
 
 def test_who_waits_in_vain_is_told_and_the_others_go_on(database: Database, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("backend.store.database.TURN_PATIENCE_S", 0.05)
+    monkeypatch.setattr("desirepath.store.database.TURN_PATIENCE_S", 0.05)
     told: list[DatabaseBusy] = []
 
     def write_while_another_does() -> None:
@@ -322,7 +322,7 @@ def test_on_postgresql_compacting_stops_nobody_who_writes(postgres_server: str, 
 def test_on_postgresql_compacting_says_where_somebody_still_sees_what_was_deleted(
     postgres_server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("backend.store.database.COMPACT_TRIES_S", 0.0)  # do not wait for the reader
+    monkeypatch.setattr("desirepath.store.database.COMPACT_TRIES_S", 0.0)  # do not wait for the reader
     with postgres.holding(postgres_server, tmp_path / "none") as url:
         database = Database(url)
         with database.transaction() as s:
@@ -342,7 +342,7 @@ def test_on_postgresql_compacting_says_where_somebody_still_sees_what_was_delete
 def test_compacting_gives_up_while_somebody_reads_and_says_so(
     database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("backend.store.database.COMPACT_TRIES_S", 0.0)  # do not wait for the reader
+    monkeypatch.setattr("desirepath.store.database.COMPACT_TRIES_S", 0.0)  # do not wait for the reader
     with database.transaction() as s:
         s.add(Setting(key="a", value={}))
     reader = sqlite3.connect(tmp_path / "desirepath.sqlite", isolation_level=None)

@@ -14,12 +14,12 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from backend.simulation.setups import ROBOT_RADIUS_M, get_setup
-from backend.simulation.trajectory import Trajectory
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
-from backend.store.dataset.writing import export_study
-from backend.store.models import Participant, Study, utc_now
+from desirepath.simulation.setups import ROBOT_RADIUS_M, get_setup
+from desirepath.simulation.trajectory import Trajectory
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.dataset.writing import export_study
+from desirepath.store.models import Participant, Study, utc_now
 from tests.store.old_installation import unpack
 from tests.store.small_study import SmallStudy
 

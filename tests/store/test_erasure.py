@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
-from backend.learning.queries.queries import Query, QuerySet
-from backend.store.artefacts import ArtefactError, ArtefactStore, load_artefact, save_trajectory
-from backend.store.database import COMPACT_PENDING, Database
-from backend.store.dataset.writing import export_study
-from backend.store.demonstration_snapshots import read_demonstrations
-from backend.store.erasure import ErasureError, erase_participant
-from backend.store.events import log_event
-from backend.store.models import (
+from desirepath.learning.queries.queries import Query, QuerySet
+from desirepath.store.artefacts import ArtefactError, ArtefactStore, load_artefact, save_trajectory
+from desirepath.store.database import COMPACT_PENDING, Database
+from desirepath.store.dataset.writing import export_study
+from desirepath.store.demonstration_snapshots import read_demonstrations
+from desirepath.store.erasure import ErasureError, erase_participant
+from desirepath.store.events import log_event
+from desirepath.store.models import (
     Artefact,
     Erasing,
     Event,
@@ -29,10 +29,10 @@ from backend.store.models import (
     Tombstone,
     TrajectoryRow,
 )
-from backend.store.outbox import enqueue_job
-from backend.store.query_sets import queries_of, save_query_set
-from backend.store.simulated_demonstrations import take_simulated_demonstrations
-from backend.store.snapshots import load_snapshot, take_snapshot
+from desirepath.store.outbox import enqueue_job
+from desirepath.store.query_sets import queries_of, save_query_set
+from desirepath.store.simulated_demonstrations import take_simulated_demonstrations
+from desirepath.store.snapshots import load_snapshot, take_snapshot
 from tests.store.small_study import SmallStudy, trajectory
 
 CANARY = "canary-7f3a-planted"
@@ -191,7 +191,7 @@ def test_an_erasure_cut_short_can_be_repeated(study: SmallStudy, tmp_path: Path,
         raise KeyboardInterrupt
 
     # There is no other way to stop between the files and the commit.
-    monkeypatch.setattr("backend.store.erasure.replace_artefacts", die)
+    monkeypatch.setattr("desirepath.store.erasure.replace_artefacts", die)
     with pytest.raises(KeyboardInterrupt):
         erase_participant(study.database, study.files, person, by="tester")
     assert person in all_ids(study.database, Participant)

@@ -15,17 +15,17 @@ import pyarrow.parquet as pq
 import pytest
 from sqlalchemy import select, update
 
-from backend.store.artefacts import ArtefactError, ArtefactStore
-from backend.store.database import Database
-from backend.store.dataset.columns import CHECKSUMS_FILE
-from backend.store.dataset.dictionary import data_dictionary
-from backend.store.dataset.importing import import_dataset
-from backend.store.dataset.reading import DatasetError, read_dataset
-from backend.store.dataset.tables import TABLES
-from backend.store.dataset.writing import ExportError, export_study
-from backend.store.events import log_event
-from backend.store.models import Participant, RecruitingId, Response, Session, Study, Trial, protocol_digest, utc_now
-from backend.store.snapshots import load_snapshot, take_snapshot
+from desirepath.store.artefacts import ArtefactError, ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.dataset.columns import CHECKSUMS_FILE
+from desirepath.store.dataset.dictionary import data_dictionary
+from desirepath.store.dataset.importing import import_dataset
+from desirepath.store.dataset.reading import DatasetError, read_dataset
+from desirepath.store.dataset.tables import TABLES
+from desirepath.store.dataset.writing import ExportError, export_study
+from desirepath.store.events import log_event
+from desirepath.store.models import Participant, RecruitingId, Response, Session, Study, Trial, protocol_digest, utc_now
+from desirepath.store.snapshots import load_snapshot, take_snapshot
 from tests.store.small_study import FILES, PROTOCOL_YAML, SmallStudy, trajectory
 
 WITHDRAWN_DRIVES = 200

@@ -12,13 +12,13 @@ import httpx
 import pytest
 from sqlalchemy import select
 
-from backend.store.artefacts import ArtefactError, ArtefactStore
-from backend.store.backup import backup, restore
-from backend.store.database import Database, StorageError
-from backend.store.dataset.reading import read_dataset
-from backend.store.dataset.writing import export_study
-from backend.store.models import Response
-from backend.store.places import StoreAway, read_from, written_at
+from desirepath.store.artefacts import ArtefactError, ArtefactStore
+from desirepath.store.backup import backup, restore
+from desirepath.store.database import Database, StorageError
+from desirepath.store.dataset.reading import read_dataset
+from desirepath.store.dataset.writing import export_study
+from desirepath.store.models import Response
+from desirepath.store.places import StoreAway, read_from, written_at
 from tests.s3 import BUCKET, S3, s3_store
 from tests.store.small_study import SmallStudy
 

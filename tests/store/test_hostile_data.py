@@ -20,18 +20,18 @@ import pyarrow.parquet as pq
 import pytest
 from sqlalchemy import select, text, update
 
-from backend.csv_text import csv_text
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
-from backend.store.dataset import reading
-from backend.store.dataset.columns import CHECKSUMS_FILE
-from backend.store.dataset.importing import import_dataset
-from backend.store.dataset.reading import DatasetError, read_dataset
-from backend.store.dataset.writing import export_study
-from backend.store.erasure import erase_participant
-from backend.store.events import log_event
-from backend.store.models import Event, Study
-from backend.store.plain_data import (
+from desirepath.csv_text import csv_text
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.dataset import reading
+from desirepath.store.dataset.columns import CHECKSUMS_FILE
+from desirepath.store.dataset.importing import import_dataset
+from desirepath.store.dataset.reading import DatasetError, read_dataset
+from desirepath.store.dataset.writing import export_study
+from desirepath.store.erasure import erase_participant
+from desirepath.store.events import log_event
+from desirepath.store.models import Event, Study
+from desirepath.store.plain_data import (
     CUT,
     LARGEST_JSON,
     MOST_LEVELS,
@@ -168,7 +168,7 @@ def test_every_list_that_leaves_as_csv_is_written_in_one_place():
         for file in (root / room).rglob("*.py")
         if "experiments" not in file.parts and re.search(r"csv\.(DictW|w)riter|to_csv\(", file.read_text())
     }
-    assert found == {"backend/csv_text.py", "backend/api/lab/payments.py"}
+    assert found == {"backend/desirepath/csv_text.py", "backend/desirepath/web/lab/payments.py"}
 
 
 # ---- data sets from elsewhere ----------------------------------------------------------------------------------------

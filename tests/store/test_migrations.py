@@ -16,11 +16,11 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Column, Connection, String, delete, insert, inspect, select, text, update
 from sqlalchemy.exc import DBAPIError
 
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import MIGRATIONS, Database, StorageError, migration_config
-from backend.store.erasure import erase_participant
-from backend.store.migrations.__main__ import draft_revision
-from backend.store.models import (
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import MIGRATIONS, Database, StorageError, migration_config
+from desirepath.store.erasure import erase_participant
+from desirepath.store.migrations.__main__ import draft_revision
+from desirepath.store.models import (
     Audit,
     Base,
     Erasing,
@@ -36,7 +36,7 @@ from backend.store.models import (
     Tombstone,
     User,
 )
-from backend.store.snapshots import take_snapshot
+from desirepath.store.snapshots import take_snapshot
 from tests.store.small_study import SmallStudy
 
 
@@ -82,7 +82,7 @@ def test_a_database_of_a_newer_version_is_told(either: Database):
 
 def test_several_processes_may_start_at_once(tmp_path: Path):
     url = f"sqlite:///{tmp_path / 'shared.sqlite'}"
-    start = "import sys; from backend.store.database import Database; Database(sys.argv[1]).migrate()"
+    start = "import sys; from desirepath.store.database import Database; Database(sys.argv[1]).migrate()"
     started = [subprocess.Popen([sys.executable, "-c", start, url], stderr=subprocess.PIPE) for _ in range(3)]
     errors = [process.communicate()[1].decode() for process in started]
     assert [process.returncode for process in started] == [0, 0, 0], errors
@@ -91,7 +91,7 @@ def test_several_processes_may_start_at_once(tmp_path: Path):
 def test_the_next_revision_is_drafted_from_the_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     scripts = tmp_path / "migrations"
     shutil.copytree(MIGRATIONS, scripts)
-    monkeypatch.setattr("backend.store.database.MIGRATIONS", scripts)
+    monkeypatch.setattr("desirepath.store.database.MIGRATIONS", scripts)
     remark = Column("remark", String(20))
     Base.metadata.tables["setting"].append_column(remark)
     try:

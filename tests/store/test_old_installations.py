@@ -13,21 +13,21 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import func, select
 
-from backend.jobs.kinds import get_kind
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.findings import analyse
-from backend.report.tidy_tables import read_study
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
-from backend.store.dataset.importing import import_dataset
-from backend.store.dataset.reading import read_dataset
-from backend.store.dataset.writing import export_study
-from backend.store.demonstration_snapshots import read_demonstrations
-from backend.store.erasure import erase_participant
-from backend.store.models import Artefact, Base, Job, Participant, Response, Session, Study, Trial
-from backend.store.snapshots import load_snapshot
-from backend.study.protocol.freezing import freeze, thaw
-from backend.study.session.versions import protocol_of
+from desirepath.jobs.kinds import get_kind
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.findings import analyse
+from desirepath.report.tidy_tables import read_study
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.dataset.importing import import_dataset
+from desirepath.store.dataset.reading import read_dataset
+from desirepath.store.dataset.writing import export_study
+from desirepath.store.demonstration_snapshots import read_demonstrations
+from desirepath.store.erasure import erase_participant
+from desirepath.store.models import Artefact, Base, Job, Participant, Response, Session, Study, Trial
+from desirepath.store.snapshots import load_snapshot
+from desirepath.study.protocol.freezing import freeze, thaw
+from desirepath.study.session.versions import protocol_of
 from tests.store.old_installation import OldInstallation, Returning, unpack
 
 STUDIES = ("Quick", "Interface", "Moving", "Two appointments", "Quick demonstration", "Personalisation", "The rest")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import yaml
 
-from backend.store.payment_codes import REMOVED, changes_without, data_without, yaml_without
+from desirepath.store.payment_codes import REMOVED, changes_without, data_without, yaml_without
 
 PROTOCOL = """\
 protocol: stages       # also the code of who is screened out: only the code itself is hidden

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from sqlalchemy import func, select
 
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
-from backend.store.models import Audit, Participant, Response, Study, Tombstone
-from backend.store.retention import RetentionError, checked_day, erase_overdue
-from backend.store.snapshots import SnapshotError, take_snapshot
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.models import Audit, Participant, Response, Study, Tombstone
+from desirepath.store.retention import RetentionError, checked_day, erase_overdue
+from desirepath.store.snapshots import SnapshotError, take_snapshot
 from tests.store.small_study import SmallStudy
 
 NOW = datetime(2026, 11, 21, 10, 0, tzinfo=UTC)

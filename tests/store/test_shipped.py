@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import func, select
 
-from backend.learning.shipped_files import load_card
-from backend.store.artefacts import ArtefactError, ArtefactStore, lineage, load_artefact
-from backend.store.database import Database
-from backend.store.models import Artefact, TrajectoryRow
-from backend.store.query_sets import import_query_set, queries_of
-from backend.store.shipped_policies import policy_artefact, register_shipped
+from desirepath.learning.shipped_files import load_card
+from desirepath.store.artefacts import ArtefactError, ArtefactStore, lineage, load_artefact
+from desirepath.store.database import Database
+from desirepath.store.models import Artefact, TrajectoryRow
+from desirepath.store.query_sets import import_query_set, queries_of
+from desirepath.store.shipped_policies import policy_artefact, register_shipped
 
 
 def test_shipped_policies_are_registered_once_with_cards_and_lineage(database: Database, files: ArtefactStore):

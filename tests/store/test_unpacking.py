@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
-from backend.store.dataset import unpacking
-from backend.store.dataset.columns import CHECKSUMS_FILE
-from backend.store.dataset.importing import import_dataset
-from backend.store.dataset.reading import DatasetError, check_files
-from backend.store.dataset.unpacking import unpacked
-from backend.store.dataset.writing import export_study
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.dataset import unpacking
+from desirepath.store.dataset.columns import CHECKSUMS_FILE
+from desirepath.store.dataset.importing import import_dataset
+from desirepath.store.dataset.reading import DatasetError, check_files
+from desirepath.store.dataset.unpacking import unpacked
+from desirepath.store.dataset.writing import export_study
 from tests.store.small_study import SmallStudy
 
 

@@ -7,14 +7,14 @@ from itertools import product
 import pytest
 from sqlalchemy import select
 
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.findings import analyse
-from backend.report.tidy_tables import read_study
-from backend.store.dataset.writing import answers_of
-from backend.store.models import Participant, Session, Study, utc_now
-from backend.store.sides import SIDES, chosen_and_rejected, is_side, other_side, shown_on
-from backend.store.snapshots import load_snapshot, take_snapshot
-from backend.store.who_counts import (
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.findings import analyse
+from desirepath.report.tidy_tables import read_study
+from desirepath.store.dataset.writing import answers_of
+from desirepath.store.models import Participant, Session, Study, utc_now
+from desirepath.store.sides import SIDES, chosen_and_rejected, is_side, other_side, shown_on
+from desirepath.store.snapshots import load_snapshot, take_snapshot
+from desirepath.store.who_counts import (
     GROUPS,
     asked_for,
     group_of,

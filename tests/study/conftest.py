@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
-from backend.store.models import Study
-from backend.study.studies import create_study
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.models import Study
+from desirepath.study.studies import create_study
 from tests.study import walking
 from tests.study.small_protocol import small_protocol
 from tests.study.walking import GIVEN, Walker

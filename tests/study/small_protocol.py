@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from backend.study.protocol.freezing import FrozenProtocol, freeze_text
+from desirepath.study.protocol.freezing import FrozenProtocol, freeze_text
 
 QUESTIONNAIRES = {
     "about": [

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.findings import analyse
-from backend.report.study_data import ItemText, ParticipantRow, Rating, StudyData
-from backend.study.protocol.freezing import freeze_text, shipped_protocols, thaw, validate_protocol_file
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.findings import analyse
+from desirepath.report.study_data import ItemText, ParticipantRow, Rating, StudyData
+from desirepath.study.protocol.freezing import freeze_text, shipped_protocols, thaw, validate_protocol_file
 from tests.study.small_protocol import BLOCK, CROSSED, RATING, VIEWS, protocol_text, write_files
 
 RATED = {"block": {**CROSSED["block"], "after": [{"questionnaire": {"use": "rating"}}]}}

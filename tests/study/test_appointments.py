@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
-from backend.store.models import Response, Session
-from backend.study.kinds import read_plan
-from backend.study.links import next_token, token_hash
-from backend.study.refusals import Refused
-from backend.study.session import machine
-from backend.study.session.appointments import end_of
-from backend.study.session.finding import acting
+from desirepath.store.models import Response, Session
+from desirepath.study.kinds import read_plan
+from desirepath.study.links import next_token, token_hash
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.study.session.appointments import end_of
+from desirepath.study.session.finding import acting
 from tests.study.small_protocol import ABOUT, BLOCK, COME_BACK, RATING
 from tests.study.walking import session_row
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
-from backend.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial
-from backend.study.personalising import next_query
-from backend.study.protocol.freezing import ProtocolError, freeze_text
-from backend.study.studies import create_study
+from desirepath.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial
+from desirepath.study.personalising import next_query
+from desirepath.study.protocol.freezing import ProtocolError, freeze_text
+from desirepath.study.studies import create_study
 from tests.study.walking import QUICK, VALUES, Walker
 
 PLAIN = "queries: {count: 15, choose: information}"

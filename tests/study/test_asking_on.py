@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
-from backend.grammar.source import ProtocolError
-from backend.report.tidy_tables import read_study
-from backend.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial
-from backend.store.snapshots import load_snapshot
-from backend.study.personalising import next_query
-from backend.study.protocol.outline import expected_minutes
-from backend.study.session import machine
-from backend.study.studies import queries_of_study
+from desirepath.grammar.source import ProtocolError
+from desirepath.report.tidy_tables import read_study
+from desirepath.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial
+from desirepath.store.snapshots import load_snapshot
+from desirepath.study.personalising import next_query
+from desirepath.study.protocol.outline import expected_minutes
+from desirepath.study.session import machine
+from desirepath.study.studies import queries_of_study
 from tests.study.small_protocol import small_protocol
 
 ASKED = {"block": {"view": "top_down", "trials": [{"queries": {"count": 3}}]}}

@@ -13,22 +13,22 @@ import pytest
 import torch
 from sqlalchemy import select
 
-from backend.experiments.shipping.attended_people import attended_set, ship_attended
-from backend.explain.ranking_sets import RankingSet
-from backend.learning.errors import LearningError
-from backend.learning.pedestrians.attention_policy import AttentionPolicy
-from backend.learning.pedestrians.crowd_networks import Actor
-from backend.learning.pedestrians.crowd_training import actor_to_arrays
-from backend.report.study_report import write_study_report
-from backend.report.tidy_tables import read_folder
-from backend.store.dataset.writing import export_study
-from backend.store.models import Response, Session
-from backend.study.kinds.base import Moment
-from backend.study.kinds.importance_ranking import KIND
-from backend.study.protocol.freezing import freeze_text, thaw
-from backend.study.simulated.in_process import walk_in_process
-from backend.study.simulated.participant import Character
-from backend.study.studies import StudyError, create_study
+from desirepath.explain.ranking_sets import RankingSet
+from desirepath.learning.errors import LearningError
+from desirepath.learning.pedestrians.attention_policy import AttentionPolicy
+from desirepath.learning.pedestrians.crowd_networks import Actor
+from desirepath.learning.pedestrians.crowd_training import actor_to_arrays
+from desirepath.report.study_report import write_study_report
+from desirepath.report.tidy_tables import read_folder
+from desirepath.store.dataset.writing import export_study
+from desirepath.store.models import Response, Session
+from desirepath.study.kinds.base import Moment
+from desirepath.study.kinds.importance_ranking import KIND
+from desirepath.study.protocol.freezing import freeze_text, thaw
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.simulated.participant import Character
+from desirepath.study.studies import StudyError, create_study
+from desirepath_experiments.shipping.attended_people import attended_set, ship_attended
 from tests.explain.ranking_rooms import small_ranking_set
 from tests.study.small_protocol import small_protocol
 from tests.study.walking import Walker
@@ -85,8 +85,8 @@ def test_a_rollout_among_people_has_the_attention_of_every_moment_and_comes_back
 
 def test_who_is_looked_at_hardest_by_both_streams_gets_the_whole_score() -> None:
     """The weight is laid on one sector and one ray that really point at somebody; the score is theirs alone."""
-    from backend.learning.pedestrians.attended import given_to_people
-    from backend.learning.pedestrians.crowd_evaluation import CrowdRollout
+    from desirepath.learning.pedestrians.attended import given_to_people
+    from desirepath.learning.pedestrians.crowd_evaluation import CrowdRollout
 
     one = next(one for one in small_attended_set().rollouts if one.scores[-1].max() > 0)
     trajectory = one.trajectory
@@ -176,6 +176,6 @@ def test_what_a_set_does_not_have_can_be_no_condition(tmp_path, database, files,
 
 def test_without_the_policy_the_command_says_which_one_makes_it(tmp_path) -> None:
     with pytest.raises(
-        LearningError, match=r"is missing: make it first with `python -m backend.experiments.ship attent"
+        LearningError, match=r"is missing: make it first with `python -m desirepath_experiments.ship attent"
     ):
         ship_attended(tmp_path)

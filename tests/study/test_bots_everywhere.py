@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from sqlalchemy import select
 
-from backend.store.models import Response, Session, Trial
-from backend.study.simulated.in_process import walk_in_process
-from backend.study.studies import create_study
+from desirepath.store.models import Response, Session, Trial
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.studies import create_study
 from tests.study.small_protocol import VIEWS, small_protocol
 
 PURPOSES = {"training": {"en": "Learn?"}, "open_data": {"en": "Publish?"}}

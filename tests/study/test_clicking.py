@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from backend.api.lab import monitoring
-from backend.study.personalising.clicking import is_too_fast, position_bias
+from desirepath.study.personalising.clicking import is_too_fast, position_bias
+from desirepath.web.lab import monitoring
 from tests.study.test_meet_your_robot import COMPARISON, MEET, TRAIN
 from tests.study.walking import session_row
 

@@ -7,10 +7,10 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import select
 
-from backend.store.models import Event
-from backend.study.clock import elapsed_s
-from backend.study.refusals import Refused
-from backend.study.session import machine
+from desirepath.store.models import Event
+from desirepath.study.clock import elapsed_s
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
 from tests.study.small_protocol import BLOCK
 from tests.study.walking import answer, session_row
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from backend.study.coding import role_for
+from desirepath.study.coding import role_for
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sqlalchemy import select
 
-from backend.store.models import Participant, Session, utc_now
-from backend.study.kinds import stored
-from backend.study.plan.assignment import assignment_table
-from backend.study.plan.counterbalancing import design_of, next_row, orders
-from backend.study.protocol.freezing import ProtocolError, thaw
-from backend.study.protocol.planning import make_plan, session_seed
-from backend.study.session.joining import join_study
-from backend.study.studies import create_study
+from desirepath.store.models import Participant, Session, utc_now
+from desirepath.study.kinds import stored
+from desirepath.study.plan.assignment import assignment_table
+from desirepath.study.plan.counterbalancing import design_of, next_row, orders
+from desirepath.study.protocol.freezing import ProtocolError, thaw
+from desirepath.study.protocol.planning import make_plan, session_seed
+from desirepath.study.session.joining import join_study
+from desirepath.study.studies import create_study
 from tests.study.small_protocol import BLOCK, CROSSED, VIEWS, small_protocol
 from tests.study.test_planning import QUERIES, trials
 

@@ -12,29 +12,29 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 
-from backend.demonstrations.demonstration import Demonstration
-from backend.simulation.trajectory import Outcome
-from backend.store.artefacts import ArtefactStore, load_trajectory
-from backend.store.audit import record
-from backend.store.database import Database
-from backend.store.dataset.importing import import_dataset
-from backend.store.dataset.writing import export_study
-from backend.store.demonstration_snapshots import (
+from desirepath.demonstrations.demonstration import Demonstration
+from desirepath.simulation.trajectory import Outcome
+from desirepath.store.artefacts import ArtefactStore, load_trajectory
+from desirepath.store.audit import record
+from desirepath.store.database import Database
+from desirepath.store.dataset.importing import import_dataset
+from desirepath.store.dataset.writing import export_study
+from desirepath.store.demonstration_snapshots import (
     StrokeError,
     demonstrations_of,
     read_demonstrations,
     take_demonstrations,
 )
-from backend.store.erasure import erase_participant
-from backend.store.models import Artefact, Audit, Job, Participant, Response, Session, StrokeRow, Study
-from backend.study.drawing import paths, strokes, walks
-from backend.study.kinds.demonstration import drawing_of
-from backend.study.protocol.freezing import freeze_text
-from backend.study.refusals import Refused
-from backend.study.session import machine
-from backend.study.session.finding import acting
-from backend.study.simulated.in_process import walk_in_process
-from backend.study.studies import create_study
+from desirepath.store.erasure import erase_participant
+from desirepath.store.models import Artefact, Audit, Job, Participant, Response, Session, StrokeRow, Study
+from desirepath.study.drawing import paths, strokes, walks
+from desirepath.study.kinds.demonstration import drawing_of
+from desirepath.study.protocol.freezing import freeze_text
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.study.session.finding import acting
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.studies import create_study
 from tests.study.walking import Walker
 
 QUICK = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_demonstration_study.yaml"

@@ -6,12 +6,12 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
-from backend.grammar.source import ProtocolError
-from backend.store.erasure import erase_participant
-from backend.store.models import Event, Job, Participant, Session, utc_now
-from backend.study.personalising.earlier import earlier_snapshots
-from backend.study.protocol.freezing import freeze_text
-from backend.study.studies import create_study
+from desirepath.grammar.source import ProtocolError
+from desirepath.store.erasure import erase_participant
+from desirepath.store.models import Event, Job, Participant, Session, utc_now
+from desirepath.study.personalising.earlier import earlier_snapshots
+from desirepath.study.protocol.freezing import freeze_text
+from desirepath.study.studies import create_study
 from tests.study.walking import QUICK, Walker
 
 PURPOSE = "version: 2026-11, purposes: {training: {en: Models may learn from my answers., de: Modelle dürfen lernen.}}"

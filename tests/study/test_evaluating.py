@@ -11,21 +11,21 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
-from backend.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
-from backend.study.drawing import paths, strokes
-from backend.study.kinds import stored
-from backend.study.kinds.demonstration import drawing_of
-from backend.study.links import next_token
-from backend.study.plan.counterbalancing import design_of
-from backend.study.protocol.freezing import freeze_text
-from backend.study.protocol.planning import make_plan
-from backend.study.refusals import Refused
-from backend.study.session import machine
-from backend.study.session.finding import acting
-from backend.study.session.joining import join_study
-from backend.study.studies import create_study
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
+from desirepath.study.drawing import paths, strokes
+from desirepath.study.kinds import stored
+from desirepath.study.kinds.demonstration import drawing_of
+from desirepath.study.links import next_token
+from desirepath.study.plan.counterbalancing import design_of
+from desirepath.study.protocol.freezing import freeze_text
+from desirepath.study.protocol.planning import make_plan
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.study.session.finding import acting
+from desirepath.study.session.joining import join_study
+from desirepath.study.studies import create_study
 from tests.study.walking import DEMOGRAPHICS, Walker
 
 STUDY = Path(__file__).resolve().parents[2] / "study_protocols" / "demonstration_study.yaml"

@@ -6,12 +6,12 @@ import csv
 
 import pytest
 
-from backend.grammar.source import ProtocolError
-from backend.store.dataset.writing import export_study
-from backend.study.refusals import Refused
-from backend.study.simulated.in_process import walk_in_process
-from backend.study.simulated.participant import Character
-from backend.study.studies import create_study
+from desirepath.grammar.source import ProtocolError
+from desirepath.store.dataset.writing import export_study
+from desirepath.study.refusals import Refused
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.simulated.participant import Character
+from desirepath.study.studies import create_study
 from tests.study.small_protocol import BLOCK, small_protocol
 from tests.study.walking import answer
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
-from backend.store.models import Event, Participant, Study
-from backend.study.protocol.freezing import ProtocolError
-from backend.study.refusals import Refused
-from backend.study.session import machine
+from desirepath.store.models import Event, Participant, Study
+from desirepath.study.protocol.freezing import ProtocolError
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
 from tests.study.small_protocol import ABOUT, BLOCK, COME_BACK, CROSSED, QUIZ, RATING, VIEWS, small_protocol
 from tests.study.walking import GIVEN, Walker, answer, session_row
 

@@ -12,20 +12,20 @@ import pytest
 from scipy.stats import kendalltau
 from sqlalchemy import select
 
-from backend.explain.shown_explanation import simulated_ranking
-from backend.grammar.source import ProtocolError
-from backend.store.dataset.writing import export_study
-from backend.store.erasure import erase_participant
-from backend.store.models import Participant, Response, Trial
-from backend.study.kinds.base import Moment
-from backend.study.kinds.importance_ranking import KIND
-from backend.study.protocol.freezing import thaw
-from backend.study.protocol.planning import example_queries, make_plan
-from backend.study.refusals import Refused
-from backend.study.session import machine
-from backend.study.simulated.in_process import walk_in_process
-from backend.study.simulated.participant import Character
-from backend.study.studies import StudyError, create_study
+from desirepath.explain.shown_explanation import simulated_ranking
+from desirepath.grammar.source import ProtocolError
+from desirepath.store.dataset.writing import export_study
+from desirepath.store.erasure import erase_participant
+from desirepath.store.models import Participant, Response, Trial
+from desirepath.study.kinds.base import Moment
+from desirepath.study.kinds.importance_ranking import KIND
+from desirepath.study.protocol.freezing import thaw
+from desirepath.study.protocol.planning import example_queries, make_plan
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.simulated.participant import Character
+from desirepath.study.studies import StudyError, create_study
 from tests.explain.ranking_rooms import small_ranking_set
 from tests.study.small_protocol import BLOCK, INFORMATION, small_protocol
 from tests.study.walking import GIVEN, Walker

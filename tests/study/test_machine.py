@@ -10,11 +10,11 @@ import pytest
 from sqlalchemy import func, select
 from sqlalchemy.exc import DatabaseError
 
-from backend.store.models import Artefact, Event, Job, Participant, ProblemReport, Response, Session, Trial, utc_now
-from backend.store.snapshots import load_snapshot
-from backend.study.refusals import Refused
-from backend.study.session import machine
-from backend.study.session.finding import acting
+from desirepath.store.models import Artefact, Event, Job, Participant, ProblemReport, Response, Session, Trial, utc_now
+from desirepath.store.snapshots import load_snapshot
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.study.session.finding import acting
 from tests.study.walking import Walker
 
 CONSENT = {"given": True, "version": "2026-11"}

@@ -8,25 +8,25 @@ import pytest
 import yaml
 from sqlalchemy import select
 
-from backend.api.core.catalogues import Texts
-from backend.grammar.source import ProtocolError
-from backend.learning.measures.named import NAMED
-from backend.learning.preferences.objectives import NAMES
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.findings import analyse
-from backend.report.meeting_findings import met as met_of
-from backend.report.meeting_text import meeting_section
-from backend.report.study_data import Meeting
-from backend.report.tidy_tables import read_study
-from backend.store.models import Job, Session, Study
-from backend.store.snapshots import take_snapshot
-from backend.study.kinds.live import distance
-from backend.study.personalising import believed, next_query
-from backend.study.personalising.believed import beyond_nine
-from backend.study.personalising.live_rollouts import conditioned_on, looks_at, rolled_out, scenes_of
-from backend.study.refusals import Refused
-from backend.study.session import machine
-from backend.study.studies import queries_of_study
+from desirepath.grammar.source import ProtocolError
+from desirepath.learning.measures.named import NAMED
+from desirepath.learning.preferences.objectives import NAMES
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.findings import analyse
+from desirepath.report.meeting_findings import met as met_of
+from desirepath.report.meeting_text import meeting_section
+from desirepath.report.study_data import Meeting
+from desirepath.report.tidy_tables import read_study
+from desirepath.store.models import Job, Session, Study
+from desirepath.store.snapshots import take_snapshot
+from desirepath.study.kinds.live import distance
+from desirepath.study.personalising import believed, next_query
+from desirepath.study.personalising.believed import beyond_nine
+from desirepath.study.personalising.live_rollouts import conditioned_on, looks_at, rolled_out, scenes_of
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.study.studies import queries_of_study
+from desirepath.web.core.catalogues import Texts
 from tests.study.small_protocol import BLOCK, COME_BACK, small_protocol
 from tests.study.walking import answer
 

@@ -8,17 +8,17 @@ from itertools import combinations, pairwise
 import pytest
 from sqlalchemy import select
 
-from backend.learning.preferences.from_paths import as_bytes, read_weights_of_paths, shipped_weights_of_paths
-from backend.simulation.demonstration_scenes import demonstration_scene
-from backend.store.models import Response, StrokeRow, Trial
-from backend.study.personalising.method_robots import METHODS
-from backend.study.plan.counterbalancing import design_of
-from backend.study.protocol.freezing import PROTOCOLS, ProtocolError, freeze, validate_protocol_file
-from backend.study.protocol.planning import example_queries, make_plan
-from backend.study.refusals import Refused
-from backend.study.simulated.in_process import walk_in_process
-from backend.study.simulated.participant import Character
-from backend.study.studies import create_study
+from desirepath.learning.preferences.from_paths import as_bytes, read_weights_of_paths, shipped_weights_of_paths
+from desirepath.simulation.demonstration_scenes import demonstration_scene
+from desirepath.store.models import Response, StrokeRow, Trial
+from desirepath.study.personalising.method_robots import METHODS
+from desirepath.study.plan.counterbalancing import design_of
+from desirepath.study.protocol.freezing import PROTOCOLS, ProtocolError, freeze, validate_protocol_file
+from desirepath.study.protocol.planning import example_queries, make_plan
+from desirepath.study.refusals import Refused
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.simulated.participant import Character
+from desirepath.study.studies import create_study
 from tests.study.small_protocol import BLOCK, small_protocol
 
 SHIPPED = PROTOCOLS / "adaptable_study.yaml"

@@ -7,11 +7,11 @@ from datetime import timedelta
 import pytest
 from sqlalchemy import select
 
-from backend.grammar.source import ProtocolError
-from backend.jobs.kinds import InstantParams
-from backend.jobs.leases import WorkerName, begin_attempt, say_alive
-from backend.report.tidy_tables import read_study
-from backend.store.models import (
+from desirepath.grammar.source import ProtocolError
+from desirepath.jobs.kinds import InstantParams
+from desirepath.jobs.leases import WorkerName, begin_attempt, say_alive
+from desirepath.report.tidy_tables import read_study
+from desirepath.store.models import (
     Artefact,
     Event,
     Job,
@@ -22,13 +22,13 @@ from backend.store.models import (
     Trial,
     utc_now,
 )
-from backend.store.outbox import Queue, queue_of
-from backend.study.kinds import read_step
-from backend.study.personalising.lending import policy_key
-from backend.study.protocol.freezing import freeze_text
-from backend.study.refusals import Refused
-from backend.study.session import machine
-from backend.study.studies import create_study, queries_of_study
+from desirepath.store.outbox import Queue, queue_of
+from desirepath.study.kinds import read_step
+from desirepath.study.personalising.lending import policy_key
+from desirepath.study.protocol.freezing import freeze_text
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.study.studies import create_study, queries_of_study
 from tests.study.walking import ITEMS, QUICK, Walker
 
 

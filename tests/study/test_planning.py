@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backend.study.kinds import stored
-from backend.study.protocol.freezing import PROTOCOLS, freeze_text
-from backend.study.protocol.planning import PlanError, make_plan, session_seed
+from desirepath.study.kinds import stored
+from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.study.protocol.planning import PlanError, make_plan, session_seed
 
 TEXT = (PROTOCOLS / "quick_preference_study.yaml").read_text().replace("choose: information", "choose: random")
 QUICK = freeze_text(TEXT).protocol

@@ -12,15 +12,15 @@ from pathlib import Path
 import pytest
 import yaml
 
-from backend.analysis.scale_wordings import SCALES
-from backend.analysis.scales import frozen_scale
-from backend.grammar.error_words import example_of, parsed
-from backend.grammar.questionnaires import Questionnaire
-from backend.grammar.source import Source
-from backend.study.kinds import kind_of, read_step
-from backend.study.kinds.base import Page
-from backend.study.kinds.wait import TrainStage
-from backend.study.protocol.freezing import (
+from desirepath.analysis.scale_wordings import SCALES
+from desirepath.analysis.scales import frozen_scale
+from desirepath.grammar.error_words import example_of, parsed
+from desirepath.grammar.questionnaires import Questionnaire
+from desirepath.grammar.source import Source
+from desirepath.study.kinds import kind_of, read_step
+from desirepath.study.kinds.base import Page
+from desirepath.study.kinds.wait import TrainStage
+from desirepath.study.protocol.freezing import (
     PROTOCOLS,
     ProtocolError,
     freeze,
@@ -28,11 +28,11 @@ from backend.study.protocol.freezing import (
     shipped_protocols,
     validate_protocol_file,
 )
-from backend.study.protocol.outline import describe_stages, expected_minutes
-from backend.study.protocol.schema import DeviceGate, Protocol, json_schema
-from backend.study.protocol.stages import STAGES, StageEntry
-from backend.study.refusals import Refused
-from backend.study.session.devices import device_problems, fitted
+from desirepath.study.protocol.outline import describe_stages, expected_minutes
+from desirepath.study.protocol.schema import DeviceGate, Protocol, json_schema
+from desirepath.study.protocol.stages import STAGES, StageEntry
+from desirepath.study.refusals import Refused
+from desirepath.study.session.devices import device_problems, fitted
 from tests.study.small_protocol import BLOCK, protocol_text, write_files
 
 QUICK = PROTOCOLS / "quick_preference_study.yaml"
@@ -542,7 +542,7 @@ def test_what_is_not_of_its_type_is_refused_with_the_form_that_works(tmp_path, f
 
 def test_every_example_of_an_error_works():
     """Of all that a protocol and a questionnaire may be made of."""
-    from backend.grammar.parts import Part
+    from desirepath.grammar.parts import Part
 
     def below(model: type) -> Iterator[type[Part]]:
         for one in model.__subclasses__():

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from backend.grammar.source import ProtocolError, Source
-from backend.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.grammar.source import ProtocolError, Source
+from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
 
 QUICK = (PROTOCOLS / "quick_preference_study.yaml").read_text()
 PAGE = "  - instruction: {text: texts/instruction.md}\n"

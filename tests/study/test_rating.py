@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
-from backend.grammar.source import ProtocolError
-from backend.jobs.answers import preferences_of
-from backend.jobs.context import JobContext
-from backend.learning.preferences.oracles import ORACLE_PREFERENCES
-from backend.learning.rewards.held_out import accuracy
-from backend.learning.rewards.linear import fit_linear
-from backend.report.analysis_plan import AnalysisPlan
-from backend.report.findings import analyse
-from backend.report.tidy_tables import read_folder, read_study
-from backend.store.dataset.writing import export_study
-from backend.store.models import Response, Trial
-from backend.store.snapshots import (
+from desirepath.grammar.source import ProtocolError
+from desirepath.jobs.answers import preferences_of
+from desirepath.jobs.context import JobContext
+from desirepath.learning.preferences.oracles import ORACLE_PREFERENCES
+from desirepath.learning.rewards.held_out import accuracy
+from desirepath.learning.rewards.linear import fit_linear
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.findings import analyse
+from desirepath.report.tidy_tables import read_folder, read_study
+from desirepath.store.dataset.writing import export_study
+from desirepath.store.models import Response, Trial
+from desirepath.store.snapshots import (
     MOST_IMPLIED,
     RatedTrajectory,
     Snapshot,
@@ -30,12 +30,12 @@ from backend.store.snapshots import (
     load_snapshot,
     take_snapshot,
 )
-from backend.study.protocol.planning import example_queries, make_plan
-from backend.study.refusals import Refused
-from backend.study.session import machine
-from backend.study.simulated.in_process import walk_in_process
-from backend.study.simulated.participant import Character
-from backend.study.studies import create_study
+from desirepath.study.protocol.planning import example_queries, make_plan
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.simulated.participant import Character
+from desirepath.study.studies import create_study
 from tests.study.small_protocol import small_protocol
 from tests.study.walking import Walker
 

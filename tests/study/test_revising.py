@@ -8,16 +8,16 @@ from dataclasses import replace
 import pytest
 from typer.testing import CliRunner
 
-from backend.cli import app
-from backend.store.database import Database
-from backend.store.dataset.importing import import_dataset
-from backend.store.dataset.writing import export_study
-from backend.store.models import Artefact, Session, Study, utc_now
-from backend.store.query_sets import query_sets_here
-from backend.study.protocol.freezing import freeze_text
-from backend.study.revising import differences, query_sets_for, revise_study, versions_of
-from backend.study.session.versions import newest_protocol, protocol_of
-from backend.study.studies import StudyError, create_study
+from desirepath.cli.main import app
+from desirepath.store.database import Database
+from desirepath.store.dataset.importing import import_dataset
+from desirepath.store.dataset.writing import export_study
+from desirepath.store.models import Artefact, Session, Study, utc_now
+from desirepath.store.query_sets import query_sets_here
+from desirepath.study.protocol.freezing import freeze_text
+from desirepath.study.revising import differences, query_sets_for, revise_study, versions_of
+from desirepath.study.session.versions import newest_protocol, protocol_of
+from desirepath.study.studies import StudyError, create_study
 from tests.study.small_protocol import BLOCK, CROSSED, protocol_text, small_protocol
 from tests.study.walking import Walker
 

@@ -9,8 +9,8 @@ from typing import get_args
 
 import pytest
 
-from backend.store.models import Session
-from backend.study.session.states import FINAL, SESSION, STATES, TRIAL, NoSuchChange, Who, after, change, drawn
+from desirepath.store.models import Session
+from desirepath.study.session.states import FINAL, SESSION, STATES, TRIAL, NoSuchChange, Who, after, change, drawn
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -67,4 +67,4 @@ def test_no_other_file_writes_a_sessions_state_or_a_trials_phase():
 def test_the_picture_in_the_architecture_is_the_table():
     told = (ROOT / "docs" / "architecture.md").read_text()
     for diagram in drawn().strip().split("\n\n"):
-        assert diagram in told, "put what `python -m backend.study.session.states` prints into docs/architecture.md"
+        assert diagram in told, "put what `python -m desirepath.study.session.states` prints into docs/architecture.md"

@@ -8,13 +8,13 @@ from dataclasses import asdict
 import pytest
 from sqlalchemy import select
 
-from backend.learning.queries.queries import QuerySet
-from backend.store.models import Artefact, Event, Participant, RecruitingId, Session, Study, utc_now
-from backend.store.query_sets import query_sets_here, save_query_set
-from backend.study.protocol.freezing import DATASETS, freeze, freeze_text, thaw
-from backend.study.refusals import Refused
-from backend.study.session.joining import join_study
-from backend.study.studies import StudyError, create_study, queries_of_study, study_by_link
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.store.models import Artefact, Event, Participant, RecruitingId, Session, Study, utc_now
+from desirepath.store.query_sets import query_sets_here, save_query_set
+from desirepath.study.protocol.freezing import DATASETS, freeze, freeze_text, thaw
+from desirepath.study.refusals import Refused
+from desirepath.study.session.joining import join_study
+from desirepath.study.studies import StudyError, create_study, queries_of_study, study_by_link
 from tests.study.walking import QUICK
 
 PROLIFIC = {"platform": "prolific", "external_id": "5f3c0ffee0ddba11", "study": "x"}

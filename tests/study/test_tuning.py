@@ -7,16 +7,16 @@ import re
 
 import pytest
 
-from backend.grammar.source import ProtocolError
-from backend.learning.preferences.objectives import NAMES, OPPOSITES
-from backend.store.dataset.writing import export_study
-from backend.study.kinds.live import CONTROLS, OBJECTIVES, distance, in_triangle, replayed
-from backend.study.kinds.tuning import STARTED_RANDOMLY
-from backend.study.personalising.live_rollouts import PLACES, conditioned_on, path_of, rolled_out, scenes_of
-from backend.study.refusals import Refused
-from backend.study.simulated.in_process import walk_in_process
-from backend.study.simulated.participant import Character
-from backend.study.studies import create_study
+from desirepath.grammar.source import ProtocolError
+from desirepath.learning.preferences.objectives import NAMES, OPPOSITES
+from desirepath.store.dataset.writing import export_study
+from desirepath.study.kinds.live import CONTROLS, OBJECTIVES, distance, in_triangle, replayed
+from desirepath.study.kinds.tuning import STARTED_RANDOMLY
+from desirepath.study.personalising.live_rollouts import PLACES, conditioned_on, path_of, rolled_out, scenes_of
+from desirepath.study.refusals import Refused
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.simulated.participant import Character
+from desirepath.study.studies import create_study
 from tests.study.small_protocol import BLOCK, small_protocol
 from tests.study.walking import answer
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
-from backend.api.lab.preview import preview_steps
-from backend.store.models import Trial
-from backend.study.protocol.freezing import PROTOCOLS, freeze
-from backend.study.refusals import Refused
-from backend.study.session import machine
+from desirepath.store.models import Trial
+from desirepath.study.protocol.freezing import PROTOCOLS, freeze
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.web.lab.preview import preview_steps
 from tests.study.small_protocol import BLOCK
 from tests.study.walking import answer
 

@@ -7,14 +7,14 @@ import json
 
 import pytest
 
-from backend.store.dataset.writing import export_study
-from backend.store.erasure import erase_participant
-from backend.store.models import Participant, Response
-from backend.study.kinds.words import NO_WISH, SPOKEN
-from backend.study.refusals import Refused
-from backend.study.simulated.in_process import walk_in_process
-from backend.study.simulated.participant import Character
-from backend.study.studies import create_study
+from desirepath.store.dataset.writing import export_study
+from desirepath.store.erasure import erase_participant
+from desirepath.store.models import Participant, Response
+from desirepath.study.kinds.words import NO_WISH, SPOKEN
+from desirepath.study.refusals import Refused
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.simulated.participant import Character
+from desirepath.study.studies import create_study
 from tests.study.small_protocol import BLOCK, small_protocol
 from tests.study.test_tuning import change
 from tests.study.walking import answer

@@ -8,16 +8,16 @@ from pathlib import Path
 
 from sqlalchemy import select
 
-from backend.learning.policies.shipped import load_queries
-from backend.learning.queries.queries import QuerySet
-from backend.store.artefacts import ArtefactStore
-from backend.store.database import Database
-from backend.store.models import Response, Session, Study, utc_now
-from backend.study.protocol.freezing import freeze_text
-from backend.study.session import machine
-from backend.study.session.finding import acting
-from backend.study.session.joining import join_study
-from backend.study.studies import create_study
+from desirepath.learning.policies.shipped import load_queries
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.models import Response, Session, Study, utc_now
+from desirepath.study.protocol.freezing import freeze_text
+from desirepath.study.session import machine
+from desirepath.study.session.finding import acting
+from desirepath.study.session.joining import join_study
+from desirepath.study.studies import create_study
 
 QUICK = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
 DEMOGRAPHICS = {"age": 44, "gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3}

@@ -1,7 +1,7 @@
 // @ts-check
 /**
  * The bar under a drawing: undo, speed, let the robot drive, walk, keep, draw again. The pen itself is the stage's
- * (app/client/draw.js), the feet too (walk.js); what becomes of a stroke is the server's. Nothing that was drawn is lost:
+ * (app/desirepath_stage/client/draw.js), the feet too (walk.js); what becomes of a stroke is the server's. Nothing that was drawn is lost:
  * a stroke goes to the server before anything.
  */
 

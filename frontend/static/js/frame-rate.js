@@ -7,7 +7,7 @@
 const MEASURED_MS = 1000;
 const WARM_UP_FRAMES = 4; // the first pictures of a page pay for what later ones do not
 const PATIENCE_MS = 6000; // then what was drawn so far counts; of a window in the background nothing is known
-/** As many triangles as a room with its person and robot (9,300), see app/bodies.py. */
+/** As many triangles as a room with its person and robot (9,300), see app/desirepath_stage/bodies.py. */
 const RINGS = 97;
 const SEGMENTS = 48;
 

@@ -11,7 +11,7 @@ const MEASURED_TIMES = 3;
 const PAUSE_MS = 700; // whatever kept the device busy may be over then
 
 /**
- * What a study asks of a device, null where it asks nothing (backend/study/protocol/schema.py, DeviceGate).
+ * What a study asks of a device, null where it asks nothing (backend/desirepath/study/protocol/schema.py, DeviceGate).
  * @typedef {{webgl: boolean, min_width: number | null, min_height: number | null, pointers: string[],
  *   min_frame_rate: number | null, light_below: number | null}} Gate
  */

@@ -1,5 +1,5 @@
 // @ts-check
-/** Texts of the page's JSON block, with their braces filled the way backend/api/core/catalogues.py fills them. */
+/** Texts of the page's JSON block, with their braces filled the way backend/desirepath/web/core/catalogues.py fills them. */
 
 /** @typedef {import("./types.js").Table} Table */
 

@@ -6,7 +6,7 @@
 
 /**
  * @typedef {object} StageMessage
- * @property {string} type as app/page.py lists them
+ * @property {string} type as app/desirepath_stage/page.py lists them
  * @property {string} [playback_id]
  * @property {boolean} [ready]
  * @property {string} [reason]
@@ -56,7 +56,7 @@ export class StageFrame {
     this.frame?.focus();
   }
 
-  /** Orders for the stage's pen and feet (app/client/draw.js). @param {object} order */
+  /** Orders for the stage's pen and feet (app/desirepath_stage/client/draw.js). @param {object} order */
   draw(order) {
     this.frame?.contentWindow?.postMessage({ type: "draw", ...order }, this.origin);
   }

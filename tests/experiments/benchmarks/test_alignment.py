@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from backend.experiments.benchmarks.alignment import benchmark_align
-from backend.learning.alignment.conditioning_search import ConditioningSearchConfig
-from backend.learning.alignment.fine_tuning import FineTuningConfig
-from backend.learning.alignment.gate import GateRule
-from backend.learning.errors import LearningError
+from desirepath.learning.alignment.conditioning_search import ConditioningSearchConfig
+from desirepath.learning.alignment.fine_tuning import FineTuningConfig
+from desirepath.learning.alignment.gate import GateRule
+from desirepath.learning.errors import LearningError
+from desirepath_experiments.benchmarks.alignment import benchmark_align
 
 TINY = {
     "instant": None,

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from backend.experiments.benchmarks import training_arms
-from backend.experiments.benchmarks.base_training import benchmark_train
-from backend.experiments.benchmarks.training_arms import TrainBenchmarkConfig
-from backend.learning.errors import LearningError
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.learning.td3.base import BaseConfig
-from backend.simulation.scene import Scene
+from desirepath.learning.errors import LearningError
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.learning.td3.base import BaseConfig
+from desirepath.simulation.scene import Scene
+from desirepath_experiments.benchmarks import training_arms
+from desirepath_experiments.benchmarks.base_training import benchmark_train
+from desirepath_experiments.benchmarks.training_arms import TrainBenchmarkConfig
 
 TINY = TrainBenchmarkConfig(updates_per_check=24, max_updates=48, pybullet_steps=5)
 

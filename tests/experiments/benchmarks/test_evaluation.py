@@ -7,7 +7,7 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from backend.cli import app
+from desirepath.cli.main import app
 
 
 def test_episodes_and_a_flow_field_are_timed() -> None:

@@ -7,8 +7,18 @@ import json
 import numpy as np
 import pytest
 
-from backend.experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, attained
-from backend.experiments.benchmarks.headline import (
+from desirepath.learning.cards import ROOT
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.shipped import load_policy
+from desirepath.learning.policies.steerability import Course
+from desirepath.learning.preferences.measures import MEASURES, typical_differences
+from desirepath.learning.preferences.objectives import NAMES, best_possible, gains
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.learning.shipped_files import DATASETS
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.setups import PREFERENCE_SETUPS, get_setup
+from desirepath_experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, attained
+from desirepath_experiments.benchmarks.headline import (
     MADE_OF_OBJECTIVES,
     HeadlineConfig,
     benchmark_headline,
@@ -16,16 +26,6 @@ from backend.experiments.benchmarks.headline import (
     summarise,
     true_weights,
 )
-from backend.learning.cards import ROOT
-from backend.learning.errors import LearningError
-from backend.learning.policies.shipped import load_policy
-from backend.learning.policies.steerability import Course
-from backend.learning.preferences.measures import MEASURES, typical_differences
-from backend.learning.preferences.objectives import NAMES, best_possible, gains
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.learning.shipped_files import DATASETS
-from backend.simulation.fast import rollout
-from backend.simulation.setups import PREFERENCE_SETUPS, get_setup
 
 FEW = PlannerConfig(rounds=5, copies=24)
 

@@ -6,10 +6,10 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from backend.experiments.benchmarks.limits import benchmark_limits, update_flops
-from backend.learning.policies.networks import Parameters, actor_forward, critic_forward
-from backend.learning.policies.shape import NetworkShape
-from backend.simulation.setups import OPEN_FIELD
+from desirepath.learning.policies.networks import Parameters, actor_forward, critic_forward
+from desirepath.learning.policies.shape import NetworkShape
+from desirepath.simulation.setups import OPEN_FIELD
+from desirepath_experiments.benchmarks.limits import benchmark_limits, update_flops
 
 N = 16
 

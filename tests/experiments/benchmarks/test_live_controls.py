@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from backend.experiments.benchmarks.live_controls import timed
+from desirepath_experiments.benchmarks.live_controls import timed
 
 
 def test_a_picture_of_an_older_way_that_comes_after_the_answer_does_not_count() -> None:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from sqlalchemy import func, select
 
-from backend.experiments.benchmarks.pages import benchmark_pages
-from backend.settings import Settings
-from backend.store.database import Database
-from backend.store.models import Event, Participant, Response, Session, Study, Trial
+from desirepath.settings import Settings
+from desirepath.store.database import Database
+from desirepath.store.models import Event, Participant, Response, Session, Study, Trial
+from desirepath_experiments.benchmarks.pages import benchmark_pages
 
 
 def test_restart_every_lab_page_and_joins_are_timed_in_an_installation_that_is_kept(tmp_path: Path) -> None:

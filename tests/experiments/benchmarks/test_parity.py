@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from backend.experiments.benchmarks.parity import benchmark_parity
+from desirepath_experiments.benchmarks.parity import benchmark_parity
 
 
 def test_both_engines_drive_the_same_scenes_and_the_gap_is_their_difference() -> None:

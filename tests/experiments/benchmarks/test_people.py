@@ -13,21 +13,21 @@ import torch
 from torch import nn
 from typer.testing import CliRunner
 
-from backend.cli import app
-from backend.experiments.benchmarks.people_before import BeforeConfig, benchmark_before
-from backend.experiments.benchmarks.people_harm import (
+from desirepath.cli.main import app
+from desirepath.learning.errors import LearningError
+from desirepath.learning.people.asked_people import PeopleConfig, benchmark_people, known_people, result_of
+from desirepath.learning.people.rows import bins_of, calibration_error
+from desirepath.learning.preferences.sureness import CLEARLY, SURE
+from desirepath.simulation.setups import STUDY_ROOM
+from desirepath_experiments.benchmarks.people_before import BeforeConfig, benchmark_before
+from desirepath_experiments.benchmarks.people_harm import (
     PeopleHarmConfig,
     benchmark_people_harm,
     clopper_pearson,
     known_persons,
 )
-from backend.experiments.benchmarks.people_policies import PeoplePoliciesConfig, with_shares
-from backend.experiments.benchmarks.people_yardstick import YardstickConfig, benchmark_yardstick
-from backend.learning.errors import LearningError
-from backend.learning.people.asked_people import PeopleConfig, benchmark_people, known_people, result_of
-from backend.learning.people.rows import bins_of, calibration_error
-from backend.learning.preferences.sureness import CLEARLY, SURE
-from backend.simulation.setups import STUDY_ROOM
+from desirepath_experiments.benchmarks.people_policies import PeoplePoliciesConfig, with_shares
+from desirepath_experiments.benchmarks.people_yardstick import YardstickConfig, benchmark_yardstick
 
 SMALL = PeopleConfig(
     families=("thresholds",), people=2, answers=(4, 8), shown_after=8, pool=30, test=20, scenes=(6, 6, 8)
@@ -111,7 +111,7 @@ def test_a_reward_file_is_asked_like_anybody(tmp_path: Path, monkeypatch: pytest
     (tmp_path / "somebody.json").write_text(json.dumps(said))
     small = {"pool": 30, "test": 20, "scenes": (6, 6, 8)}
     monkeypatch.setattr(
-        "backend.learning.people.asked_people.PeopleConfig", lambda **given: PeopleConfig(**{**given, **small})
+        "desirepath.learning.people.asked_people.PeopleConfig", lambda **given: PeopleConfig(**{**given, **small})
     )
     told = CliRunner().invoke(
         app, ["benchmark", "people", "--reward", str(tmp_path / "somebody.json"), "--answers", "4", "--json"]

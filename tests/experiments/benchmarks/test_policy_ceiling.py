@@ -10,23 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.experiments.benchmarks.headline import FIRST_REPORT_SEED, true_weights
-from backend.experiments.benchmarks.policy_ceiling import (
-    CeilingConfig,
-    ExpertState,
-    benchmark_ceiling,
-    summarise,
-    train_experts,
-    way_to,
-)
-from backend.learning.cards import ROOT
-from backend.learning.errors import LearningError
-from backend.learning.policies.shipped import load_conditioned, load_policy
-from backend.learning.policies.steerability import Course
-from backend.learning.preferences.measures import MEASURES
-from backend.learning.scene_sets import Purpose, scene_set
-from backend.learning.shipped_files import DATASETS
-from backend.learning.through_simulation.experts import (
+from desirepath.learning.cards import ROOT
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.shipped import load_conditioned, load_policy
+from desirepath.learning.policies.steerability import Course
+from desirepath.learning.preferences.measures import MEASURES
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.learning.shipped_files import DATASETS
+from desirepath.learning.through_simulation.experts import (
     Candidate,
     ExpertConfig,
     Selection,
@@ -36,7 +27,16 @@ from backend.learning.through_simulation.experts import (
     trained_round,
     untrained,
 )
-from backend.simulation.setups import PREFERENCE_SETUPS
+from desirepath.simulation.setups import PREFERENCE_SETUPS
+from desirepath_experiments.benchmarks.headline import FIRST_REPORT_SEED, true_weights
+from desirepath_experiments.benchmarks.policy_ceiling import (
+    CeilingConfig,
+    ExpertState,
+    benchmark_ceiling,
+    summarise,
+    train_experts,
+    way_to,
+)
 
 TINY = ExpertConfig("study_room", round_steps=2, batch=6, selection_scenes=30, most_rounds=1)
 FAR = "min-human-distance"

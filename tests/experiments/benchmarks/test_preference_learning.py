@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from backend.cli import app
-from backend.experiments.benchmarks.preference_learning import (
+from desirepath.cli.main import app
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.shipped import load_conditioned
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.preferences.posterior import Posterior
+from desirepath.learning.preferences.spans import seen_in
+from desirepath.learning.queries.choosing import next_query
+from desirepath_experiments.benchmarks.preference_learning import (
     PreferencesConfig,
     answers_to,
     benchmark_preferences,
     queries_of,
 )
-from backend.learning.errors import LearningError
-from backend.learning.policies.shipped import load_conditioned
-from backend.learning.preferences.oracles import make_oracle
-from backend.learning.preferences.posterior import Posterior
-from backend.learning.preferences.spans import seen_in
-from backend.learning.queries.choosing import next_query
 
 
 def test_every_oracle_gets_a_line_per_pre_training_and_noise() -> None:

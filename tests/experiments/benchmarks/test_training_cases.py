@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from backend.experiments.benchmarks import training_cases
-from backend.experiments.benchmarks.training_cases import INSTRUCTIONS, benchmark_cases
-from backend.learning.errors import LearningError
+from desirepath.learning.errors import LearningError
+from desirepath_experiments.benchmarks import training_cases
+from desirepath_experiments.benchmarks.training_cases import INSTRUCTIONS, benchmark_cases
 
 
 def reached(arm: str, seed: int, weights: str, seconds: float | None) -> dict[str, Any]:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from backend.experiments.benchmarks import walking_people
-from backend.experiments.benchmarks.walking_people import MEASURES, WHERE, benchmark_walking
+from desirepath_experiments.benchmarks import walking_people
+from desirepath_experiments.benchmarks.walking_people import MEASURES, WHERE, benchmark_walking
 
 
 def test_pairs_of_trainings_differ_only_in_who_walks_and_are_trained_once(

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.experiments.reproduction.adaptable import computing
-from backend.experiments.reproduction.adaptable.plan import BUDGETS, NO_PERSON, OURS, SAC, AdaptableBudget, make_plan
-from backend.experiments.reproduction.adaptable.published_numbers import TABLE
-from backend.experiments.reproduction.adaptable.results import along_edges, bars
-from backend.experiments.reproduction.adaptable.run import reproduce_adaptable
-from backend.experiments.reproduction.tasks import Task, Work
-from backend.learning.adaptable.objectives import thesis_vectors
-from backend.learning.adaptable.training import AdaptableConfig
+from desirepath.learning.adaptable.objectives import thesis_vectors
+from desirepath.learning.adaptable.training import AdaptableConfig
+from desirepath_experiments.reproduction.adaptable import computing
+from desirepath_experiments.reproduction.adaptable.plan import BUDGETS, NO_PERSON, OURS, SAC, AdaptableBudget, make_plan
+from desirepath_experiments.reproduction.adaptable.published_numbers import TABLE
+from desirepath_experiments.reproduction.adaptable.results import along_edges, bars
+from desirepath_experiments.reproduction.adaptable.run import reproduce_adaptable
+from desirepath_experiments.reproduction.tasks import Task, Work
 
 TINY = AdaptableBudget("tiny", (0,), 20, 150, 45, 16, 2, 2, (SAC,), per_pair=1, alone=True)
 

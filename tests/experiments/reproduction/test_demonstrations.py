@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import pytest
 
-from backend.experiments.reproduction.demonstrations.computing import config_of
-from backend.experiments.reproduction.demonstrations.plan import BUDGETS, OURS, VARIANTS, make_plan
-from backend.experiments.reproduction.demonstrations.results import BARS
-from backend.experiments.reproduction.demonstrations.run import reproduce_demonstrations
+from desirepath_experiments.reproduction.demonstrations.computing import config_of
+from desirepath_experiments.reproduction.demonstrations.plan import BUDGETS, OURS, VARIANTS, make_plan
+from desirepath_experiments.reproduction.demonstrations.results import BARS
+from desirepath_experiments.reproduction.demonstrations.run import reproduce_demonstrations
 
 TINY = replace(
     BUDGETS["small"],

@@ -6,9 +6,9 @@ import json
 
 import pytest
 
-from backend.demonstrations.depth.states import CONFIGURATIONS
-from backend.experiments.reproduction.depth.plan import DepthBudget, make_plan
-from backend.experiments.reproduction.depth.run import reproduce_depth
+from desirepath.demonstrations.depth.states import CONFIGURATIONS
+from desirepath_experiments.reproduction.depth.plan import DepthBudget, make_plan
+from desirepath_experiments.reproduction.depth.run import reproduce_depth
 
 TINY = DepthBudget("tiny", (0,), 30, 4, 30, 8, 8, 4, 1, 1, 32, 1, 1)
 

@@ -11,29 +11,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.experiments.reproduction.enquery import published_numbers as thesis
-from backend.experiments.reproduction.enquery.alignment_settings import read_alignment, stored_alignment
-from backend.experiments.reproduction.enquery.budgets import FULL, SMALL, EnqueryBudget
-from backend.experiments.reproduction.enquery.figures import accuracy_picture, sweep_picture, table_picture
-from backend.experiments.reproduction.enquery.plan import Speed, make_plan
-from backend.experiments.reproduction.enquery.results import (
+from desirepath.learning.alignment.fine_tuning import FineTuningConfig
+from desirepath.learning.alignment.gate import GateRule
+from desirepath.learning.alignment.relabelling import RelabellingConfig
+from desirepath.learning.alignment.thesis import thesis_config
+from desirepath.learning.cards import read_config
+from desirepath.learning.policies.shape import FAST_HEADS
+from desirepath.learning.td3.base import BaseConfig
+from desirepath.learning.td3.ensemble import PolicyEnsembleConfig
+from desirepath.simulation.trajectory import Outcome
+from desirepath_experiments.reproduction.enquery import published_numbers as thesis
+from desirepath_experiments.reproduction.enquery.alignment_settings import read_alignment, stored_alignment
+from desirepath_experiments.reproduction.enquery.budgets import FULL, SMALL, EnqueryBudget
+from desirepath_experiments.reproduction.enquery.figures import accuracy_picture, sweep_picture, table_picture
+from desirepath_experiments.reproduction.enquery.plan import Speed, make_plan
+from desirepath_experiments.reproduction.enquery.results import (
     EnqueryResults,
     crossing,
     nearest_cell,
     results_of,
     table_of_recipe,
 )
-from backend.experiments.reproduction.enquery.run import reproduce_enquery
-from backend.experiments.reproduction.tasks import TaskResult, Work
-from backend.learning.alignment.fine_tuning import FineTuningConfig
-from backend.learning.alignment.gate import GateRule
-from backend.learning.alignment.relabelling import RelabellingConfig
-from backend.learning.alignment.thesis import thesis_config
-from backend.learning.cards import read_config
-from backend.learning.policies.shape import FAST_HEADS
-from backend.learning.td3.base import BaseConfig
-from backend.learning.td3.ensemble import PolicyEnsembleConfig
-from backend.simulation.trajectory import Outcome
+from desirepath_experiments.reproduction.enquery.run import reproduce_enquery
+from desirepath_experiments.reproduction.tasks import TaskResult, Work
 
 TINY = replace(
     SMALL,

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from backend.experiments.reproduction.explanations.run import ExplanationsBudget, reproduce_explanations
+from desirepath_experiments.reproduction.explanations.run import ExplanationsBudget, reproduce_explanations
 
 TINY = ExplanationsBudget("tiny", scenes=60, participants=24, studies=2)
 

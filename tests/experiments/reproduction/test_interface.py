@@ -7,8 +7,8 @@ import json
 
 import pytest
 
-from backend.experiments.reproduction.interface.published_numbers import RANKINGS, ROLLOUTS, VIEWS
-from backend.experiments.reproduction.interface.run import InterfaceBudget, reproduce_interface
+from desirepath_experiments.reproduction.interface.published_numbers import RANKINGS, ROLLOUTS, VIEWS
+from desirepath_experiments.reproduction.interface.run import InterfaceBudget, reproduce_interface
 
 TINY = InterfaceBudget("tiny", participants=3, epochs=2, updates=20, transitions=1_000, scenes=20)
 

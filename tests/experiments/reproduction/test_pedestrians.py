@@ -4,8 +4,11 @@ import json
 
 import pytest
 
-from backend.experiments.reproduction.pedestrians import plan
-from backend.experiments.reproduction.pedestrians.plan import (
+from desirepath.learning.cards import SOCIAL
+from desirepath.learning.pedestrians.crowd_networks import VARIANTS
+from desirepath.simulation.crowds.crowd_scenes import CrowdConditions
+from desirepath_experiments.reproduction.pedestrians import plan
+from desirepath_experiments.reproduction.pedestrians.plan import (
     BUDGETS,
     BY_REWARD,
     PLANNED,
@@ -13,11 +16,8 @@ from backend.experiments.reproduction.pedestrians.plan import (
     PedestrianBudget,
     make_plan,
 )
-from backend.experiments.reproduction.pedestrians.run import reproduce_pedestrians
-from backend.experiments.reproduction.tasks import from_bytes
-from backend.learning.cards import SOCIAL
-from backend.learning.pedestrians.crowd_networks import VARIANTS
-from backend.simulation.crowds.crowd_scenes import CrowdConditions
+from desirepath_experiments.reproduction.pedestrians.run import reproduce_pedestrians
+from desirepath_experiments.reproduction.tasks import from_bytes
 
 LEAST = PedestrianBudget(
     "small",

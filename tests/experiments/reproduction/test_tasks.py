@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.experiments.reproduction.tasks import Task, TaskResult, Work, finish, results_of
+from desirepath_experiments.reproduction.tasks import Task, TaskResult, Work, finish, results_of
 
 
 def number(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
@@ -102,7 +102,7 @@ def test_no_process_means_nothing_to_do_it(work: Work) -> None:
 KILLED = """
     import time
     from pathlib import Path
-    from backend.experiments.reproduction.tasks import TaskResult, Task, Work, finish
+    from desirepath_experiments.reproduction.tasks import TaskResult, Task, Work, finish
 
     def quick(params, needs):
         return TaskResult({}, {})

@@ -7,19 +7,19 @@ import mo_gymnasium
 import numpy as np
 import pytest
 
-import backend.gymnasium_envs
-from backend.learning.adaptable import training
-from backend.learning.adaptable.objectives import NAMES, check_preference, objective_rewards, thesis_vectors
-from backend.learning.adaptable.policy import AdaptablePolicy, parsed_preference
-from backend.learning.adaptable.rollouts import roll_out_preferences
-from backend.learning.adaptable.scalar_env import ScalarVecEnv
-from backend.learning.adaptable.training import AdaptableConfig, AdaptableResult, train_adaptable, without_person
-from backend.learning.adaptable.vector_env import AdaptableEnv
-from backend.learning.errors import LearningError
-from backend.learning.policies.policy import Policy
-from backend.learning.rewards.ranked_rollouts import RankedRewardModel
-from backend.simulation.scenes import draw_scene, draw_scenes
-from backend.simulation.setups import ADAPTABLE
+import desirepath.gymnasium_envs
+from desirepath.learning.adaptable import training
+from desirepath.learning.adaptable.objectives import NAMES, check_preference, objective_rewards, thesis_vectors
+from desirepath.learning.adaptable.policy import AdaptablePolicy, parsed_preference
+from desirepath.learning.adaptable.rollouts import roll_out_preferences
+from desirepath.learning.adaptable.scalar_env import ScalarVecEnv
+from desirepath.learning.adaptable.training import AdaptableConfig, AdaptableResult, train_adaptable, without_person
+from desirepath.learning.adaptable.vector_env import AdaptableEnv
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.rewards.ranked_rollouts import RankedRewardModel
+from desirepath.simulation.scenes import draw_scene, draw_scenes
+from desirepath.simulation.setups import ADAPTABLE
 
 TINY = AdaptableConfig(
     seed=2,
@@ -131,7 +131,7 @@ def test_other_libraries_get_one_reward_or_four(reward: RankedRewardModel) -> No
     weighed = mo_gymnasium.wrappers.LinearReward(many, weight=np.float32([1, 0, 0, 1]))
     _, both, _, _, info = weighed.step(action)
     assert both == pytest.approx(info["vector_reward"][0] - 10, rel=1e-5)
-    assert backend.gymnasium_envs
+    assert desirepath.gymnasium_envs
     env = ScalarVecEnv(reward.rewards, 4, seed=0)
     observed = env.reset()
     assert observed.shape == (4, 37)

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from backend.learning.adaptable.demonstrator import ORBIT_M, demonstrated, demonstrated_actions, demonstrated_paths
-from backend.learning.policies.policy import Policy
-from backend.learning.rewards.ranked_judging import judged
-from backend.learning.rewards.ranked_rollouts import (
+from desirepath.learning.adaptable.demonstrator import ORBIT_M, demonstrated, demonstrated_actions, demonstrated_paths
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.rewards.ranked_judging import judged
+from desirepath.learning.rewards.ranked_rollouts import (
     LEVELS,
     NoisyPolicy,
     RankedConfig,
@@ -20,10 +20,10 @@ from backend.learning.rewards.ranked_rollouts import (
     fit_ranked,
     noise_ranked,
 )
-from backend.learning.rewards.storage import load_reward_model, save_reward_model
-from backend.simulation.acting import begin
-from backend.simulation.scene import Scene
-from backend.simulation.setups import ADAPTABLE
+from desirepath.learning.rewards.storage import load_reward_model, save_reward_model
+from desirepath.simulation.acting import begin
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import ADAPTABLE
 
 
 def test_the_robot_goes_straight_to_the_person_turns_left_and_circles_them_clockwise(free_scenes: list[Scene]) -> None:

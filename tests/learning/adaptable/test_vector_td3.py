@@ -7,9 +7,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from backend.learning.adaptable import vector_td3
-from backend.learning.adaptable.interpolator import Interpolator, unit, without_solutions
-from backend.learning.adaptable.objectives import (
+from desirepath.learning.adaptable import vector_td3
+from desirepath.learning.adaptable.interpolator import Interpolator, unit, without_solutions
+from desirepath.learning.adaptable.objectives import (
     KEY_PREFERENCES,
     NAMES,
     part_of,
@@ -18,8 +18,8 @@ from backend.learning.adaptable.objectives import (
     scalarised,
     thesis_vectors,
 )
-from backend.learning.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
-from backend.learning.adaptable.vector_td3 import (
+from desirepath.learning.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
+from desirepath.learning.adaptable.vector_td3 import (
     Imitated,
     VectorBatch,
     VectorTd3Agent,

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.learning.errors import LearningError
-from backend.learning.measures.steps import SeenSteps, reference
-from backend.learning.people.card import FAMILIES, member, members, parsed, people_card, response_models
-from backend.learning.people.families.changing import ChangingMember
-from backend.learning.people.families.network import NetworkMember
-from backend.learning.people.families.thresholds import ThresholdsMember
-from backend.learning.preferences.oracles import make_oracle
-from backend.learning.preferences.posterior import Posterior
-from backend.learning.preferences.spans import moments, seen_in
-from backend.learning.queries.queries import Query, QuerySet
+from desirepath.learning.errors import LearningError
+from desirepath.learning.measures.steps import SeenSteps, reference
+from desirepath.learning.people.card import FAMILIES, member, members, parsed, people_card, response_models
+from desirepath.learning.people.families.changing import ChangingMember
+from desirepath.learning.people.families.network import NetworkMember
+from desirepath.learning.people.families.thresholds import ThresholdsMember
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.preferences.posterior import Posterior
+from desirepath.learning.preferences.spans import moments, seen_in
+from desirepath.learning.queries.queries import Query, QuerySet
 
 
 @pytest.fixture(scope="module")

@@ -18,18 +18,18 @@ import torch
 from onnx import helper, numpy_helper
 from torch import nn
 
-from backend.learning.errors import LearningError
-from backend.learning.people import limited_reward
-from backend.learning.people.onnx_bounds import checked
-from backend.learning.people.reward_file import read_reward, reward_of_store
-from backend.learning.people.reward_inputs import quantities
-from backend.learning.people.reward_manifest import MANIFEST_BYTES, kept_together, read_manifest
-from backend.learning.people.reward_networks import reader_of
-from backend.learning.preferences.oracles import make_oracle
-from backend.learning.queries.queries import QuerySet
-from backend.learning.rewards.linear import fit_linear
-from backend.learning.rewards.storage import save_reward_model
-from backend.simulation.setups import PREFERENCE_SETUPS, STUDY_ROOM, get_setup
+from desirepath.learning.errors import LearningError
+from desirepath.learning.people import limited_reward
+from desirepath.learning.people.onnx_bounds import checked
+from desirepath.learning.people.reward_file import read_reward, reward_of_store
+from desirepath.learning.people.reward_inputs import quantities
+from desirepath.learning.people.reward_manifest import MANIFEST_BYTES, kept_together, read_manifest
+from desirepath.learning.people.reward_networks import reader_of
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.learning.rewards.linear import fit_linear
+from desirepath.learning.rewards.storage import save_reward_model
+from desirepath.simulation.setups import PREFERENCE_SETUPS, STUDY_ROOM, get_setup
 
 INPUTS = STUDY_ROOM.observation_size + 2
 EXPORT = [{"of": "observation", "form": "export"}, {"of": "action", "form": "export"}]

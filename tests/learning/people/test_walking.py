@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from backend.study.simulated.participant import Character
+from desirepath.study.simulated.participant import Character
 
 
 def test_a_family_gives_every_bot_its_next_member_and_the_data_say_who_it_was() -> None:

@@ -30,11 +30,11 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
-from backend.learning.policies.evaluate import wilson
-from backend.learning.preferences.objectives import NAMES
-from backend.learning.words.lexicon import LANGUAGES, Language
-from backend.learning.words.readings import OPPOSITE
-from backend.learning.words.understanding import Understood, words_reader
+from desirepath.learning.policies.evaluate import wilson
+from desirepath.learning.preferences.objectives import NAMES
+from desirepath.learning.words.lexicon import LANGUAGES, Language
+from desirepath.learning.words.readings import OPPOSITE
+from desirepath.learning.words.understanding import Understood, words_reader
 
 KINDS = ("right", "asked", "missed", "wrong_direction", "wrong_otherwise")
 Wanted = frozenset[tuple[str, bool]]

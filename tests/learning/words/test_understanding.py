@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from backend.learning.preferences.objectives import preference_weights
-from backend.learning.words.clauses import clauses_of
-from backend.learning.words.judging import labelled_sentences
-from backend.learning.words.lexicon import LANGUAGES, LONGEST, form_of, lexicon, words_of
-from backend.learning.words.understanding import words_reader
+from desirepath.learning.preferences.objectives import preference_weights
+from desirepath.learning.words.clauses import clauses_of
+from desirepath.learning.words.judging import labelled_sentences
+from desirepath.learning.words.lexicon import LANGUAGES, LONGEST, form_of, lexicon, words_of
+from desirepath.learning.words.understanding import words_reader
 from tests.learning.words.measure import measure, read_cases
 
 

@@ -1,0 +1,110 @@
+"""The sheet of paper that a path is drawn on: what the page's pen (`client/draw.js`) has to know of a scene.
+
+Plain geometry and what was drawn before; whether a path can be driven is decided elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from desirepath.demonstrations.stroke import drawn_limits
+from desirepath.simulation.pedestrians import where_on_route
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M
+from desirepath_stage import furniture
+from desirepath_stage.orders import Drawn, PaperOrder, StrokeTrouble, Surroundings, Track
+from desirepath_stage.views import View
+
+TIGHT_M = 0.08  # ours: nearer than this nobody can tell from the picture whether it still fits
+LONGEST_CROWD_S = 60.0  # that pedestrians without a record are played for, twice the longest episode of ch. 4
+Points = Sequence[tuple[float, float]]
+
+
+def walk_track(scene: Scene) -> Track | None:
+    """How the scene's person walks, as the page plays it, None where they stand."""
+    if scene.walk is None:
+        return None
+    times = np.arange(0.0, scene.walk.duration_s + CONTROL_DT_S, CONTROL_DT_S)
+    poses = scene.walk.poses_at(times)
+    rows = np.column_stack([times, poses[:, :2], np.unwrap(poses[:, 2])])
+    return [[round(float(value), 4) for value in row] for row in rows]
+
+
+def crowd_tracks(scene: Scene) -> list[Track]:
+    """Where the scene's pedestrians are, as the page plays it: as they were recorded, else along their routes, where
+    they avoid nobody.
+    """
+    tracks = []
+    for one in scene.crowd.pedestrians if scene.crowd else ():
+        if one.walk is not None:
+            times = np.asarray(one.walk.times_s)
+            poses = one.walk.poses_at(times)
+        else:
+            times = np.arange(0.0, LONGEST_CROWD_S, CONTROL_DT_S)
+            poses = np.array([where_on_route(one, float(t)) for t in times])
+        rows = np.column_stack([times, poses[:, :2], np.unwrap(poses[:, 2])])
+        tracks.append([[round(float(value), 3) for value in row] for row in rows])
+    return tracks
+
+
+def surroundings(scene: Scene, person: str) -> Surroundings:
+    """What stands around a robot or a walker, for the page. person: what the page's words call them."""
+    pose = scene.person.pose
+    return {
+        "solids": [
+            {
+                "name": furniture.name(solid, index),
+                "x": solid.pose.x,
+                "y": solid.pose.y,
+                "yaw": solid.pose.yaw,
+                "length": solid.length,
+                "width": solid.width,
+            }
+            for index, solid in enumerate(scene.solids())
+        ],
+        "person": {"name": person, "x": pose.x, "y": pose.y, "radius": scene.person.radius},
+        "robot_radius": ROBOT_RADIUS_M,
+    }
+
+
+@dataclass(frozen=True)
+class Paper:
+    """One sheet. id: comes back with the stroke. kept: paths of the same situation, drawn thin, metres.
+
+    drawn: a stroke that is on it already, {points [[x, y], ...] m, speeds m/s, times_s of the hand}. resting: nothing
+    can be drawn now. problem: what is wrong with that stroke, {"code": one of StrokeProblem's, "at": [x, y] m, "thing":
+    what is touched or None}. walks: scenes with the walks to choose from; chosen: which one the stroke is for.
+    most_points: so many the server takes.
+    """
+
+    id: str
+    kept: Sequence[Points] = ()
+    drawn: Mapping[str, Sequence[Any]] | None = None
+    resting: bool = False
+    problem: Mapping[str, Any] | None = None
+    walks: Sequence[Scene] = ()
+    chosen: int | None = None
+    most_points: int = 4_000
+
+    def as_message(self, scene: Scene, view: View) -> PaperOrder:
+        """Plain data for the page."""
+        limits = drawn_limits(scene.setup)
+        return {
+            **surroundings(scene, "person" if view == "top_down" else "you"),
+            "id": self.id,
+            "start": [scene.start.x, scene.start.y, scene.start.yaw],
+            "goal": [scene.goal.x, scene.goal.y, scene.goal_radius],
+            "speeds": [limits.v_min, limits.v_max],
+            "kept": [[list(point) for point in path] for path in self.kept],
+            "drawn": cast("Drawn", dict(self.drawn)) if self.drawn else None,
+            "resting": self.resting,
+            "problem": cast("StrokeTrouble", dict(self.problem)) if self.problem else None,
+            "walks": [track for walked in self.walks if (track := walk_track(walked)) is not None],
+            "chosen": self.chosen,
+            "most_points": self.most_points,
+            "tight_m": TIGHT_M,
+        }

@@ -1,4 +1,0 @@
-"""The web: routes, pages, the stage's door. `application.py` puts them together; who may do what is `core/roles.py`'s.
-
-No rule of a study and no statistics: those are `backend.study`'s and `backend.report`'s.
-"""

@@ -1,5 +1,0 @@
-"""Demonstrations (ch. 2): from a drawn stroke to a rollout, to a learned controller, and what it is compared with.
-
-Scenes and engines live in `backend.simulation`, networks and TD3 in `backend.learning`, distances between paths in
-`backend.analysis`. Nothing here knows of participants' rows or of the stage.
-"""

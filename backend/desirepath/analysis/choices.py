@@ -1,0 +1,151 @@
+"""Tests and measures of choices: first places of forced rankings, agreement of the same person's choices, own or other.
+
+Here are the pairs, effect sizes, intervals and what a result says; p for few people is `exact.py`'s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from desirepath.analysis.exact import equal_shares
+from desirepath.analysis.intervals import CONFIDENCE, UNKNOWN, Interval, clustered_share, share_of_chi_square, wilson
+from desirepath.analysis.tested import Mean, Tested
+
+Answer = TypeVar("Answer")
+
+
+def equal_first_choices(counts: ArrayLike, *, about: str, intervals: bool = True) -> Tested:
+    """Chi-square test of first choices (conditions,) against equal shares; effect: Cramer's V, sqrt(chi2 / (n (k-1))).
+
+    p is exact (multinomial) for up to 50 people, beyond chi-square. intervals: of the effect, which take time.
+
+    Raises ValueError for fewer than two conditions or nobody.
+    """
+    observed = _counts(counts)
+    n, k = int(observed.sum()), len(observed)
+    statistic = float(stats.chisquare(observed).statistic)
+    p, least, method = equal_shares(observed)
+    low, high = share_of_chi_square(statistic, k - 1, n * (k - 1)) if intervals else UNKNOWN
+    return Tested(
+        test="Chi-square", about=about, symbol="χ²", statistic=statistic, df=k - 1, p=p, p_corrected=p,
+        correction="uncorrected", effect_name="Cramér's V", effect=math.sqrt(statistic / (n * (k - 1))), n=n, used=n,
+        direction="first choices are not shared equally", method=method, least_p=least, least_p_corrected=least,
+        effect_low=math.sqrt(low), effect_high=math.sqrt(high),
+    )  # fmt: skip
+
+
+def first_choice_pairs(counts: ArrayLike, names: Sequence[str], *, about: str) -> list[Tested]:
+    """Test of every two conditions' first choices, two-sided, uncorrected: z, with the exact binomial p.
+
+    The choices exclude each other, so under equal popularity a - b of the a + b people who chose one of the two has
+    variance a + b: z = (a - b) / sqrt(a + b). (A z-test of two independent proportions would take the same people for
+    two samples.) Effect: Cohen's g with its sign, a / (a + b) - 0.5, with Wilson's interval.
+    """
+    observed = _counts(counts)
+    tests = []
+    for i, j in combinations(range(len(observed)), 2):
+        a, b = float(observed[i]), float(observed[j])
+        z = (a - b) / math.sqrt(a + b) if a + b else 0.0
+        more, fewer = (names[i], names[j]) if a >= b else (names[j], names[i])
+        p, least, (low, high) = _binomial(int(a), int(b))
+        tests.append(
+            Tested(
+                test="z of first choices",
+                about=f"{about}, {names[i]} against {names[j]}",
+                symbol="z",
+                statistic=z,
+                df=None,
+                p=p,
+                p_corrected=p,
+                correction="uncorrected",
+                effect_name="Cohen's g",
+                effect=a / (a + b) - 0.5 if a + b else 0.0,
+                n=int(observed.sum()),
+                used=int(a + b),
+                direction=f"{more} is more often the first choice than {fewer}",
+                method="exact",
+                least_p=least,
+                least_p_corrected=least,
+                effect_low=low,
+                effect_high=high,
+            )
+        )
+    return tests
+
+
+def _binomial(first: int, second: int) -> tuple[float, float, Interval]:
+    """Exact two-sided p of so many choices of two, the smallest that they can have, and the interval of Cohen's g."""
+    n = first + second
+    if not n:
+        return 1.0, 1.0, UNKNOWN
+    low, high = wilson(first / n, n, float(stats.norm.ppf((1 + CONFIDENCE) / 2)))
+    return float(stats.binomtest(first, n).pvalue), min(1.0, 2.0 ** (1 - n)), (low - 0.5, high - 0.5)
+
+
+def _counts(counts: ArrayLike) -> NDArray[np.float64]:
+    observed = np.asarray(counts, dtype=float)
+    if observed.ndim != 1 or len(observed) < 2 or (observed < 0).any() or not observed.sum() > 0:
+        raise ValueError(f"counts = {observed.tolist()}: needs at least two conditions and one choice")
+    return observed
+
+
+def agreement(first: ArrayLike, second: ArrayLike) -> float:
+    """Share of equal answers of one person, first (n,) and second (n,) to the same n questions. NaN for none."""
+    a, b = np.asarray(first), np.asarray(second)
+    if a.shape != b.shape:
+        raise ValueError(f"answers: {a.shape} and {b.shape}; must be answers to the same questions")
+    return float((a == b).mean()) if a.size else math.nan
+
+
+def cohens_kappa(first: ArrayLike, second: ArrayLike) -> float:
+    """Cohen's kappa (1960) of two lists of labels (n,): agreement beyond what the labels' shares alone would give.
+
+    NaN where chance alone would give full agreement (both always say the same one label), or for none.
+    """
+    a, b = np.asarray(first), np.asarray(second)
+    observed = agreement(a, b)
+    labels = np.union1d(a, b)
+    expected = float(sum((a == label).mean() * (b == label).mean() for label in labels)) if a.size else math.nan
+    return (observed - expected) / (1 - expected) if expected < 1 else math.nan
+
+
+def mostly(wins: Sequence[int], losses: Sequence[int], *, about: str, names: tuple[str, str]) -> Tested:
+    """Sign test over people: who chose the first of two more often than the second. Each person counts once.
+
+    wins, losses (n,): a person's choices of either. Answers of one person depend on each other, so people are the
+    units; who chose both equally often is left out. Effect: share of people who mostly chose the first, minus 0.5.
+    """
+    differences = np.asarray(wins) - np.asarray(losses)
+    more, fewer = int((differences > 0).sum()), int((differences < 0).sum())
+    p, least, (low, high) = _binomial(more, fewer)
+    first, second = names if more >= fewer else names[::-1]
+    return Tested(
+        test="Sign test", about=about, symbol="S", statistic=more, df=None, p=p, p_corrected=p,
+        correction="uncorrected", effect_name="Cohen's g", effect=more / (more + fewer) - 0.5 if more + fewer else 0.0,
+        n=len(differences), used=more + fewer, direction=f"{first} is mostly chosen over {second}",
+        method="exact", least_p=least, least_p_corrected=least, effect_low=low, effect_high=high,
+    )  # fmt: skip
+
+
+def right_guesses(right: int, people: int, *, about: str) -> Tested:
+    """Exact binomial test of how many of so many people were right, against one half, two-sided; effect: Cohen's g."""
+    p, least, (low, high) = _binomial(right, people - right)
+    return Tested(
+        test="Binomial", about=about, symbol="S", statistic=right, df=None, p=p, p_corrected=p,
+        correction="uncorrected", effect_name="Cohen's g", effect=right / people - 0.5 if people else 0.0, n=people,
+        used=people, direction=f"{'more' if 2 * right > people else 'fewer'} are right than by chance", method="exact",
+        least_p=least, least_p_corrected=least, effect_low=low, effect_high=high,
+    )  # fmt: skip
+
+
+def share_over_people(wins: Sequence[int], losses: Sequence[int]) -> Mean:
+    """Mean over people of the share of a person's choices that went to the first of two, interval over people."""
+    counts = [(won, won + lost) for won, lost in zip(wins, losses, strict=True) if won + lost]
+    return clustered_share([won / n for won, n in counts], [n for _, n in counts])

@@ -1,0 +1,122 @@
+"""How far two coders agree who gave codes to the same answers: Cohen's kappa (1960) per code and over all codes.
+
+Several codes may fit one answer, so each code is a decision of its own: it fits, or not. What was coded is the
+caller's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from statsmodels.stats.inter_rater import cohens_kappa
+
+from desirepath.analysis.intervals import UNKNOWN
+
+RESAMPLES = 2000
+Codes = Collection[str]
+
+
+@dataclass(frozen=True)
+class CoderAgreement:
+    """Agreement on one code (`code`), or on all of them (None), over n answers.
+
+    both, first_only, second_only, neither: to how many answers (over all codes: decisions) who gave it. kappa is NaN
+    where chance alone would give full agreement, as for a code that nobody used. low, high: its 95 % interval, NaN
+    where the answers tell none, as where both always said the same.
+    """
+
+    code: str | None
+    n: int
+    both: int
+    first_only: int
+    second_only: int
+    neither: int
+    kappa: float
+    low: float
+    high: float
+
+    @property
+    def agreement(self) -> float:
+        """Share of equal decisions; NaN for none."""
+        decisions = self.both + self.first_only + self.second_only + self.neither
+        return (self.both + self.neither) / decisions if decisions else math.nan
+
+
+def agreement_on(code: str, first: Sequence[Codes], second: Sequence[Codes]) -> CoderAgreement:
+    """Agreement on one code; first, second (n,): the codes that each coder gave to the same n answers.
+
+    The interval is from kappa's standard error for large n (Fleiss, Cohen and Everitt 1969), kept within [-1, 1]; with
+    few answers it is rough.
+    """
+    table = _table(_given(code, first), _given(code, second))
+    found = cohens_kappa(table) if 0 < _expected(table) < 1 else None
+    low, high = (found.kappa_low, found.kappa_upp) if found and found.var_kappa > 0 else UNKNOWN
+    return _agreement(code, len(first), table, found.kappa if found else math.nan, low, high)
+
+
+def agreement_on_all(
+    codes: Sequence[str], first: Sequence[Codes], second: Sequence[Codes], *, seed: int = 0
+) -> CoderAgreement:
+    """Pooled kappa over all codes (de Vries et al. 2008): observed and expected agreement are averaged over the codes.
+
+    Decisions on one answer depend on each other, so the interval is from answers drawn anew with replacement. Of a
+    single code it is that code's own (`agreement_on`).
+    """
+    if len(codes) == 1:
+        return replace(agreement_on(codes[0], first, second), code=None)
+    a = np.array([_given(code, first) for code in codes], dtype=bool).reshape(len(codes), len(first))
+    b = np.array([_given(code, second) for code in codes], dtype=bool).reshape(len(codes), len(second))
+    table = _table(a.ravel(), b.ravel())
+    kappa, low, high = math.nan, *UNKNOWN
+    if a.size:
+        kappa = _pooled(a, b)
+        rng = np.random.default_rng(seed)
+        drawn = [_pooled(a[:, i], b[:, i]) for i in rng.integers(0, len(first), (RESAMPLES, len(first)))]
+        known = np.array(drawn)[np.isfinite(drawn)]
+        if len(first) > 1 and len(known) and math.isfinite(kappa):
+            low, high = (float(one) for one in np.quantile(known, (0.025, 0.975)))
+    return _agreement(None, len(first), table, kappa, low, high)
+
+
+def _agreement(
+    code: str | None, n: int, table: NDArray[np.int64], kappa: float, low: float, high: float
+) -> CoderAgreement:
+    (both, first_only), (second_only, neither) = table.tolist()
+    return CoderAgreement(
+        code,
+        n,
+        both,
+        first_only,
+        second_only,
+        neither,
+        float(kappa),
+        max(float(low), -1.0),
+        min(float(high), 1.0),  # NaN stays NaN
+    )
+
+
+def _given(code: str, codings: Sequence[Codes]) -> NDArray[np.bool_]:
+    return np.array([code in one for one in codings], dtype=bool)
+
+
+def _table(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """[[both, first only], [second only, neither]]."""
+    return np.array([[(a & b).sum(), (a & ~b).sum()], [(~a & b).sum(), (~a & ~b).sum()]], dtype=np.int64)
+
+
+def _expected(table: NDArray[np.int64]) -> float:
+    """Agreement by chance, from how often each of the two gave the code. NaN for no answers."""
+    n = table.sum()
+    return float((table.sum(0) * table.sum(1)).sum() / n**2) if n else math.nan
+
+
+def _pooled(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
+    """Kappa of agreement averaged over codes; a, b (codes, answers)."""
+    observed = float((a == b).mean())
+    p, q = a.mean(axis=1), b.mean(axis=1)
+    expected = float((p * q + (1 - p) * (1 - q)).mean())
+    return (observed - expected) / (1 - expected) if expected < 1 else math.nan

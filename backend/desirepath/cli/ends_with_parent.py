@@ -1,0 +1,27 @@
+"""`python -m desirepath.cli.ends_with_parent serve ...`: a `desirepath` command that ends with who started it.
+
+Also where that one is killed with no time for anything: the pipe that it holds to this process's standard input closes.
+"""
+
+from __future__ import annotations
+
+import os
+import runpy
+import signal
+import sys
+import threading
+import time
+
+GRACE_S = 15.0  # to stop in order; then everything of this session is killed
+
+
+def _watch() -> None:
+    os.read(sys.stdin.fileno(), 1)  # returns when the other end is closed: nobody writes anything
+    os.kill(os.getpid(), signal.SIGTERM)
+    time.sleep(GRACE_S)
+    os.killpg(os.getpgid(0), signal.SIGKILL)
+
+
+if __name__ == "__main__":
+    threading.Thread(target=_watch, daemon=True).start()
+    runpy.run_module("desirepath", run_name="__main__", alter_sys=True)

@@ -1,0 +1,82 @@
+"""The `desirepath` command: assembles the groups in `backend/desirepath/cli`. Imports stay lazy so that `--help` is quick."""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib.metadata import version as version_of
+from typing import Annotated
+
+from desirepath.collecting import ended_by_interrupt, without_collecting
+
+with ended_by_interrupt(), without_collecting():
+    import typer
+
+    from desirepath.cli import (
+        benchmark,
+        data,
+        jobs,
+        plots,
+        report,
+        reproduce,
+        science,
+        serve,
+        study,
+        study_protocols,
+        words,
+    )
+    from desirepath.cli.output import INTERRUPTED
+
+app = typer.Typer(
+    name="desirepath",
+    help="Human-in-the-loop platform for personalised robot navigation.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"desirepath {version_of('desirepath')}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", help="Say which version this is.", callback=_say_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Human-in-the-loop platform for personalised robot navigation."""
+
+
+with ended_by_interrupt():
+    serve.register(app)
+    data.register(app)
+    science.register(app)
+    plots.register(app)
+    report.register(app)
+    study_protocols.register()
+    app.add_typer(study.commands, name="study")
+    app.add_typer(jobs.commands, name="jobs")
+    app.add_typer(benchmark.commands, name="benchmark")
+    app.add_typer(reproduce.commands, name="reproduce")
+    app.add_typer(words.commands, name="words")
+
+
+def main() -> None:
+    """Entry point of the console script. Whatever a command writes is its user's alone: most of it is about people."""
+    os.umask(0o077)
+    try:
+        with ended_by_interrupt():  # until a command begins: `cli/output.py`
+            app()
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # compiled code that another thread is in may not survive the interpreter's end
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(INTERRUPTED)
+        raise
+
+
+if __name__ == "__main__":
+    main()

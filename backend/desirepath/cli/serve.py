@@ -1,0 +1,157 @@
+"""`desirepath serve` and `desirepath worker`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say
+from desirepath.collecting import without_collecting
+from desirepath.settings import Settings, get_settings
+
+if TYPE_CHECKING:
+    from desirepath.web.core.dependencies import Services
+
+DEMO_PROTOCOL = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
+DEMO_NAME = "Demo: how should the robot pass you?"
+
+
+def register(app: typer.Typer) -> None:
+    """Add this module's commands to the main one."""
+    app.command()(serve)
+    app.command()(worker)
+    app.command()(migrate)
+    app.command()(password)
+
+
+@in_data_folder
+def serve(
+    demo: Annotated[bool, typer.Option("--demo", help="Open a demo study and print its link.")] = False,
+    port: Annotated[int | None, typer.Option(help="Port of the pages; the stage takes the next one.")] = None,
+    host: Annotated[str | None, typer.Option(help="Address to listen on.")] = None,
+    processes: Annotated[
+        int, typer.Option(help="Server processes behind the same ports; more than one on PostgreSQL.")
+    ] = 1,
+) -> None:
+    """Run the pages, the 3D stage and a background worker."""
+    with without_collecting():
+        from desirepath.store.database import Database
+        from desirepath.web.application import build_services
+        from desirepath.web.replicas.only_server import only_server
+        from desirepath.web.server import check_ports
+
+    given: dict[str, Any] = {"port": port, "host": host}
+    settings = Settings(**{name: value for name, value in given.items() if value is not None})
+    with only_server(settings):
+        if not settings.shares_ports:
+            check_ports(settings)
+        services = build_services(settings)
+        try:
+            _serve(services, demo=demo, processes=processes)
+        finally:
+            for database in (services.database, Database(settings.jobs_database)):  # the worker's, which has ended
+                database.close()
+
+
+def _serve(services: Services, *, demo: bool, processes: int) -> None:
+    from desirepath.store.shipped_policies import register_shipped
+    from desirepath.web.core.auth import ensure_first_user
+    from desirepath.web.replicas.supervisor import check_can_share, serve_many
+    from desirepath.web.server import run
+
+    settings = services.settings
+    check_can_share(services.database, processes)
+    if settings.shares_ports:  # one of several; who started them has seen to everything else
+        run(services)
+        return
+    with services.database.one_starts():
+        with services.database.transaction() as s:
+            register_shipped(s, services.files)
+        password = ensure_first_user(services.database)
+    link = _demo_link(services) if demo else None
+
+    def announce() -> None:
+        here = settings.own_url
+        console = Console()
+        console.print("\n[bold]Desire Path is running.[/bold]")
+        if link:
+            console.print(f"  Participant    {here}{link}")
+        console.print(f"  Experimenter   {here}/lab/studies")
+        console.print(f"  Analyst        {here}/lab/jobs")
+        if password:
+            console.print(f"  Sign in as [bold]experimenter[/bold] with password [bold]{password}[/bold]")
+            console.print("  (printed this once; change it after signing in)")
+        if settings.data.stat().st_mode & 0o077:
+            folder = settings.data.resolve()
+            console.print(f"  Others on this machine may look into the data folder; shut it: chmod 700 {folder}")
+        console.print("  Stop with Ctrl+C.\n")
+
+    if processes > 1:
+        serve_many(settings, services.peers, processes, on_ready=announce)
+    else:
+        run(services, on_ready=announce)
+
+
+def _demo_link(services: Services) -> str:
+    """The demo study's recruiting link; the study is made on the first start."""
+    from sqlalchemy import select
+
+    from desirepath.store.models import Study
+    from desirepath.study.protocol.freezing import freeze
+    from desirepath.study.studies import create_study
+
+    with services.database.transaction() as s:
+        study = s.scalars(select(Study).where(Study.name == DEMO_NAME, Study.state == "open")).first()
+        if study is None:
+            study = create_study(s, services.files, freeze(DEMO_PROTOCOL), name=DEMO_NAME, created_by=None)
+        return f"/join/{study.recruiting_token}"
+
+
+@in_data_folder
+def worker(
+    parent: Annotated[int | None, typer.Option(hidden=True, help="Process to end with; `serve` gives its own.")] = None,
+) -> None:
+    """Run a background worker: picks up jobs and trains."""
+    from desirepath.jobs.worker import run_worker
+
+    run_worker(get_settings(), parent=parent)
+
+
+@in_data_folder
+def migrate(as_json: JsonFlag = False) -> None:
+    """Bring the database to this version's tables, before the first process of a new version starts beside old ones."""
+    from desirepath.cli.study import open_store
+    from desirepath.store.database import newest_revision
+
+    open_store(makes=True)[0].close()
+    say({"revision": newest_revision()}, as_json)
+
+
+@in_data_folder
+def password(
+    name: Annotated[str, typer.Argument(help="Name of the account.")] = "experimenter",
+    without_second_factor: Annotated[
+        bool, typer.Option(help="Also forget its second factor: app and recovery codes are lost.")
+    ] = False,
+    as_json: JsonFlag = False,
+) -> None:
+    """Give an account a new password, to be changed at the next sign-in; signs it out everywhere."""
+    from sqlalchemy import select
+
+    from desirepath.cli.study import open_store
+    from desirepath.store.audit import record
+    from desirepath.store.models import User
+    from desirepath.web.core import second_factor
+    from desirepath.web.core.auth import reset_password
+
+    database, _ = open_store()
+    made = reset_password(database, name)
+    with database.transaction() as s:
+        record(s, "password_reset", by=COMMAND_LINE, name=name)
+        if without_second_factor:
+            second_factor.remove(s, s.scalars(select(User.id).where(User.name == name)).one())
+            record(s, "second_factor_removed", by=COMMAND_LINE, name=name)
+    say({"name": name, "password": made}, as_json)

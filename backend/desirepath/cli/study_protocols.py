@@ -1,0 +1,124 @@
+"""`desirepath study validate|preview|diff|revise|schema`: protocols, before and while a study runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say
+from desirepath.cli.study import commands, frozen_protocol, open_store, query_sets
+
+
+def register() -> None:
+    """Add this module's commands to `desirepath study`."""
+    for command in (validate, preview, diff, revise):
+        commands.command()(command)
+    commands.command("schema")(schema_command)
+
+
+@in_data_folder
+def validate(file: Path, as_json: JsonFlag = False) -> None:
+    """Check a protocol file; exit code 1 if it is not valid."""
+    from desirepath.grammar.source import Problem
+    from desirepath.study.protocol.freezing import validate_protocol_file
+
+    result = validate_protocol_file(file, query_sets())
+    if as_json or result["valid"]:
+        say(result, as_json)
+    else:
+        for error in result["errors"]:
+            typer.echo(str(Problem(**error)), err=True)
+    if not result["valid"]:
+        raise typer.Exit(1)
+
+
+@in_data_folder
+def preview(
+    file: Path,
+    seed: Annotated[int, typer.Option(help="Of the participant: another one, another order.")] = 0,
+    language: Annotated[str | None, typer.Option(help="Of the titles; default the protocol's first.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Show the steps that one participant would meet, without opening a study. Pages are previewed in the lab."""
+    from desirepath.study.protocol.freezing import freeze
+    from desirepath.study.protocol.outline import plan_preview
+
+    shown = plan_preview(freeze(file, query_sets()), seed, language)
+    if as_json:
+        say(shown, as_json)
+        return
+    for number, step in enumerate(shown["steps"], 1):
+        typer.echo(f"{number:4} {step['kind']:14} {step['key']:36} {step['description']}")
+    typer.echo(
+        f"{len(shown['steps'])} steps, about {shown['minutes']:g} minutes; orders: {shown['orders'] or 'by lot'}"
+    )
+
+
+@in_data_folder
+def diff(
+    before: Annotated[str, typer.Argument(help="A protocol file, or the id of a study (its newest protocol).")],
+    after: Annotated[str, typer.Argument(help="The same.")],
+    as_json: JsonFlag = False,
+) -> None:
+    """Say what differs between two protocols and what that means for data that are there already."""
+    from desirepath.study.revising import differences
+
+    changes = differences(frozen_protocol(before), frozen_protocol(after))
+    if as_json:
+        say({"same": not changes, "changes": [change.as_dict() for change in changes]}, as_json)
+        return
+    for change in changes:
+        typer.echo(f"{change.field}: {_shown(change.before)} -> {_shown(change.after)}")
+    for means in dict.fromkeys(change.means for change in changes):
+        typer.echo(f"  {means}")
+    if not changes:
+        typer.echo("no difference")
+
+
+def _shown(value: object) -> str:
+    return "nothing" if value is None else str(value)
+
+
+@in_data_folder
+def revise(
+    study: Annotated[str, typer.Argument(help="Id of a running study.")],
+    file: Annotated[Path, typer.Argument(help="The edited protocol, with a higher version.")],
+    as_json: JsonFlag = False,
+) -> None:
+    """Give a running study a new version of its protocol, for whoever joins from now on."""
+    from desirepath.store.audit import record
+    from desirepath.store.models import Study
+    from desirepath.study.protocol.freezing import freeze
+    from desirepath.study.revising import query_sets_for, revise_study, versions_of
+
+    database, files = open_store()
+    with database.transaction() as s:
+        row = s.get(Study, study)
+        if row is None:
+            raise LookupError(f"no study with id {study!r}; `desirepath study list` shows them")
+        frozen = freeze(file, query_sets_for(s, row))
+        version = revise_study(s, files, row, frozen, by=COMMAND_LINE)
+        record(s, "study_revised", by=COMMAND_LINE, study_id=study, number=version.number)
+        on = {line.number: line.people + line.simulated for line in versions_of(s, row)}
+    result = {"study": study, "number": version.number, "changes": version.changes, "participants_on_version": on}
+    if as_json:
+        say(result, as_json)
+        return
+    for means in dict.fromkeys(change["means"] for change in version.changes):
+        typer.echo(means)
+    typer.echo(f"Who is under way goes on with the protocol they began with; participants by version: {on}")
+
+
+@in_data_folder
+def schema_command(
+    questionnaire: Annotated[bool, typer.Option("--questionnaire", help="Of a questionnaire's file instead.")] = False,
+) -> None:
+    """Print the JSON Schema of protocols, for editors that complete and check while you write."""
+    import json
+
+    from desirepath.grammar.questionnaires import Questionnaire
+    from desirepath.study.protocol.schema import Protocol, json_schema
+
+    typer.echo(json.dumps(json_schema(Questionnaire if questionnaire else Protocol), indent=0, ensure_ascii=False))

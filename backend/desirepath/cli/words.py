@@ -1,0 +1,47 @@
+"""`desirepath words read`: what is understood of a wish in plain words, as participants' pages read it."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+from desirepath.cli.output import JsonFlag, plain_errors
+from desirepath.learning.words.lexicon import LANGUAGES, LONGEST, Language
+
+commands = typer.Typer(help="Wishes in plain words.", no_args_is_help=True)
+LanguageFlag = Annotated[Language, typer.Option(help="In which it is expected to be written.")]
+
+
+@commands.callback()
+def _group() -> None:
+    """Wishes in plain words."""
+
+
+@commands.command()
+@plain_errors
+def read(
+    text: Annotated[str, typer.Argument(help=f"The wish, at most {LONGEST} characters.")],
+    language: LanguageFlag = LANGUAGES[0],
+    as_json: JsonFlag = False,
+) -> None:
+    """Say what is understood of a sentence: objectives with direction and weight, what is not, and contradictions."""
+    from desirepath.learning.words.understanding import words_reader
+
+    got = words_reader(language).understand(text)
+    found = got.as_dict(text)
+    if as_json:
+        typer.echo(json.dumps(found, ensure_ascii=False))
+        return
+    if got.language != language:
+        typer.echo(f"read as {'German' if got.language == 'de' else 'English'}")
+    for one in found["understood"]:
+        typer.echo(f"{one['direction']} {one['objective']:20} {one['weight']:<5g} {one['words']!r}")
+    for question in got.questions:
+        words = text[question.start : question.end]
+        typer.echo(f"asked back ({question.about}): {words!r}: {' or '.join(question.offered)}?")
+    for start, end in got.not_understood:
+        typer.echo(f"not understood: {text[start:end]!r}")
+    if not found["understood"] and not got.questions and not got.not_understood:
+        typer.echo("nothing is said about driving")

@@ -1,0 +1,206 @@
+"""The job that turns a snapshot's answers into a policy that may be shown.
+
+The answers are loaded and fitted by `answers.py`, the policy is made by one of `alignment_algorithms.py`; here
+everything made is kept with its lineage, and the trajectories for the participant's comparison are prepared, so that no
+page has to wait for them.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection
+from dataclasses import asdict, replace
+from typing import Any
+
+import structlog
+
+from desirepath.jobs.alignment_algorithms import aligned
+from desirepath.jobs.answers import (
+    described,
+    earlier_people,
+    fit_of,
+    keep_reward_model,
+    posterior_of_person,
+    prediction_of,
+    preferences_of,
+    snapshot_of,
+)
+from desirepath.jobs.context import JobContext
+from desirepath.jobs.free_form import free_form
+from desirepath.jobs.kept_artefacts import find_artefact, keep, keep_trajectory, load_conditioned, load_policy
+from desirepath.jobs.kinds import AlignParams, ConditionedAlignParams
+from desirepath.learning.alignment.never_worse import JUDGING_SEED, SCENES, better_for_person
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.stand_ins import stand_in_name, stand_in_policy
+from desirepath.learning.preferences.objectives import preference_weights
+from desirepath.learning.queries.queries import QueryConfig, flaw, look_alike
+from desirepath.learning.rewards.held_out import accuracy, predicted_in_new_scenes
+from desirepath.learning.scene_sets import Purpose, describe, scene_set
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.setups import get_setup, require_same
+from desirepath.simulation.trajectory import Trajectory
+from desirepath.store.artefacts import ArtefactError
+
+COMPARISON_CANDIDATES = 60  # scenes that are tried before a participant sees fewer comparisons than planned
+log = structlog.get_logger("desirepath.jobs")
+
+COMPARISON_SECONDS = 20.0  # ours: people watch both trajectories of every comparison
+NAMED = {
+    "instant": "instant policy",
+    "conditioning_search": "conditioning-searched policy",
+    "fine_tuning": "fine-tuned policy",
+    "thesis": "relabelled policy",
+}
+"""By algorithm, how lists tell the policies apart that one person can have."""
+
+
+def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
+    """A policy aligned with the answers, its gate, and trajectories of it and the base policy for a blind comparison.
+
+    The result holds `policy` (artefact id), `passed`, and `comparisons`: [{scene, scene_seed, base, own, look_alike}],
+    `scene` a hash, `base` and `own` ids of stored trajectories; empty where the policy may not be shown. `yoked`: the
+    same with `other` instead of `base`, in other scenes, where another participant's policy or a stand-in is named;
+    `neutral`: with the conditioned policy without preferences, where that is asked for. Of one person's answers, where
+    `surely_better` asks: `personal` (`PersonalVerdict`: below it is not shown as theirs), `check` (`PredictiveCheck`).
+    """
+    began = time.monotonic()
+    answers = snapshot_of(context, params.snapshot)
+    snapshot_artefact, snapshot = answers
+    setup = require_same(snapshot=snapshot.setup, asked_for=params.setup or snapshot.setup)
+    base_artefact, base = load_policy(context, params.base or f"{setup}/base")
+    require_same(base=base.setup, snapshot=setup)
+    of_participant = preferences_of(context, snapshot)
+    preferences = [p for of_one in of_participant.values() for p in of_one]
+    model_name = params.model_name
+    fit = fit_of(model_name, "sum", params.seed, params.symmetry)
+    model = fit(preferences)
+    fitted = {"training_accuracy": accuracy(model, preferences), "answers": len(preferences), **described(model)}
+    predicted = prediction_of(answers, of_participant, model_name, seed=params.seed, symmetry=params.symmetry).as_dict()
+    fitted["predicted"] = predicted
+    if params.hold_out:
+        held_out = predicted_in_new_scenes(preferences, fit, folds=max(2, params.hold_out), seed=params.seed)
+        fitted["held_out"] = asdict(held_out)
+    reward_model = keep_reward_model(context, params, answers, model, name=model_name, reduction="sum", results=fitted)
+    context.progress(0.03)
+    made = aligned(context, params, base, model)
+    believed, independent = None, of_participant
+    if params.surely_better:  # else nobody asks, and it takes seconds
+        independent = preferences_of(context, snapshot, independent=True) if snapshot.ratings else of_participant
+        earlier = earlier_people(context, params.earlier, setup, params.symmetry)
+        believed = posterior_of_person(independent, params.symmetry, earlier)
+    verdict = None
+    if believed is not None and made.may_be_shown:
+        verdict = better_for_person(believed[0], made.policy, base, seed=params.seed, needed=params.surely_better)
+    if believed is not None and not (verdict is not None and verdict.passed):
+        otherwise = free_form(context, params, base, believed[0], [one for of in independent.values() for one in of])
+        if otherwise is not None and otherwise[0].may_be_shown and otherwise[1].passed:
+            made, verdict = otherwise
+    may_be_shown = made.may_be_shown and (verdict is None or verdict.passed)
+    own = {
+        **({"personal": verdict.as_dict()} if verdict is not None else {}),
+        **({"check": believed[1].as_dict()} if believed is not None else {}),
+        **({"prior": {"earlier_participants": len(earlier)}} if believed is not None and params.earlier else {}),
+    }
+    # `passed` here is the gate's; what a search finds must be better, too (`passed` of the result)
+    gate = made.gate.as_dict()
+    with context.database.session() as s:
+        reward_model_artefact = find_artefact(s, reward_model, "reward_model")
+    parents = [(base_artefact, "base"), (reward_model_artefact, "reward_model"), (snapshot_artefact, "answers")]
+    policy = keep(
+        context,
+        kind="policy",
+        name=f"{NAMED[params.algorithm]}: {snapshot_artefact.name}, seed {params.seed}",
+        setup=setup,
+        # Many people prefer the same: without their names on them, these would be one policy, first made for the first.
+        content=replace(made.policy, made_for=snapshot_artefact.id).to_bytes(),
+        params=params,
+        config=made.config,
+        results={"gate": gate, "predicted": predicted, **own, **made.results},
+        parents=[*parents, *made.parents],
+        scenes={
+            "gate": describe(Purpose.GATE, made.gate.scenes, params.seed),
+            **({"personal": describe(Purpose.GATE, SCENES, JUDGING_SEED + params.seed)} if verdict else {}),
+            **made.scenes,
+        },
+        departures=made.departures,
+    )
+    context.progress(0.93)
+    comparisons: list[dict[str, Any]] = []
+    further: dict[str, list[dict[str, Any]]] = {}
+    if may_be_shown and params.comparisons:
+        comparisons = comparison_rollouts(context, params, "base", (base, base_artefact.id), (made.policy, policy))
+        seen = {one["scene_seed"] for one in comparisons}
+        for against, rival in _rivals(context, params, setup).items():
+            count = params.neutral if isinstance(params, ConditionedAlignParams) and against == "neutral" else None
+            further[against] = comparison_rollouts(context, params, against, rival, (made.policy, policy), seen, count)
+            seen |= {one["scene_seed"] for one in further[against]}
+    return {
+        "policy": policy,
+        "reward_model": reward_model,
+        "training_accuracy": fitted["training_accuracy"],
+        "held_out": fitted.get("held_out"),
+        "predicted": predicted,
+        "passed": may_be_shown,
+        "gate": gate,
+        **made.beside,
+        **own,
+        "comparisons": comparisons,
+        "yoked": further.get("other", []),
+        **({"neutral": further["neutral"]} if "neutral" in further else {}),
+        "seconds": round(time.monotonic() - began, 2),
+    }
+
+
+def _rivals(context: JobContext, params: AlignParams, setup: str) -> dict[str, tuple[Policy, str]]:
+    """What the own policy is compared with beside the base policy, each with what it is called."""
+    rivals: dict[str, tuple[Policy, str]] = {}
+    if params.other is not None:
+        try:
+            artefact, lent = load_policy(context, params.other)
+        except ArtefactError as gone:  # whose it was has been erased since; the own policy is compared all the same
+            log.warning("the lent policy is gone", problem=str(gone))
+        else:
+            rivals["other"] = (lent, artefact.id)
+    if isinstance(params, ConditionedAlignParams):
+        if params.other is None and params.stand_in is not None:
+            rivals["other"] = (stand_in_policy(setup, params.stand_in), stand_in_name(setup, params.stand_in))
+        if params.neutral:
+            artefact, conditioned = load_conditioned(context, params.conditioned or f"{setup}/conditioned")
+            rivals["neutral"] = (conditioned.at(preference_weights({})).without_critic(), artefact.id)
+    return rivals
+
+
+def comparison_rollouts(
+    context: JobContext,
+    params: AlignParams,
+    against: str,
+    rival: tuple[Policy, str],
+    own: tuple[Policy, str],
+    seen: Collection[int] = (),
+    count: int | None = None,
+) -> list[dict[str, Any]]:
+    """Trajectories of both policies in fresh scenes in which both arrive soon; pairs that look different come first.
+
+    against: what the rival is called. seen: seeds of scenes that are shown already. count: default as with the base.
+    """
+    setup = get_setup(require_same(rival=rival[0].setup, own=own[0].setup))
+    candidates = scene_set(setup.name, COMPARISON_CANDIDATES, purpose=Purpose.COMPARISON, seed=params.seed)
+    scenes = [scene for scene in candidates if scene.seed not in seen]
+    rules = QueryConfig(max_duration_s=COMPARISON_SECONDS)
+    different: list[tuple[Trajectory, Trajectory]] = []
+    alike: list[tuple[Trajectory, Trajectory]] = []
+    rollouts = [rollout(setup, policy.rollout_policy, scenes) for policy, _ in (rival, own)]
+    for of_rival, of_own in zip(*rollouts, strict=True):
+        if flaw(of_rival, rules) is None and flaw(of_own, rules) is None:
+            (alike if look_alike(of_rival, of_own, rules) else different).append((of_rival, of_own))
+    chosen = (different + alike)[: params.comparisons if count is None else count]
+    return [
+        {
+            "scene": of_rival.scene.digest(),
+            "scene_seed": of_rival.scene.seed,
+            against: keep_trajectory(context, of_rival, rival[1]),
+            "own": keep_trajectory(context, of_own, own[1]),
+            "look_alike": look_alike(of_rival, of_own, rules),
+        }
+        for of_rival, of_own in chosen
+    ]

@@ -1,0 +1,201 @@
+"""What jobs learn from: the answers of a snapshot, the reward model fitted to them, and its artefact.
+
+How a reward model is fitted is `desirepath.learning.rewards`'; which job wants which model is the job's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import structlog
+
+from desirepath.jobs.context import JobContext
+from desirepath.jobs.kept_artefacts import find_artefact, keep
+from desirepath.jobs.kinds import Params
+from desirepath.learning.errors import TooFewAnswers
+from desirepath.learning.measures.pairs import PairDifferences
+from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
+from desirepath.learning.preferences.population_prior import EarlierPerson, prior_of_earlier
+from desirepath.learning.preferences.posterior import PosteriorConfig
+from desirepath.learning.preferences.predictive_check import PredictiveCheck, checked_answers
+from desirepath.learning.preferences.preferences import Preference, usable
+from desirepath.learning.rewards.held_out import CHANCE, Prediction, majority_share, predictions
+from desirepath.learning.rewards.interface_network import InterfaceConfig, fit_interface
+from desirepath.learning.rewards.linear import LinearConfig, fit_linear
+from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
+from desirepath.learning.rewards.model_choice import choose_reward_model
+from desirepath.learning.rewards.preference_weights import fit_weights
+from desirepath.learning.rewards.reward_model import Fit, Reduction, RewardModel
+from desirepath.learning.rewards.storage import reward_model_to_bytes
+from desirepath.simulation.trajectory import Trajectory
+from desirepath.store.artefacts import ArtefactError, load_trajectory
+from desirepath.store.models import Artefact
+from desirepath.store.snapshots import Answer, Snapshot, implied_choices, independent_choices, load_snapshot
+
+log = structlog.get_logger("desirepath.jobs")
+
+
+def snapshot_of(context: JobContext, reference: str) -> tuple[Artefact, Snapshot]:
+    """A snapshot and its artefact. Raises ArtefactError as `find_artefact` does."""
+    with context.database.session() as s:
+        artefact = find_artefact(s, reference, "snapshot")
+        snapshot = load_snapshot(s, context.files, artefact.id)
+    return artefact, snapshot
+
+
+def preferences_of(
+    context: JobContext, snapshot: Snapshot, *, independent: bool = False
+) -> dict[str, list[Preference]]:
+    """The answers by participant. Probes ask the same again: they measure, they do not teach.
+
+    independent: of the choices that ratings imply only such as share no rating, for what counts how sure it may be.
+    """
+    loaded: dict[str, Trajectory] = {}
+
+    def trajectory(trajectory_id: str) -> Trajectory:
+        if trajectory_id not in loaded:
+            loaded[trajectory_id] = load_trajectory(context.files, trajectory_id)
+        return loaded[trajectory_id]
+
+    def preference(answer: Answer) -> Preference:
+        return Preference(trajectory(answer.chosen), trajectory(answer.rejected), answer.source, answer.participant)
+
+    found: dict[str, list[Preference]] = {}
+    for answer in snapshot.training_answers():
+        found.setdefault(answer.participant, []).append(preference(answer))
+    for better, worse in (independent_choices if independent else implied_choices)(snapshot.ratings):
+        pair = Preference(
+            trajectory(better.trajectory), trajectory(worse.trajectory), better.source, better.participant
+        )
+        found.setdefault(better.participant, []).append(pair)
+    return found
+
+
+def fit_of(
+    model: str,
+    reduction: Reduction,
+    seed: int,
+    symmetry: str = "none",
+    *,
+    particles: int = PosteriorConfig.particles,
+) -> Fit:
+    """How a reward model of that name (`kinds.ModelName`) is fitted. particles: of a posterior."""
+    mirrored = symmetry == "left_right"
+    if model == "weights":
+        config = PosteriorConfig(left_right_symmetry=mirrored, particles=particles)
+        return lambda preferences: fit_weights(preferences, config)
+    if model == "auto":
+        return lambda preferences: choose_reward_model(preferences, seed=seed, left_right_symmetry=mirrored).model
+    if model == "linear":
+        return lambda preferences: fit_linear(preferences, LinearConfig(reduction=reduction))
+    if model == "interface":
+        return lambda preferences: fit_interface(preferences, InterfaceConfig(seed=seed))
+    return lambda preferences: fit_mlp(preferences, MlpConfig(seed=seed, reduction=reduction))
+
+
+QUICK_PARTICLES = 4_000  # of the posteriors that only predict held-out answers: a participant may be waiting
+FOLDS = 5
+SLOW_FOLDS = 3  # of networks, which take longer to fit
+
+
+def prediction_of(
+    answers: tuple[Artefact, Snapshot],
+    of_participant: Mapping[str, Sequence[Preference]],
+    model: str,
+    *,
+    reduction: Reduction = "sum",
+    seed: int,
+    symmetry: str = "none",
+) -> Prediction:
+    """How well models of that name predict these answers where they did not see them, against chance and majority.
+
+    Pairs that ratings imply share trajectories: predictions of them are not independent, and a little too good.
+    """
+    fit = fit_of(model, reduction, seed, symmetry, particles=QUICK_PARTICLES)
+    training = answers[1].training_answers()  # none where trajectories were only rated
+    return predictions(
+        [preference for of_one in of_participant.values() for preference in of_one],
+        fit,
+        majority=majority_share(
+            [one.choice for one in training], [one.chosen for one in training], [one.rejected for one in training]
+        )
+        if training
+        else CHANCE,
+        people=len(of_participant),
+        folds=FOLDS if model in ("weights", "linear") else SLOW_FOLDS,
+        seed=seed,
+    )
+
+
+def posterior_of_person(
+    of_participant: Mapping[str, Sequence[Preference]], symmetry: str = "none", earlier: Sequence[EarlierPerson] = ()
+) -> tuple[FreePosterior, PredictiveCheck] | None:
+    """What is believed of the one person whose independent answers these are, by the light of earlier participants, and
+    whether they look like it; None of several people, and where nothing about two different trajectories was
+    answered."""
+    if len(of_participant) != 1:
+        return None
+    try:
+        setup, kept = usable(next(iter(of_participant.values())), fewest=1)
+    except TooFewAnswers:
+        return None
+    mirrored = symmetry == "left_right"
+    pairs = [(one.chosen, one.rejected) for one in kept]
+    return checked_answers(
+        PairDifferences.of(setup.name, pairs, left_right_symmetry=mirrored),
+        np.ones(len(kept), dtype=np.bool_),
+        FreeConfig(posterior=PosteriorConfig(left_right_symmetry=mirrored)),
+        prior_of_earlier(setup.name, earlier),
+    )
+
+
+def earlier_people(context: JobContext, snapshots: str, setup: str, symmetry: str = "none") -> list[EarlierPerson]:
+    """Whoever answered before, of snapshots by id, with commas between. Who was erased since is left out: their
+    snapshot is gone or locked away."""
+    mirrored, found = symmetry == "left_right", []
+    for reference in snapshots.split(",") if snapshots else []:
+        try:
+            _, snapshot = snapshot_of(context, reference.strip())
+        except ArtefactError as gone:
+            log.warning("earlier answers are gone", problem=str(gone))
+            continue
+        if snapshot.setup != setup:
+            continue
+        for preferences in preferences_of(context, snapshot, independent=True).values():
+            pairs = [(one.chosen, one.rejected) for one in preferences]
+            differences = PairDifferences.of(setup, pairs, left_right_symmetry=mirrored)
+            found.append(EarlierPerson(differences, np.ones(len(pairs), dtype=np.bool_)))
+    return found
+
+
+def described(model: RewardModel) -> dict[str, Any]:
+    """Which kind of model it became, and what the answers were about, where it can say so."""
+    importance = model.importance()
+    return {"kind": model.kind} | ({"importance": importance} if importance else {})
+
+
+def keep_reward_model(
+    context: JobContext,
+    params: Params,
+    answers: tuple[Artefact, Snapshot],
+    model: RewardModel,
+    *,
+    name: str,
+    reduction: str,
+    results: dict[str, Any],
+) -> str:
+    """Store a fitted model with its card; returns its id. name: the kind that was asked for."""
+    artefact, snapshot = answers
+    return keep(
+        context,
+        kind="reward_model",
+        name=f"{name} reward model: {artefact.name}, seed {params.model_dump()['seed']}",
+        setup=snapshot.setup,
+        content=reward_model_to_bytes(model),
+        params=params,
+        config={"model": name, "reduction": reduction},
+        results=results,
+        parents=[(artefact, "answers")],
+    )

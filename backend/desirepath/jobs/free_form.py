@@ -1,0 +1,79 @@
+"""A policy for somebody whom the nine objectives do not describe: the best of the setup's library by what their answers
+say, and behind it one that a search among the library's mixes finds.
+
+Only where the answers are more probably about something else, and only what is surely better for this very person: the
+verdict is given in scenes of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+from desirepath.jobs.alignment_algorithms import Aligned, gate_rule
+from desirepath.jobs.context import JobContext
+from desirepath.jobs.kinds import AlignParams
+from desirepath.learning.alignment.gate import at_gate
+from desirepath.learning.alignment.mix_search import SCENES_SEED, MixSearchConfig
+from desirepath.learning.alignment.never_worse import PersonalVerdict, better_for_person
+from desirepath.learning.alignment.own_policy import searched
+from desirepath.learning.alignment.policy_library import best_of
+from desirepath.learning.cards import DEPARTURES
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.shipped import load_conditioned, load_policy_library, load_step_basis
+from desirepath.learning.preferences.free_posterior import FreePosterior
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.rewards.step_weights import step_posterior_of
+from desirepath.learning.scene_sets import Purpose, describe
+
+SOMETHING_ELSE = 0.5
+"""From this probability on, answers count as being about something that is not among the nine objectives."""
+SEARCHED = {"instant": False, "conditioning_search": True}
+"""By what it stands in for: nothing is searched while somebody waits; half a minute of a shared core behind it."""
+FEWEST_ANSWERS = 8
+
+
+def free_form(
+    context: JobContext, params: AlignParams, base: Policy, believed: FreePosterior, preferences: Sequence[Preference]
+) -> tuple[Aligned, PersonalVerdict] | None:
+    """The policy with its verdict; None where the nine describe the answers, there are few, or the setup has no step
+    basis or library."""
+    if (
+        params.algorithm not in SEARCHED
+        or len(preferences) < FEWEST_ANSWERS
+        or believed.something_else() < SOMETHING_ELSE
+    ):
+        return None
+    basis, library = load_step_basis(base.setup), load_policy_library(base.setup)
+    if basis is None or library is None:
+        return None
+    steps = step_posterior_of(preferences, basis)
+    place = best_of(library, believed, steps)
+    conditioned, searched_behind = load_conditioned(f"{base.setup}/conditioned"), SEARCHED[params.algorithm]
+    policy = library.policy(place, conditioned, base)
+    results: dict[str, object] = {"step_weights": [round(float(weight), 4) for weight in steps.mean]}
+    config: dict[str, object] = {"recipe": "own_policy_library", "place": place}
+    scenes = {}
+    if searched_behind:
+        search = MixSearchConfig(seed=params.seed)
+        own = searched(
+            library, place, (conditioned, base), basis, (believed, steps), search, context.progress.part(0.3, 0.9)
+        )
+        policy = own.policy
+        config |= {"recipe": "own_policy_search", **asdict(search)}
+        results |= {"chosen": own.chosen, "expected": own.expected}
+        scenes = {"select": describe(Purpose.ALIGN_SELECT, search.scenes, SCENES_SEED + params.seed)}
+    policy = policy.without_critic()
+    gate = at_gate(policy, base, gate_rule(params), seed=params.seed)
+    verdict = better_for_person(believed, policy, base, seed=params.seed, needed=params.surely_better)
+    made = Aligned(
+        policy=policy,
+        gate=gate,
+        may_be_shown=gate.passed,
+        config=config,
+        results=results,
+        scenes=scenes,
+        departures=[DEPARTURES["free_form"], DEPARTURES["policy_library"]],
+        beside={"free_form": True},
+    )
+    return made, verdict

@@ -1,0 +1,459 @@
+"""The kinds of job and what each may be asked: typed parameters whose defaults say where they come from.
+
+Light on purpose, because the analysts' forms are made from it; what a kind does lives in `runners.py` and below.
+Labels and hints live in `locales/*/analyst.yaml` under `kinds.KIND.fields.NAME`, sources under `sources.KEY`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
+from pydantic_core import PydanticCustomError, PydanticUndefined
+
+SetupName = Literal["study_room", "open_field", "crowd_hall"]
+# whose base policy can be trained anew
+TrainedSetup = Literal["study_room", "open_field", "explained_room", "crowd_hall"]
+# backend/desirepath/learning/scene_sets.py: a set has so many scenes, and a purpose more sets than anybody will count
+MOST_SCENES = 10_000
+LARGEST_SEED = 9_999
+MOST_NAMED = 10_000  # characters of a list of snapshots
+
+
+class JobParamsError(ValueError):
+    """Parameters that a kind of job cannot run with; one entry per field."""
+
+    def __init__(self, kind: str, problems: list[dict[str, Any]]) -> None:
+        self.kind, self.problems = kind, problems
+        message = "; ".join(f"{p['field']} = {p['value']!r}: {p['message']}" for p in problems)
+        super().__init__(f"job kind {kind!r}: {message}")
+
+
+class Params(BaseModel):
+    """Base of all parameters: nothing unknown, nothing changed later."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    RENAMED: ClassVar[Mapping[str, str]] = {}
+    """Old name -> name, of parameters in stored job rows and on old command lines: read, never written."""
+
+    def asked(self) -> dict[str, Any]:
+        """What differs from the defaults, JSON-ready: enough to ask for the same again."""
+        return self.model_dump(mode="json", exclude_defaults=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_old_names(cls, given: Any) -> Any:
+        return with_new_names(given, cls.RENAMED) if isinstance(given, dict) else given
+
+
+def with_new_names(given: Mapping[str, Any], renamed: Mapping[str, str]) -> dict[str, Any]:
+    """`given` with its old names replaced; an old name beside its new one stays, and is refused as unknown."""
+    return {
+        renamed[name] if name in renamed and renamed[name] not in given else name: value
+        for name, value in given.items()
+    }
+
+
+def _from(source: str, default: Any = PydanticUndefined, *, advanced: bool = False, **limits: Any) -> Any:
+    """A parameter with its default's source; `advanced` ones are folded away on the form."""
+    return Field(default, json_schema_extra={"source": source, "advanced": advanced}, **limits)
+
+
+def _artefact(kind: str, default: Any = PydanticUndefined) -> Any:
+    """A parameter that names an artefact: its id, or the name of a shipped one such as `study_room/base`. kind: several
+    with `|` between them."""
+    return Field(default, min_length=1, json_schema_extra={"source": "yours", "artefact": kind})
+
+
+CONDITIONED, ADAPTABLE = "conditioned_policy", "adaptable_policy"
+WEIGHED = (CONDITIONED, ADAPTABLE)
+"""Kinds of policies that take weights: of the nine objectives, or of chapter 5's three."""
+ANY_POLICY = "|".join(("policy", *WEIGHED))
+
+
+def _checked_weights(words: str) -> str:
+    """Raises ValueError saying what no policy can be conditioned on."""
+    from desirepath.learning.adaptable.objectives import NAMES
+    from desirepath.learning.adaptable.policy import parsed_preference
+    from desirepath.learning.errors import OppositeWeights
+    from desirepath.learning.preferences.objectives import parsed_weights
+
+    try:
+        (parsed_preference if words.partition("=")[0].strip() in NAMES else parsed_weights)(words)
+    except OppositeWeights as wrong:  # of a type of its own, so that forms say it in their language
+        raise PydanticCustomError("opposites", "{message}", {"message": str(wrong)}) from None
+    return words
+
+
+Weights = Annotated[str, AfterValidator(_checked_weights)]
+"""What a conditioned policy is conditioned on, `farther=1,smoother=0.5`, empty: nothing; or an adaptable one,
+`distance=0.5,efficiency=0.5`, empty: a third of each."""
+
+
+def _weights_of(policy: str) -> Any:
+    """Preference weights of the policy that another parameter names, where that is a conditioned one."""
+    return Field("", max_length=500, json_schema_extra={"source": "yours", "weights_of": policy})
+
+
+ModelName = Literal["linear", "weights", "mlp", "auto", "interface"]
+
+
+class EvaluateParams(Params):
+    """Measure one policy on fresh scenes."""
+
+    policy: str = _artefact("policy")
+    scenes: int = _from("ours", 2_000, ge=20, le=MOST_SCENES)
+    seed: int = _from("ours_report_scenes", 0, ge=0, le=LARGEST_SEED)
+
+
+class CompareParams(Params):
+    """Measure two policies on the same fresh scenes, conditioned ones at the weights that are given with them."""
+
+    policy_a: str = _artefact(ANY_POLICY)
+    weights_a: Weights = _weights_of("policy_a")
+    policy_b: str = _artefact(ANY_POLICY)
+    weights_b: Weights = _weights_of("policy_b")
+    scenes: int = _from("ours", 1_000, ge=20, le=MOST_SCENES)
+    seed: int = _from("ours_report_scenes", 0, ge=0, le=LARGEST_SEED)
+    replays: int = _from("ours", 12, ge=0, le=50, advanced=True)
+
+
+class RewardModelParams(Params):
+    """Learn what the answers of a snapshot say about driving; measure it on answers it did not see."""
+
+    snapshot: str = _artefact("snapshot")
+    model: ModelName = _from("ours_few_answers", "linear")
+    reduction: Literal["sum", "mean"] = _from("thesis_6_4_4", "sum")
+    folds: int = _from("ours", 5, ge=2, le=50, advanced=True)
+    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
+
+
+class AlignParams(Params):
+    """Turn the answers of a snapshot into a policy, and check that it may be shown: what every algorithm is asked."""
+
+    snapshot: str = _artefact("snapshot")
+    setup: SetupName | None = _from("from_snapshot", None, advanced=True)
+    base: str | None = Field(None, json_schema_extra={"source": "from_setup", "artefact": "policy", "advanced": True})
+    symmetry: Literal["none", "left_right"] = _from("ours_symmetry", "none", advanced=True)
+    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
+    gate_scenes: int = _from("ours", 500, ge=50, le=5_000, advanced=True)
+    gate_min_success: float = _from("ours_gate", 0.90, ge=0, le=1, advanced=True)
+    gate_max_loss: float = _from("ours_five_points", 0.05, ge=0, le=1, advanced=True)
+    surely_better: float = _from("ours_surely_better", 0.0, ge=0, le=1, advanced=True)
+    earlier: str = _from("from_protocol_prior", "", advanced=True, max_length=MOST_NAMED)
+    comparisons: int = _from("from_protocol", 3, ge=0, le=10, advanced=True)
+    hold_out: int = _from("ours", 0, ge=0, le=10, advanced=True)
+    other: str | None = Field(
+        None, min_length=1, json_schema_extra={"source": "yours", "artefact": "policy", "advanced": True}
+    )
+
+    def asked(self) -> dict[str, Any]:
+        return {**super().asked(), RECIPE: self.algorithm}
+
+    @property
+    def algorithm(self) -> str:
+        """Which one it is, as `recipe` names it."""
+        return str(getattr(self, RECIPE))
+
+    @property
+    def model_name(self) -> str:
+        """The kind of reward model that the answers become."""
+        return str(getattr(self, "model"))  # noqa: B009 - every algorithm has its own choice of them
+
+
+class ConditionedAlignParams(AlignParams):
+    """What is asked where a conditioned policy is used as it is: nothing is trained.
+
+    neutral: in so many further scenes it is compared with itself without preferences. stand_in: number on the setup's
+    card of the simulated person whose policy is compared with, where `other` names none.
+    """
+
+    conditioned: str | None = Field(
+        None, json_schema_extra={"source": "from_setup", "artefact": "conditioned_policy", "advanced": True}
+    )
+    model: Literal["weights"] = _from("preference_weights_only", "weights", advanced=True)
+    neutral: int = _from("ours", 0, ge=0, le=10, advanced=True)
+    stand_in: int | None = _from("ours", None, ge=0, le=1_000, advanced=True)
+
+
+class InstantParams(ConditionedAlignParams):
+    """The conditioned policy at the preference weights that the answers speak for; there at once (recipe A)."""
+
+    recipe: Literal["instant"] = _from("ours_at_once", "instant")
+
+
+class ConditioningSearchParams(ConditionedAlignParams):
+    """Searches what else to condition the policy on, and where; shown only where it is better than the instant one.
+
+    tried: candidates that the search rolls out, in rounds of 16.
+    """
+
+    recipe: Literal["conditioning_search"] = _from("ours_conditioning_search", "conditioning_search")
+    gate_scenes: int = _from("ours_search_gate", 1_500, ge=1_500, le=5_000, advanced=True)
+    tried: int = _from("ours_tried", 144, ge=1, le=10_000)
+
+
+class FineTuningParams(AlignParams):
+    """Goes on training the base policy on its core reward and the learned one (recipe B).
+
+    reward_weight: of the learned reward; None: found while training, by success. updates: of the critic.
+    """
+
+    recipe: Literal["fine_tuning"] = _from("ours_in_session", "fine_tuning")
+    model: ModelName = _from("ours_few_answers", "linear", advanced=True)
+    reward_weight: float | None = _from("follows_success", None, gt=0, le=10)
+    updates: int = _from("ours", 8_000, ge=1, le=200_000)
+
+
+class ThesisParams(AlignParams):
+    """The thesis's recipe: relabels the base policy's replay buffer and learns from it alone.
+
+    reward_weight: lambda of equation 6.5, the learned reward's share. updates: of the critic, in three epochs.
+    """
+
+    recipe: Literal["thesis"] = _from("thesis_6_4_5", "thesis")
+    model: ModelName = _from("thesis_6_4_4", "mlp", advanced=True)
+    reward_weight: float = _from("table_6_1", 0.06, gt=0, le=1)
+    updates: int = _from("thesis_6_4_5", 30_000, ge=1, le=200_000)
+
+
+RECIPE = "recipe"
+"""The parameter that says which algorithm an alignment is."""
+AnyAlignment = Annotated[
+    FineTuningParams | InstantParams | ConditioningSearchParams | ThesisParams, Field(discriminator="recipe")
+]
+ALIGNMENTS: Mapping[str, type[AlignParams]] = {
+    "fine_tuning": FineTuningParams,
+    "instant": InstantParams,
+    "conditioning_search": ConditioningSearchParams,
+    "thesis": ThesisParams,
+}
+"""By `recipe`; the first is the one that is meant where none is named."""
+
+
+def alignment_in_new_words(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of an alignment as they were asked before algorithms had names of their own, in today's words.
+
+    `refine` was fine-tuning, and with `start: conditioned` the conditioning search, whose `updates` were the candidates
+    it tried and whose gate had at least 1,500 scenes. What was left open (null) is left out.
+    """
+    new = with_new_names(given, {"gate_least_success": "gate_min_success", "gate_most_loss": "gate_max_loss"})
+    start = new.pop("start", None)
+    searches = start == "conditioned" and new.get(RECIPE, "refine") == "refine"
+    if searches:
+        new[RECIPE] = "conditioning_search"
+        new = with_new_names(new, {"updates": "tried"})
+        if isinstance(new.get("gate_scenes"), int):
+            new["gate_scenes"] = max(new["gate_scenes"], 1_500)
+    elif new.get(RECIPE, "refine") == "refine":
+        new[RECIPE] = next(iter(ALIGNMENTS))
+    return {name: value for name, value in new.items() if value is not None}
+
+
+class TrainBaseParams(Params):
+    """Train a policy from scratch on a setup's task reward."""
+
+    RENAMED: ClassVar[Mapping[str, str]] = {"calm_weight": "smoothness_penalty"}
+
+    setup: TrainedSetup = _from("ours", "study_room")
+    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
+    updates: int = _from("ours_two_minutes", 60_000, ge=100, le=2_000_000)
+    n_envs: int = _from("design_speed", 256, ge=1, le=4_096, advanced=True)
+    updates_per_step: int = _from("design_speed", 12, ge=1, le=256, advanced=True)
+    progress_weight: float = _from("ours_progress", 1.0, ge=0, le=10)
+    smoothness_penalty: float = _from("ours_smoothness", 0.2, ge=0, le=10)
+    learning_rate: float = _from("design_speed", 5e-4, gt=0, le=0.1, advanced=True)
+    batch_size: int = _from("design_speed", 128, ge=8, le=4_096, advanced=True)
+    selection_scenes: int = _from("ours", 2_000, ge=50, le=MOST_SCENES, advanced=True)
+
+
+class EnsembleParams(Params):
+    """Train members that start from one base policy and are pushed apart."""
+
+    base: str = _artefact("policy", "study_room/base")
+    members: int = _from("table_6_1", 4, ge=2, le=8)
+    kappa: float = _from("table_6_1", 0.0625, ge=0, le=10)
+    steps: int = _from("thesis_6_4_1", 25_000, ge=50, le=1_000_000)
+    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
+
+
+class QueriesParams(Params):
+    """Make queries from the trajectories of an ensemble, without the trajectories that nobody could judge."""
+
+    members: tuple[str, ...] = Field(
+        tuple(f"study_room/ensemble/{k}" for k in range(4)),
+        min_length=2,
+        max_length=8,
+        json_schema_extra={"source": "shipped", "artefact": "policy"},
+    )
+    count: int = _from("ours_different_queries", 200, ge=1, le=2_000)
+    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
+    max_duration_s: float = _from("ours_people_watch", 12.0, gt=2, le=100)
+    min_gap_m: float = _from("ours_visible", 0.5, ge=0, le=10, advanced=True)
+
+
+class TrainDemonstrationsParams(Params):
+    """Learn a personal controller from a snapshot of demonstrations of one environment.
+
+    sensor: what it goes by: `places` of person, walls and things (chapter 2), or its `depth` camera (chapter 3), which
+    is for homes; None: what the environment was made for.
+    """
+
+    snapshot: str = _artefact("demonstrations")
+    sensor: Literal["places", "depth"] | None = _from("from_environment", None)
+    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
+    updates: int = _from("ours_demonstrations", 40_000, ge=16, le=2_000_000)
+    comparisons: int = _from("thesis_2_6_1", 4, ge=0, le=4, advanced=True)
+    gate_min_success: float = _from("ours_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
+
+    RENAMED: ClassVar[Mapping[str, str]] = {"gate_least_success": "gate_min_success"}
+
+
+class AskPersonParams(Params):
+    """Ask a reward model as if it were a participant: how well, and how surely, its answers are foretold, and what its
+    robot would gain.
+
+    answers: the most that it gives; it is also measured after those of MEASURED_AFTER that are fewer.
+    """
+
+    reward: str = _artefact("reward_model")
+    answers: int = _from("ours", 50, ge=8, le=200)
+    response_model: Literal["right", "lapses", "indifference", "peak_end", "first_seconds"] = _from("ours", "right")
+    choose: Literal["information", "random"] = _from("ours", "information", advanced=True)
+    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
+
+
+def _as_it_is(given: Mapping[str, Any]) -> dict[str, Any]:
+    return dict(given)
+
+
+class TaskParams(Params):
+    """One task of a sweep (`desirepath reproduce CHAPTER --on workers`); that command alone starts it, no form has it.
+
+    key: the hash of all that its result depends on; needs: keys of the tasks whose results it gets.
+    """
+
+    chapter: str
+    key: str
+    function: str
+    params: dict[str, Any]
+    needs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of job. variants: its parameters; where it has several algorithms, one class by each `recipe`."""
+
+    name: str
+    variants: Mapping[str, type[Params]]
+    union: Any = None  # of the variants, discriminated by `recipe`
+    in_new_words: Callable[[Mapping[str, Any]], dict[str, Any]] = _as_it_is
+
+    @property
+    def params(self) -> type[Params]:
+        """The parameters, of several variants the first."""
+        return next(iter(self.variants.values()))
+
+    def model_for(self, given: Mapping[str, Any]) -> type[Params]:
+        """The class of these parameters; of an unknown algorithm the first one's."""
+        return self.variants.get(self.algorithm_of(given), self.params)
+
+    def algorithm_of(self, given: Mapping[str, Any]) -> str:
+        """The algorithm that these parameters name; empty where there is only one way."""
+        return str(self.in_new_words(given).get(RECIPE, "")) if self.union is not None else ""
+
+    def parse(self, given: Mapping[str, Any]) -> Params:
+        """Check parameters. Raises JobParamsError naming every field that is wrong and what would work."""
+        asked = self.in_new_words(given)
+        try:
+            parsed: Params = TypeAdapter(self.union or self.params).validate_python(asked)
+        except ValidationError as wrong:
+            raise JobParamsError(
+                self.name, [self._problem(error) for error in wrong.errors(include_url=False)]
+            ) from None
+        return parsed
+
+    def read(self, stored: Mapping[str, Any]) -> Params:
+        """Parameters of a stored job, of any version: what its algorithm never looked at is left out."""
+        known = self.model_for(stored).model_fields
+        others = {name for variant in self.variants.values() for name in variant.model_fields} - set(known)
+        return self.parse({name: v for name, v in self.in_new_words(stored).items() if name not in others})
+
+    def _in_words(self, error: Any) -> str:
+        """What is wrong with one parameter, and what would work."""
+        if error["type"] == "missing":
+            return "has to be given"
+        if error["type"] == "extra_forbidden":
+            known = self.variants.get(str(error["loc"][0]), self.params).model_fields
+            return f"is no parameter here; there are {', '.join(sorted(known))}"
+        return str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "must be")
+
+    def _problem(self, error: Any) -> dict[str, Any]:
+        if error["type"].startswith("union_tag"):
+            known = ", ".join(repr(name) for name in self.variants)
+            return {
+                "field": RECIPE,
+                "value": error["input"].get(RECIPE),
+                "message": f"must be one of {known}",
+                "type": "literal_error",
+                "limits": {"expected": known},
+            }
+        where = [str(part) for part in error["loc"]]
+        if self.union is not None:
+            where = where[1:]  # the algorithm comes first
+        return {
+            "field": ".".join(where) or "params",
+            "value": None if error["type"] == "missing" else error["input"],
+            "message": self._in_words(error),
+            "type": error["type"],
+            "limits": {k: v for k, v in error.get("ctx", {}).items() if isinstance(v, int | float | str)},
+        }
+
+
+def _one(name: str, params: type[Params]) -> Kind:
+    return Kind(name, {"": params})
+
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind("align", ALIGNMENTS, AnyAlignment, alignment_in_new_words),
+        _one("reward_model", RewardModelParams),
+        _one("compare", CompareParams),
+        _one("evaluate", EvaluateParams),
+        _one("train_base", TrainBaseParams),
+        _one("ensemble", EnsembleParams),
+        _one("queries", QueriesParams),
+        _one("train_demonstrations", TrainDemonstrationsParams),
+        _one("ask_person", AskPersonParams),
+    )
+}
+TASK = "task"
+OF_SWEEPS = _one(TASK, TaskParams)
+"""A kind of job that nobody starts by hand."""
+
+
+def named_artefacts(params: Params) -> list[tuple[str, str]]:
+    """(reference, kind of artefact) of every artefact that a job's parameters name."""
+    named = []
+    for name, field in type(params).model_fields.items():
+        extra = field.json_schema_extra
+        wanted = extra.get("artefact") if isinstance(extra, dict) else None
+        given = getattr(params, name)
+        if isinstance(wanted, str) and given:
+            named += [(str(one), wanted) for one in (given if isinstance(given, list | tuple) else [given])]
+    return named
+
+
+def get_kind(name: str) -> Kind:
+    """The kind of that name. Raises JobParamsError listing the known ones."""
+    if name == TASK:
+        return OF_SWEEPS
+    try:
+        return KINDS[name]
+    except KeyError:
+        problem = {"field": "kind", "value": name, "message": f"unknown; known: {', '.join(KINDS)}"}
+        raise JobParamsError(name, [problem]) from None

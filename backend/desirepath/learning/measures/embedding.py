@@ -1,0 +1,63 @@
+"""An embedding of trajectories learned from nobody: means over a trajectory of random features of its steps' inputs.
+
+A weighing of these features can come near any reward per step of observation and action (random features of a neural
+kernel, Rahimi and Recht 2007), so it says what no named measure says. The numbers are ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.learning.measures.steps import SeenSteps, reference
+from desirepath.simulation.trajectory import Trajectory
+
+Doubles = NDArray[np.float64]
+SIZE = 400
+WAVES = 4  # lidar weights are sums of so many waves over the bearing, the finer ones the smaller
+SEED = 77
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """weights: by group of inputs, (inputs, SIZE); the first half of the features is tanh, the other a hinge."""
+
+    weights: dict[str, Doubles]
+    bias: Doubles
+
+
+def embedded(trajectories: Sequence[Trajectory]) -> Doubles:
+    """(n, SIZE) of each trajectory. Raises SetupError for mixed setups, ValueError for none."""
+    steps = SeenSteps.of_trajectories(trajectories)
+    layer = _layer(steps.setup.name)
+    inputs = steps.scaled_inputs
+    hidden = layer.bias + sum(inputs[name] @ weights for name, weights in layer.weights.items())
+    half = SIZE // 2
+    features = np.concatenate([np.tanh(hidden[:, :half]), np.maximum(hidden[:, half:], 0.0)], axis=1)
+    ends = np.flatnonzero(np.diff(steps.of, prepend=-1))
+    found: Doubles = np.add.reduceat(features, ends, axis=0) / np.bincount(steps.of)[:, None]
+    return found
+
+
+@lru_cache(maxsize=4)
+def _layer(setup: str) -> _Layer:
+    """The same for everybody. Each group of inputs has about equal parts, in every feature others somewhat more."""
+    random = np.random.default_rng(SEED)
+    weights = {}
+    for name, values in reference(setup).steps.scaled_inputs.items():
+        size = values.shape[1]
+        drawn = random.normal(0, 1, (size, SIZE))
+        if name == "lidar":
+            bearings = (np.arange(size) + 0.5) * 2 * math.pi / size
+            waves = [np.ones(size)]
+            for k in range(1, WAVES + 1):
+                waves += [np.cos(k * bearings) / k, np.sin(k * bearings) / k]
+            drawn = np.stack(waves, axis=1) @ random.normal(0, 1, (len(waves), SIZE))
+        spread = np.exp(random.normal(0, 0.6, SIZE)) / math.sqrt(3)
+        weights[name] = drawn / (values @ drawn).std(0) * spread
+    return _Layer(weights, random.normal(0, 0.7, SIZE))

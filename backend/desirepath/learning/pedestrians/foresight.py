@@ -1,0 +1,146 @@
+"""A search among pedestrians told where everybody will be, and one told where they are and how they move.
+
+Both are told the building, too. Where nobody avoids anybody the first says what can be reached at most, nearly; people
+who avoid others do not walk as it foresees. The second is imitated (`imitation.py`): the robot senses much of what that
+is told, not who is hidden or far. The search itself is
+`simulation/crowds/foresight_kernels.py`'s; planners that look less far ahead are in `crowd_planners.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.simulation.crowds import foresight_kernels as search
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine
+from desirepath.simulation.crowds.crowd_maps import boxes_of
+from desirepath.simulation.crowds.crowd_setups import PED_DEPTH_M, PED_WIDTH_M
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Limits
+
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+STEPS_AHEAD = 25  # 5 s; with 40 steps more episodes time out, as waiting at a distance costs nothing
+DIRECTIONS = 16
+CELL_M = 0.1
+BERTH_M = 0.3  # from whom it is told where they will be
+BERTH_BY_VELOCITY_M, STEPS_BY_VELOCITY = 0.6, 8  # ours; after so many steps only who stands is foreseen
+BERTH_STANDING_M = 0.45  # with 0.6 it times out more often; docs/numbers.md
+STANDS_M_S = 0.05  # who is slower than this now, stands
+_TURNS_RAD, _ABOUT_RAD = (0.0, 0.13, -0.13, 0.3, -0.3, 0.55, -0.55, 0.9, -0.9), (1.4, -1.4, 2.1, -2.1, 3.1)
+COMMANDS = np.array(
+    [(turn, speed) for speed in (1.0, 0.5) for turn in _TURNS_RAD] + [(turn, 0.5) for turn in _ABOUT_RAD] + [(0, 0)]
+)
+"""(24, 2): directions off the robot's own, rad, and speeds, m/s; the last stands."""
+_PLACE = {(turn, speed): k for k, (turn, speed) in enumerate(COMMANDS.tolist())}
+MIRRORED = np.array([_PLACE.get((-turn, speed), -1) for turn, speed in COMMANDS.tolist()])
+"""(24,): which of them each becomes if left and right are exchanged; -1: none, of turning about to the left."""
+SEARCH_BY_VELOCITY = {
+    "berth_m": BERTH_BY_VELOCITY_M,
+    "steps": STEPS_BY_VELOCITY,
+    "berth_standing_m": BERTH_STANDING_M,
+    "steps_standing": STEPS_AHEAD,
+    "stands_m_s": STANDS_M_S,
+}
+MOST_M = 4.0  # what a command costs above the best, at most
+
+
+def actions_of_commands(limits: Limits) -> Floats:
+    """(24, 2) actions in [-1, 1] of the `COMMANDS`."""
+    turn, speed = COMMANDS.T
+    v = speed * np.clip(np.cos(turn), 0.0, None) ** 2
+    w = np.clip(search.TURN_GAIN * turn, -limits.w_max, limits.w_max)
+    return _scaled(v, w, limits)
+
+
+def foresight(engine: CrowdEngine) -> Floats:
+    """(n, 2) actions in [-1, 1]. Who avoids others is foreseen as if they walked their routes straight on."""
+    limits, bodies = engine.setup.limits, _bodies(engine)
+    actions = np.zeros((engine.n_envs, 2), np.float32)
+    for i, ground in _running(engine):
+        v, w = search.best_first_command(
+            engine.world.robots[i], ground, bodies, _on_their_routes(engine, i), DIRECTIONS
+        )
+        actions[i] = _scaled(np.array(v), np.array(w), limits)
+    return actions
+
+
+def constant_velocity(engine: CrowdEngine) -> Floats:
+    """(n, 2) actions in [-1, 1]: the cheapest command where everybody walks on as now."""
+    chosen: Floats = actions_of_commands(engine.setup.limits)[costs_by_velocity(engine).argmin(axis=1)]
+    return chosen
+
+
+def costs_by_velocity(engine: CrowdEngine) -> Floats:
+    """(n, 24) m: what each of `COMMANDS` costs above the best, with the best moves after it, at most `MOST_M`, where
+    everybody walks on as now for `STEPS_BY_VELOCITY`, and who stands in this moment, pausing or not, does so for
+    `STEPS_AHEAD`. 0 for who has ended."""
+    bodies = _bodies(engine)
+    costs = np.zeros((engine.n_envs, len(COMMANDS)))
+    for i, ground in _running(engine):
+        search.costs_of_commands(
+            engine.world.robots[i], ground, bodies, _straight_on(engine, i), COMMANDS, MOST_M, costs[i]
+        )
+    return costs.astype(np.float32)
+
+
+def _running(engine: CrowdEngine) -> Iterator[tuple[int, search.Ground]]:
+    for i in np.flatnonzero(~engine.dones):
+        scene = engine.scenes[i]
+        if scene is not None:
+            yield int(i), ground_of(scene)
+
+
+def _bodies(engine: CrowdEngine) -> search.Bodies:
+    half = PED_DEPTH_M / 2, PED_WIDTH_M / 2
+    return search.Bodies(ROBOT_RADIUS_M, *half, engine.setup.limits.w_max, CONTROL_DT_S, STEPS_AHEAD)
+
+
+def _scaled(v: Doubles, w: Doubles, limits: Limits) -> Floats:
+    scaled: Doubles = np.stack([2 * (v - limits.v_min) / (limits.v_max - limits.v_min) - 1, w / limits.w_max], axis=-1)
+    single: Floats = scaled.astype(np.float32)
+    return single
+
+
+def _on_their_routes(engine: CrowdEngine, i: int) -> search.Foreseen:
+    w, people = engine.world, int(engine.world.people[i])
+    places, faces = np.zeros((2, STEPS_AHEAD + 1, people, 2))
+    search.foresee(
+        w.routes[i], w.knots[i], w.speeds[i, :people], w.people_xy[i], w.facing[i], w.heading_for[i], w.turn[i],
+        CONTROL_DT_S, places, faces,
+    )  # fmt: skip
+    return search.Foreseen(places, faces, np.full(people, STEPS_AHEAD), np.full(people, BERTH_M))
+
+
+def _straight_on(engine: CrowdEngine, i: int) -> search.Foreseen:
+    w, people = engine.world, int(engine.world.people[i])
+    times, v = CONTROL_DT_S * np.arange(STEPS_AHEAD + 1)[:, None, None], w.people_v[i, :people]
+    places, faces = w.people_xy[i, :people] + times * v, np.repeat(w.facing[i, None, :people], STEPS_AHEAD + 1, axis=0)
+    stands = np.hypot(v[:, 0], v[:, 1]) < STANDS_M_S
+    until = np.where(stands, STEPS_AHEAD, STEPS_BY_VELOCITY)
+    return search.Foreseen(places, faces, until, np.where(stands, BERTH_STANDING_M, BERTH_BY_VELOCITY_M))
+
+
+@lru_cache(maxsize=2_560)  # more than a pool of training scenes; 0.1 MB each
+def ground_of(scene: Scene) -> search.Ground:
+    """A scene's walls and the length of the way to its goal from everywhere, around who stands. Raises ValueError for
+    a scene without a room."""
+    if scene.room is None:
+        raise ValueError("scene.room is missing; foresight needs walls")
+    boxes, goal = boxes_of(scene), scene.goal
+    standing = [(p.route[0], p.yaw) for p in (scene.crowd.pedestrians if scene.crowd else ()) if p.speed <= 0]
+    pose = scene.person.pose
+    stands = [
+        (x, y, PED_DEPTH_M / 2, PED_WIDTH_M / 2, np.cos(yaw), np.sin(yaw))
+        for (x, y), yaw in (((pose.x, pose.y), pose.yaw), *standing)
+    ]
+    sides = scene.room.length, scene.room.width
+    xs, ys = (np.arange(-side / 2 - CELL_M, side / 2 + 2 * CELL_M, CELL_M) for side in sides)
+    cell = (round((goal.x - xs[0]) / CELL_M), round((goal.y - ys[0]) / CELL_M))
+    length = search.lengths_to_goal(np.concatenate([boxes, np.array(stands)]), ROBOT_RADIUS_M, cell, xs, ys)
+    return search.Ground(
+        boxes, length, search.downhill(length, CELL_M), xs[0], ys[0], CELL_M, goal.x, goal.y, scene.goal_radius
+    )

@@ -1,0 +1,155 @@
+"""A reward network of others, run in a process of its own that may use little memory, time and nothing else.
+
+`python -m desirepath.learning.people.limited_reward` is that process: it is given manifest and network, then batches of
+inputs, over its standard input, and answers over its output. It ends with whoever started it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+from typing import IO, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.learning.errors import LearningError
+from desirepath.learning.people.onnx_bounds import ROWS
+
+Floats = NDArray[np.float32]
+MEMORY_BYTES = 4 * 1024**3  # address space; the runtimes alone take two
+CPU_S = 1800  # of all that is asked of one process
+START_S = 120.0  # until the network is read, on a busy machine
+ANSWER_S = 60.0  # for ROWS steps
+PROBLEM, NUMBERS = b"!", b"="
+
+
+class LimitedReward:
+    """The reward of steps, (n, inputs) -> (n,), asked of a process of its own. Raises LearningError where the network
+    cannot be read, takes too long or too much memory."""
+
+    def __init__(self, manifest: bytes, network: bytes, named: str) -> None:
+        self._named = named
+        self._folder = tempfile.TemporaryDirectory(prefix="desirepath-reward-")  # empty: relative names lead nowhere
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _ENTRY, str(Path(__file__).resolve().parents[3])],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            cwd=self._folder.name,
+        )
+        try:
+            self._ask(manifest, network, within_s=START_S)
+        except LearningError:
+            self.close()
+            raise
+
+    def __call__(self, values: Floats) -> Floats:
+        found = [np.zeros(0, dtype=np.float32)]
+        for first in range(0, len(values), ROWS):
+            rows = values[first : first + ROWS]
+            padded = np.zeros((ROWS, values.shape[1]), dtype=np.float32)
+            padded[: len(rows)] = rows
+            answer = self._ask(padded.tobytes(), within_s=ANSWER_S)
+            found.append(np.frombuffer(answer, dtype=np.float32)[: len(rows)])
+        return np.concatenate(found)
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        for pipe in (self._process.stdin, self._process.stdout):
+            with contextlib.suppress(OSError):
+                cast(IO[bytes], pipe).close()
+        self._process.wait()
+        self._folder.cleanup()
+
+    def __del__(self) -> None:
+        with contextlib.suppress(Exception):
+            self.close()
+
+    def _ask(self, *messages: bytes, within_s: float) -> bytes:
+        late = threading.Event()
+
+        def end() -> None:  # whoever waits for the process then meets closed pipes
+            late.set()
+            self._process.kill()
+
+        timer = threading.Timer(within_s, end)
+        timer.daemon = True
+        timer.start()
+        try:
+            for message in messages:
+                _send(cast(IO[bytes], self._process.stdin), message)
+            answer = _read(self._process.stdout)
+        except (OSError, EOFError):
+            code = self._process.wait()
+            if late.is_set():
+                why = f"took longer than {within_s:g} s; give a smaller network"
+            else:
+                how = f"ended with {code}" if code >= 0 else f"was ended by signal {-code}"
+                why = f"{how}; at most {MEMORY_BYTES // 1024**3} GB of memory and {CPU_S} s of a core are given"
+            raise LearningError(f"{self._named}: the process that runs it {why}") from None
+        finally:
+            timer.cancel()
+        if answer[:1] == PROBLEM:
+            raise LearningError(answer[1:].decode("utf-8", "replace"))
+        return answer[1:]
+
+
+_ENTRY = (
+    "import sys; sys.path.insert(0, sys.argv[1]); from desirepath.learning.people.limited_reward import main; main()"
+)
+
+
+def main() -> None:
+    """The process: limits first, then what is given."""
+    for limit, most in ((resource.RLIMIT_AS, MEMORY_BYTES), (resource.RLIMIT_CPU, CPU_S), (resource.RLIMIT_CORE, 0)):
+        resource.setrlimit(limit, (most, most))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))  # it writes no file
+    given, answers = sys.stdin.buffer, sys.stdout.buffer
+    from desirepath.learning.people.reward_manifest import RewardManifest
+    from desirepath.learning.people.reward_networks import reader_of
+
+    try:
+        manifest = RewardManifest.model_validate_json(_read(given))
+        reward = reader_of(manifest)(_read(given), manifest)
+    except LearningError as problem:
+        _send(answers, PROBLEM + str(problem).encode())
+        return
+    except MemoryError:
+        _send(answers, PROBLEM + b"the network takes more memory than it is given")
+        return
+    _send(answers, NUMBERS)
+    while True:
+        try:
+            values = np.frombuffer(_read(given), dtype=np.float32).reshape(-1, manifest.width)
+        except EOFError:
+            return
+        try:
+            _send(answers, NUMBERS + np.asarray(reward(values), dtype=np.float32).tobytes())
+        except Exception as problem:  # a runtime raises what it likes
+            why = (str(problem) or type(problem).__name__).splitlines()[0][:200]
+            _send(answers, PROBLEM + f"{manifest.file}: cannot be run: {why}".encode())
+
+
+def _send(pipe: IO[bytes], message: bytes) -> None:
+    pipe.write(struct.pack("<I", len(message)))
+    pipe.write(message)
+    pipe.flush()
+
+
+def _read(pipe: Any) -> bytes:
+    header = pipe.read(4)
+    if len(header) < 4:
+        raise EOFError
+    (length,) = struct.unpack("<I", header)
+    content = pipe.read(length)
+    if len(content) < length:
+        raise EOFError
+    return bytes(content)

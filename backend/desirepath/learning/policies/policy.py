@@ -1,0 +1,280 @@
+"""A policy as it is stored, shown and compared: one actor bound to one setup, plain arrays, no optimiser.
+
+Training lives in the algorithms' files, exports to other formats in `export.py`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.learning.policies.shape import NetworkShape
+from desirepath.simulation.acting import ActFunction, EpisodicPolicy, RecoveringPolicy, Recovery
+from desirepath.simulation.npz import NpzError, from_npz, npz_header, to_npz
+from desirepath.simulation.setups import SetupError, get_setup
+from desirepath.simulation.slowing import Slowing, person_distance_input
+
+Floats = NDArray[np.float32]
+FORMAT = "desirepath-policy-1"
+
+
+class PolicyError(ValueError):
+    """A policy file or weights that cannot be used; says what was found and what would work."""
+
+
+def check_networks(shape: NetworkShape, actor: Sequence[Floats], critic: Sequence[Floats]) -> None:
+    """Raise PolicyError unless the arrays have the shape's layers and are finite; the critic may be empty."""
+    _check(shape.actor_layers(), actor, "actor")
+    if critic:
+        _check(shape.critic_layers(), critic, "critic")
+
+
+def _check(sizes: list[tuple[int, int]], arrays: Sequence[Floats], what: str) -> None:
+    expected = [shape for inputs, outputs in sizes for shape in ((inputs, outputs), (outputs,))]
+    found = [array.shape for array in arrays]
+    if found != expected:
+        raise PolicyError(f"policy field '{what}' has layer shapes {found}; its network shape needs {expected}")
+    if not all(np.isfinite(array).all() for array in arrays):
+        raise PolicyError(f"policy field '{what}' holds NaN or infinite weights; train again or take an earlier file")
+
+
+def networks_to_bytes(
+    meta: Mapping[str, object],
+    actor: Sequence[Floats],
+    critic: Sequence[Floats],
+    recovery_policies: Sequence[Sequence[Floats]] = (),
+) -> bytes:
+    """NPZ without pickled objects; the same meta and weights always give the same bytes."""
+    others = {f"escape{n}": layers for n, layers in enumerate(recovery_policies)}  # the key in all stored files
+    named = {"actor": actor, "critic": critic} | others
+    return to_npz(meta, {f"{name}_{k:02d}": array for name, layers in named.items() for k, array in enumerate(layers)})
+
+
+def stored_format(data: bytes) -> str:
+    """The format that a stored policy of any kind names itself. Raises PolicyError for anything else."""
+    try:
+        return str(npz_header(data)["format"])
+    except (ValueError, KeyError) as problem:
+        raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
+
+
+class StoredNetworks(NamedTuple):
+    """What `networks_to_bytes` wrote."""
+
+    meta: dict[str, Any]
+    actor: tuple[Floats, ...]
+    critic: tuple[Floats, ...]
+    recovery_policies: tuple[tuple[Floats, ...], ...]
+
+
+def networks_from_bytes(data: bytes, needed: str) -> StoredNetworks:
+    """Read `networks_to_bytes` back, never unpickling. Raises PolicyError unless its meta names the `needed` format."""
+    found = stored_format(data)
+    if found != needed:
+        raise PolicyError(f"policy format {found!r}; what is read here is {needed!r}")
+    try:
+        meta, arrays = from_npz(data)
+    except NpzError as problem:
+        raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
+    layers: dict[str, list[Floats]] = {}
+    for name in sorted(arrays):
+        layers.setdefault(name.rpartition("_")[0], []).append(arrays[name])
+    recovery_policies = tuple(tuple(layers[name]) for name in layers if name.startswith("escape"))
+    return StoredNetworks(meta, tuple(layers.get("actor", ())), tuple(layers.get("critic", ())), recovery_policies)
+
+
+def stored_slowing(meta: Mapping[str, Any]) -> Slowing | None:
+    """The rule that a policy's file names, or none. Raises PolicyError where it is not a rule."""
+    if "slowing" not in meta:
+        return None
+    try:
+        return Slowing(**meta["slowing"])
+    except (TypeError, SetupError) as problem:
+        raise PolicyError(f"policy field 'slowing' = {meta['slowing']!r}: {problem}") from None
+
+
+class StoredPolicy(ABC):
+    """A kind of policy as a file: whatever `to_bytes` gives, `from_bytes` reads."""
+
+    @abstractmethod
+    def to_bytes(self) -> bytes: ...
+
+    @classmethod
+    @abstractmethod
+    def from_bytes(cls, data: bytes) -> Self: ...
+
+    def save(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(self.to_bytes())
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Raises PolicyError if the file is missing or no policy of this kind."""
+        try:
+            data = path.read_bytes()
+        except OSError as problem:
+            raise PolicyError(f"cannot read policy {path}: {problem.strerror}") from None
+        return cls.from_bytes(data)
+
+    def digest(self) -> str:
+        """sha256 of `to_bytes`, the policy's identity in lineages."""
+        return hashlib.sha256(self.to_bytes()).hexdigest()
+
+
+@dataclass(frozen=True)
+class Policy(StoredPolicy):
+    """A deterministic actor of one setup.
+
+    actor, critic: weight, bias, weight, bias, ... float32, weights (inputs, outputs), in the order of `NetworkShape`.
+    critic: the value functions the actor was trained with, or empty; alignment starts from them.
+    recovery_policies: other actors of the same shape that drive, in this order, while the robot is stuck (`driver`).
+    made_for: whose it is, such as the id of the answers behind it; stored, so that two people's policies are two where
+    they act alike. slowing: how it is slowed down beside the person, by a rule that is no part of the network.
+    """
+
+    setup: str
+    shape: NetworkShape
+    actor: tuple[Floats, ...]
+    critic: tuple[Floats, ...] = ()
+    recovery_policies: tuple[tuple[Floats, ...], ...] = ()
+    made_for: str = ""
+    slowing: Slowing | None = None
+
+    def __post_init__(self) -> None:
+        if self.shape.observation_size != get_setup(self.setup).observation_size:
+            raise SetupError(
+                f"policy reads {self.shape.observation_size} inputs, setup {self.setup} "
+                f"gives {get_setup(self.setup).observation_size}"
+            )
+        check_networks(self.shape, self.actor, self.critic)
+        for recovery_policy in self.recovery_policies:
+            check_networks(self.shape, recovery_policy, ())
+        if self.slowing:
+            person_distance_input(get_setup(self.setup))
+
+    @cached_property
+    def rollout_policy(self) -> ActFunction | EpisodicPolicy:
+        """What acts in whole episodes: `act`, with a recovery where the policy has recovery policies."""
+        if not self.recovery_policies:
+            return self.act
+        others = [
+            Policy(self.setup, self.shape, recovery_policy, slowing=self.slowing).act
+            for recovery_policy in self.recovery_policies
+        ]
+        return RecoveringPolicy(get_setup(self.setup), self.act, others)
+
+    def act(self, observations: Floats) -> Floats:
+        """observations (n, obs) float32 as the setup lays them out -> actions (n, 2) float32 in [-1, 1], slowed.
+
+        Raises SetupError if the observation has another setup's size.
+        """
+        if observations.ndim != 2 or observations.shape[1] != self.shape.observation_size:
+            raise SetupError(
+                f"observations have shape {observations.shape}; "
+                f"a {self.setup} policy reads (n, {self.shape.observation_size})"
+            )
+        split, first, seen = self.shape.task_inputs, 0, observations
+        if self.shape.extractor:
+            task = self._relu_layers(observations[:, :split], 0, 2)
+            lidar = self._relu_layers(observations[:, split:], 2, 4)
+            first, seen = 4, np.concatenate([task, lidar], axis=1)
+        hidden = self._relu_layers(seen, first, len(self.actor) // 2 - 1)
+        actions: Floats = np.tanh(hidden @ self.actor[-2] + self.actor[-1])
+        return self.slowing.limited(actions, observations, get_setup(self.setup)) if self.slowing else actions
+
+    def _relu_layers(self, x: Floats, first: int, last: int) -> Floats:
+        for k in range(first, last):
+            x = x @ self.actor[2 * k]
+            x += self.actor[2 * k + 1]
+            np.maximum(x, 0, out=x)
+        return x
+
+    def commands(self, actions: Floats) -> Floats:
+        """actions (n, 2) in [-1, 1] -> (n, 2) linear velocity (m/s) and angular velocity (rad/s)."""
+        limits = get_setup(self.setup).limits
+        speed = limits.v_min + (actions[:, 0] + 1) / 2 * (limits.v_max - limits.v_min)
+        return np.stack([speed, actions[:, 1] * limits.w_max], axis=1).astype(np.float32)
+
+    def without_critic(self) -> Policy:
+        """The actor alone: all that driving needs."""
+        return replace(self, critic=())
+
+    def manifest(self) -> dict[str, object]:
+        """What a foreign program needs to run the exported policy: inputs in order with units, outputs with scaling."""
+        setup = get_setup(self.setup)
+        limits, lidar = setup.limits, setup.lidar
+        return {
+            "setup": self.setup,
+            "observation": {
+                "dtype": "float32",
+                "shape": [setup.observation_size],
+                "layout": setup.observation_layout(),
+            },
+            "lidar": None  # walls and obstacles are known, see the layout
+            if setup.solids
+            else {
+                "beams": lidar.beams,
+                "sectors": lidar.sectors,
+                "range_m": lidar.range_m,
+                "height_m": lidar.height_m,
+                "pooling": "minimum per sector",
+                "order": "from straight ahead, counter-clockwise",
+            },
+            "action": {
+                "dtype": "float32",
+                "range": [-1.0, 1.0],
+                "layout": [
+                    {"name": "linear_velocity", "unit": "m/s", "range": [limits.v_min, limits.v_max]},
+                    {"name": "angular_velocity", "unit": "rad/s", "range": [-limits.w_max, limits.w_max]},
+                ],
+                "scaling": "linear: -1 is the lower end of the range in units, +1 the upper",
+            },
+            "angles": "counter-clockwise positive, wrapped to (-pi, pi]",
+            "control_rate_hz": 5,
+            "bearing_range_rad": [-math.pi, math.pi],
+            "network": self.shape.as_dict(),
+            "recovery": asdict(Recovery())
+            | {
+                "recovery_policies": len(self.recovery_policies),
+                "exported": "the usual actor alone; the .npz holds the recovery policies, too",
+            }
+            if self.recovery_policies
+            else None,
+            "slowing": self.slowing.as_dict()
+            | {"exported": "the network alone; whoever runs it scales both commands down by this rule"}
+            if self.slowing
+            else None,
+            "policy_sha256": self.digest(),
+        }
+
+    def to_bytes(self) -> bytes:
+        """NPZ without pickled objects; the same policy always gives the same bytes."""
+        meta: dict[str, object] = {"format": FORMAT, "setup": self.setup, "shape": self.shape.as_dict()}
+        if self.made_for:
+            meta["made_for"] = self.made_for
+        if self.slowing:
+            meta["slowing"] = self.slowing.as_dict()
+        return networks_to_bytes(meta, self.actor, self.critic, self.recovery_policies)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Self:
+        """Read `to_bytes` back, never unpickling. Raises PolicyError on anything that is not a policy file."""
+        meta, actor, critic, recovery_policies = networks_from_bytes(data, FORMAT)
+        return cls(
+            meta["setup"],
+            NetworkShape.from_dict(meta["shape"]),
+            actor,
+            critic,
+            recovery_policies,
+            meta.get("made_for", ""),
+            stored_slowing(meta),
+        )

@@ -1,0 +1,100 @@
+"""Which preference weights would have driven like these paths: a posterior over weights from drawn paths.
+
+Paths are compared with rollouts of a policy conditioned on many weights, by what both measure. What is learned from
+answers is `posterior.py`'s; no policy is known here, only what its rollouts measured. All ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.learning.preferences.measures import measures, typical_differences
+from desirepath.learning.preferences.objectives import names_of
+from desirepath.learning.preferences.posterior import weights_of_shares
+from desirepath.learning.shipped_files import resolve
+from desirepath.simulation.npz import from_npz, to_npz
+from desirepath.simulation.trajectory import Trajectory
+
+Doubles = NDArray[np.float64]
+NOISE = 0.5
+"""Of a measure, in typical differences: how far a hand's path is from the rollout it stands for. Ours."""
+NOISE_OF_INTERVALS = 2.5
+"""The same for intervals: what somebody has in mind is no rollout of the policy, and errs alike in every path. Chosen
+among four on seeds 10 and 11 of `desirepath benchmark telling`, by coverage. Ours."""
+
+
+FORMAT = "desirepath-path-weights-1"
+
+
+@dataclass(frozen=True)
+class WeightsOfPaths:
+    """shares: (n, 9) candidates, each summing to 1; measured: (n, scenes, 7) what the policy conditioned on each
+    measures in each scene; mass: (n,) how probable each is before any path.
+    """
+
+    setup: str
+    shares: Doubles
+    measured: Doubles
+    mass: Doubles
+
+    def given(self, scenes: NDArray[np.int64], drawn: Doubles, noise: float = NOISE) -> Doubles:
+        """(n,) probabilities after paths that measure `drawn` (paths, 7) in these scenes:
+
+            log p(w | paths) = log p(w) - sum_paths |(m(path) - m(rollout of w)) / typical|^2 / (2 noise^2)
+
+        typical: a measure's typical difference within a pair, so that measures of unlike units count alike.
+        """
+        off = (self.measured[:, scenes] - drawn) / typical_differences(self.setup)
+        scores = np.log(self.mass) - np.square(off).sum(axis=(1, 2)) / (2 * noise**2)
+        found: Doubles = np.exp(scores - scores.max())
+        found /= found.sum()
+        return found
+
+
+def credible(shares: Doubles, mass: Doubles, level: float = 0.9) -> tuple[Doubles, Doubles]:
+    """Lower and upper ends (9,) of the central interval of each share that holds `level` of the mass."""
+    lower, upper = (1 - level) / 2, (1 + level) / 2
+    ends = np.empty((2, shares.shape[1]))
+    for k in range(shares.shape[1]):
+        order = np.argsort(shares[:, k], kind="stable")
+        filled = np.cumsum(mass[order])
+        ends[0, k] = shares[order[min(int(np.searchsorted(filled, lower)), len(order) - 1)], k]
+        ends[1, k] = shares[order[min(int(np.searchsorted(filled, upper)), len(order) - 1)], k]
+    return ends[0], ends[1]
+
+
+def as_bytes(found: WeightsOfPaths) -> bytes:
+    """The candidates as a file; the same ones always as the same bytes."""
+    arrays = {name: getattr(found, name).astype(np.float32) for name in ("shares", "measured", "mass")}
+    return to_npz({"format": FORMAT, "setup": found.setup}, arrays)
+
+
+def read_weights_of_paths(data: bytes) -> WeightsOfPaths:
+    """Read `as_bytes` back. Raises ValueError for anything else."""
+    header, arrays = from_npz(data)
+    if header.get("format") != FORMAT:
+        raise ValueError(f"format {header.get('format')!r}, what is read here is {FORMAT!r}")
+    parts = {name: arrays[name].astype(np.float64) for name in ("shares", "measured", "mass")}
+    return WeightsOfPaths(str(header["setup"]), **parts)
+
+
+@lru_cache(maxsize=2)
+def shipped_weights_of_paths(setup: str) -> WeightsOfPaths:
+    """The candidates that come with a setup, in the scenes that its paths are drawn in. Raises LearningError: none."""
+    return read_weights_of_paths(resolve(f"{setup}/path_weights").read_bytes())
+
+
+def weights_of_drawn(setup: str, drawn: Sequence[tuple[int, Trajectory]]) -> dict[str, float]:
+    """objective -> weight above 0 of paths (scene, rollout of the path) drawn in the setup's scenes; {} for none."""
+    if not drawn:
+        return {}
+    candidates = shipped_weights_of_paths(setup)
+    scenes = np.array([scene for scene, _ in drawn])
+    mass = candidates.given(scenes, measures([rollout for _, rollout in drawn]))
+    weights = weights_of_shares(mass @ candidates.shares)
+    return {name: round(float(weight), 3) for name, weight in zip(names_of(setup), weights, strict=True) if weight > 0}

@@ -1,0 +1,69 @@
+"""How much of a trajectory somebody looks at before answering: the whole, or only its beginning, and what that
+measures.
+
+Which of these it was is a hypothesis of `posterior.py`; programmed participants who look at a beginning only live in
+`oracles.py`. All ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.learning.preferences.measures import measures
+from desirepath.learning.queries.queries import Query
+from desirepath.simulation.trajectory import Outcome, Trajectory
+
+Doubles = NDArray[np.float64]
+SPANS_S: tuple[float | None, ...] = (None, 4.0, 2.0)
+"""Seconds of a trajectory that are judged, from the start on; None: all. Coarse, since trajectories last 3 to 12 s.
+Ours.
+"""
+PEAK_S = 1.0
+"""How long a moment is, for whoever remembers the most extreme one and the last. Ours."""
+
+
+def beginning(trajectory: Trajectory, seconds: float) -> Trajectory:
+    """The first `seconds` of a trajectory, at least one step; the whole trajectory where it is shorter."""
+    steps = max(1, round(seconds / trajectory.dt))
+    return trajectory if steps >= len(trajectory.actions) else _part(trajectory, 0, steps)
+
+
+def moments(trajectory: Trajectory, seconds: float) -> list[Trajectory]:
+    """A trajectory in spans of so many seconds one after another, the last one what is left."""
+    steps, n = max(1, round(seconds / trajectory.dt)), len(trajectory.actions)
+    return [_part(trajectory, first, min(first + steps, n)) for first in range(0, n, steps)]
+
+
+def _part(trajectory: Trajectory, first: int, end: int) -> Trajectory:
+    return replace(
+        trajectory,
+        outcome=Outcome.RUNNING,
+        poses=trajectory.poses[first : end + 1],
+        observations=trajectory.observations[first:end],
+        actions=trajectory.actions[first:end],
+        rewards=trajectory.rewards[first:end],
+        next_observations=trajectory.next_observations[first:end],
+        dones=trajectory.dones[first:end],
+    )
+
+
+def seen_differences(pairs: Sequence[tuple[Trajectory, Trajectory]]) -> Doubles:
+    """(n, spans, 7) measures of each pair's first trajectory minus its second's, of as much as each of SPANS_S looks
+    at.
+    """
+    trajectories = [trajectory for pair in pairs for trajectory in pair]
+    judged = [
+        measures(trajectories if s is None else [beginning(trajectory, s) for trajectory in trajectories])
+        for s in SPANS_S
+    ]
+    differences: Doubles = np.stack([one[0::2] - one[1::2] for one in judged], axis=1)
+    return differences
+
+
+def seen_in(queries: Sequence[Query]) -> Doubles:
+    """(n, spans, 7) `seen_differences` of queries, A minus B."""
+    return seen_differences([(query.trajectory_a, query.trajectory_b) for query in queries])

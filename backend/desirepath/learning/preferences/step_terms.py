@@ -1,0 +1,170 @@
+"""The reward of one step for somebody with an objective: a term in [-1, 0] each, 0 for "nothing to complain".
+
+A reward <= 0 never pays for waiting. Which term is whose stands in `objectives.py`. All ours.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.learning.preferences.crowd_measures import MOVES_M_S, Surroundings
+from desirepath.learning.preferences.features import obstacle_clearance_m
+from desirepath.learning.preferences.measures import CLEARANCE_CAP_M, NEAR_PERSON_M
+from desirepath.simulation.setups import Setup
+
+Floats = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True)
+class Closeness:
+    """What a step costs who prefers `closer`: `least` in any case, since staying beside the person must not be
+    free, rising to 1 over some `range_m`, from `enough_m` on: less never pays, 0.48 m is contact.
+    """
+
+    enough_m: float
+    range_m: float
+    least: float
+
+
+CLOSENESS = {
+    "open_field": Closeness(0.7, 0.8, 0.35),
+    "study_room": Closeness(0.85, 0.5, 0.1),
+    "crowd_hall": Closeness(0.8, 0.6, 0.1),
+}
+"""By setup. The room's robot is twice as fast, and a step beside the person is a larger part of its trajectory."""
+FAR_ENOUGH_M = {"open_field": 4.0, "study_room": 2.5, "crowd_hall": 2.0}
+"""By setup, where `farther` is content: little beyond the ceilings, else the goal itself is too near the person."""
+SLOW_SHARE = 0.5  # of full speed: slower than this near the person is no better
+SIDE_RANGE_M = 3.0
+ELSEWHERE = 0.05  # of a step in front, what one costs that is neither in front nor behind, where behind is preferred:
+# with 0.3 every step was dear, and whoever preferred to pass behind, or to cut in front, only drove faster
+
+
+@dataclass(frozen=True)
+class Steps:
+    """n steps as the terms see them: actions (n, 2), and the observations (n, obs) of the states they led to."""
+
+    actions: Floats
+    next_observations: Floats
+    setup: Setup
+
+    @cached_property
+    def person_m(self) -> Floats:
+        found: Floats = self.next_observations[:, 2] * np.float32(self.setup.distance_scale_m)
+        return found
+
+    @cached_property
+    def person_on_left(self) -> Floats:
+        """Sine of the person's bearing, +1 straight to the left."""
+        found: Floats = np.sin(self.next_observations[:, 3] * np.float32(math.pi))
+        return found
+
+    @cached_property
+    def beside_person(self) -> Floats:
+        found: Floats = np.square(np.clip(1 - self.person_m / SIDE_RANGE_M, 0, 1))
+        return found
+
+    @cached_property
+    def speed(self) -> Floats:
+        """Share of full speed, as acted."""
+        found: Floats = (np.clip(self.actions[:, 0], -1, 1) + 1) / 2
+        return found
+
+    @cached_property
+    def off_course(self) -> Floats:
+        """0 straight towards the goal, 1 straight away from it."""
+        found: Floats = (1 - np.cos(self.next_observations[:, 1] * np.float32(math.pi))) / 2
+        return found
+
+    @cached_property
+    def around(self) -> Surroundings:
+        """The pedestrians that the robot is told of, where there are some."""
+        return Surroundings(self.next_observations, self.setup)
+
+
+def too_near(steps: Steps) -> Floats:
+    found: Floats = -np.square(np.clip(1 - steps.person_m / FAR_ENOUGH_M[steps.setup.name], 0, 1))
+    return found
+
+
+def too_far(steps: Steps) -> Floats:
+    near_by = CLOSENESS[steps.setup.name]
+    apart = 1 - np.exp(-np.clip(steps.person_m - near_by.enough_m, 0, None) / near_by.range_m)
+    found: Floats = -near_by.least - (1 - near_by.least) * apart
+    return found
+
+
+def person_on_right(steps: Steps) -> Floats:
+    found: Floats = -steps.beside_person * np.clip(-steps.person_on_left, 0, 1)
+    return found
+
+
+def person_on_left(steps: Steps) -> Floats:
+    found: Floats = -steps.beside_person * np.clip(steps.person_on_left, 0, 1)
+    return found
+
+
+def near_obstacle(steps: Steps) -> Floats:
+    clearance_m = obstacle_clearance_m(steps.next_observations, steps.setup)
+    found: Floats = -np.square(np.clip(1 - clearance_m / CLEARANCE_CAP_M, 0, 1))
+    return found
+
+
+def detour(steps: Steps) -> Floats:
+    """Summed over a trajectory half the excess over the straight way in steps at full speed, which within a scene
+    differs as path lengths do."""
+    found: Floats = -steps.speed * steps.off_course
+    return found
+
+
+def turning(steps: Steps) -> Floats:
+    found: Floats = -np.abs(np.clip(steps.actions[:, 1], -1, 1))
+    return found
+
+
+def fast_near_person(steps: Steps) -> Floats:
+    """The way around the person is priced too: driving past slowly is what was preferred."""
+    near = np.clip((NEAR_PERSON_M + 0.5 - steps.person_m) / 0.5, 0, 1)
+    too_fast = np.square(np.clip((steps.speed - SLOW_SHARE) / (1 - SLOW_SHARE), 0, 1))
+    found: Floats = -0.85 * near * too_fast - 0.15 * steps.speed * steps.off_course
+    return found
+
+
+def every_step(steps: Steps) -> Floats:
+    found: Floats = np.full(len(steps.actions), -1.0)
+    return found
+
+
+def ahead_of_people(steps: Steps) -> Floats:
+    """Being where who walks is going, nearer worse; behind them nothing, elsewhere a little, else it would be avoided
+    by keeping away."""
+    return _out_of_place(steps, worse=steps.around.in_front, better=steps.around.behind)
+
+
+def behind_people(steps: Steps) -> Floats:
+    """The other way round."""
+    return _out_of_place(steps, worse=steps.around.behind, better=steps.around.in_front)
+
+
+def _out_of_place(steps: Steps, *, worse: Floats, better: Floats) -> Floats:
+    found: Floats = -ELSEWHERE * (1 - better) - (1 - ELSEWHERE) * worse
+    return found
+
+
+def after_nobody(steps: Steps) -> Floats:
+    found: Floats = steps.around.followed - 1
+    return found
+
+
+def moving_beside_people(steps: Steps) -> Floats:
+    """Not waiting while somebody walks near; the way around them is priced, too, as beside a person."""
+    near = np.clip((NEAR_PERSON_M + 0.5 - steps.around.nearest_walking) / 0.5, 0, 1)
+    moving = np.clip(steps.speed * steps.setup.limits.v_max / MOVES_M_S, 0, 1)
+    found: Floats = -0.85 * near * moving - 0.15 * steps.speed * steps.off_course
+    return found

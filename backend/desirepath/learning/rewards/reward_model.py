@@ -1,0 +1,78 @@
+"""What a learned reward is, whatever its kind, and the loss that all kinds share (Bradley-Terry, equation 6.4).
+
+Each kind has a file of its own; `storage.py` reads and writes them, `held_out.py` says how well they predict,
+`model_choice.py` which kind some answers deserve.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.simulation.trajectory import Trajectory
+
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+Reduction = Literal["sum", "mean"]
+
+
+class RewardModel(ABC):
+    """One interface. A kind gives the reward of steps and is stored; what it knows better than the sum of its steps,
+    how a whole trajectory is judged or how sure an answer is, it overrides.
+
+    kind: its name in stored files.
+    """
+
+    kind: ClassVar[str]
+    setup: str
+    reduction: Reduction
+
+    @abstractmethod
+    def rewards(self, observations: Floats, actions: Floats, next_observations: Floats) -> Floats:
+        """Predicted reward of n steps: (n,) float32."""
+
+    def trajectory_reward(self, trajectory: Trajectory) -> float:
+        """What the model thinks of a whole trajectory; of two, the one with more is predicted to be chosen.
+
+        Sum or mean (the model's reduction) of the predicted rewards, unless the kind judges otherwise.
+        """
+        steps = self.rewards(trajectory.observations, trajectory.actions, trajectory.next_observations)
+        return float(steps.sum() if self.reduction == "sum" else steps.mean())
+
+    def log_odds(self, a: Trajectory, b: Trajectory) -> float:
+        """log of how much likelier A is chosen than B: the difference of rewards (equation 6.4), unless the kind knows
+        how sure it is."""
+        return self.trajectory_reward(a) - self.trajectory_reward(b)
+
+    def importance(self) -> dict[str, float]:
+        """Share of each thing that the answers were about, by name; empty where the kind cannot say."""
+        return {}
+
+    @abstractmethod
+    def to_arrays(self) -> tuple[dict[str, object], dict[str, Floats]]:
+        """JSON-ready description, `kind` among it, and weights, for storage."""
+
+    @classmethod
+    @abstractmethod
+    def from_arrays(cls, meta: dict[str, Any], arrays: dict[str, Floats]) -> Self:
+        """Back from `to_arrays`."""
+
+
+Fit = Callable[[Sequence[Preference]], RewardModel]
+"""How a kind of model is made of answers."""
+
+
+def bradley_terry_loss(advantages: Doubles) -> float:
+    """Equation 6.4 as cross-entropy: sum of -log P[chosen > rejected], P = 1 / (1 + exp(-(R_chosen - R_rejected)))."""
+    return float(np.logaddexp(0.0, -advantages).sum())
+
+
+def bradley_terry_gradient(advantages: Doubles) -> Doubles:
+    """d loss / d advantage, one per pair."""
+    gradient: Doubles = -1.0 / (1.0 + np.exp(np.clip(advantages, -500, 500)))
+    return gradient

@@ -1,0 +1,433 @@
+"""Pre-training of the conditioned policy: TD3 on the core reward plus what each episode's imagined person prefers.
+
+The policy itself lives in `conditioned.py`. All ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from desirepath.learning.cards import stored_config
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.conditioned import ConditionedPolicy, settings
+from desirepath.learning.policies.mirroring import ACTION_SIGNS, mirror_of
+from desirepath.learning.policies.networks import use_one_thread
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.steerability import Steerability, measured_rollouts, steerability_of
+from desirepath.learning.preferences.objectives import (
+    OPPOSITES,
+    SIZE,
+    best_possible,
+    mirrored_of,
+    names_of,
+    preference_weights,
+    scales,
+    shares_of_reward,
+    step_terms_of,
+)
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.learning.td3.base import OnProgress, no_progress
+from desirepath.learning.td3.checkpoints import checkpoints
+from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
+from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
+from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import Setup, SetupError, get_setup
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class RewardWeights:
+    """What an episode is about during this training, in reward. Evaluation and cards use the setup's core reward.
+
+    scales: per step of each objective's step term at full weight, in the order of OBJECTIVES. goal, collision,
+    self_intersection: instead of the setup's core reward: whoever pays per step must neither stay away from the goal
+    nor crash to end it, nor drive in circles. progress: per metre, more than in base training: else a step towards a
+    far goal is too small beside the preference for the critic to see, and the robot stands. time: cost of a step, since
+    waiting must not be free. turning: cost of a step of turning at full rate.
+    """
+
+    scales: tuple[float, ...]
+    goal: float
+    collision: float
+    self_intersection: float = -6.0
+    progress: float = 3.0
+    time: float = 0.1
+    turning: float = 0.15
+
+
+REWARD_WEIGHTS = {
+    "open_field": RewardWeights(scales=scales("open_field"), goal=30.0, collision=-30.0, progress=5.0),
+    # Time and turning are dear because robots that would rather not pass the person wait or circle.
+    "study_room": RewardWeights(scales=scales("study_room"), goal=65.0, collision=-80.0, time=0.6, turning=1.0),
+    "crowd_hall": RewardWeights(scales=scales("crowd_hall"), goal=65.0, collision=-80.0, time=0.6, turning=0.6),
+}
+
+
+MIXTURES = {
+    "farther_smoother": {"farther": 1.0, "smoother": 0.5},
+    "slower_clearance": {"slower_near_person": 1.0, "clearance": 0.7},
+    "left_faster": {"person_on_left": 1.0, "faster": 1.0},
+}
+"""Preferences whose success counts, beside that of each objective alone, when a checkpoint is chosen."""
+CROWD_MIXTURES = {
+    "farther_smoother": {"farther": 1.0, "smoother": 0.5},
+    "behind_slower": {"passes_behind": 1.0, "slower_near_person": 0.7},
+    "front_faster": {"cuts_in_front": 1.0, "faster": 1.0},
+}
+
+
+def judged_settings(setup: str) -> dict[str, Floats]:
+    """The preference weights that checkpoints are judged at."""
+    return settings(CROWD_MIXTURES if get_setup(setup).pedestrians else MIXTURES, setup)
+
+
+@dataclass(frozen=True)
+class ConditionedConfig:
+    """How a conditioned policy is trained. All ours; measured in the open field and the study room (card)."""
+
+    setup: str
+    seed: int = 0
+    reward_weights: RewardWeights | None = None  # None: the setup's own, from REWARD_WEIGHTS
+    updates: int = 50_000
+    batch_size: int = 256
+    gamma: float = 0.99  # detours take longer than the setups' 0.98 looks ahead
+    learning_rate: float = 6e-4
+    final_learning_rate: float = 3e-5  # reached linearly over the second half
+    tau: float = 0.005
+    average_decay: float = 0.9995  # running average of the actor's weights, per update
+    n_envs: int = 128
+    updates_per_step: int = 8
+    buffer_size: int = 1_100_000
+    base_transitions: int = 100_000  # of the base policy's regenerated buffer, to begin with
+    exploration: tuple[float, float] = (0.03, 0.4)
+    neutral_share: float = 0.12  # of the episodes: all weights are zero
+    one_share: float = 0.4  # one objective; of the rest, half have two and half three
+    full_share: float = 0.7  # of the episodes with a preference: the largest weight is 1, as the posterior gives it
+    smallest_weight: float = 0.15
+    relabelled_share: float = 0.5  # of each batch: judged by the weights of another episode
+    mirrored_share: float = 0.5  # of each batch: left and right exchanged
+    checkpoints: int = 4  # over the last third; the best on the selection scenes is kept
+    selection_scenes: int = 150
+    # Full `farther` shall go this part of the way from base policy to ceiling. Reports are lower by two or three points
+    # in the room, and the aim is 85 % there. Set after a look at three trainings of either setup.
+    strong_share: float = 0.875
+    strengths: tuple[float, ...] = (
+        1.0,
+        1.125,
+        1.25,
+        1.375,
+        1.5,
+    )  # conditioned on so many times full weight: the first that does
+    strong_scenes: int = 2_000  # the selection scenes and more of their set, in which that is measured
+    strong_success: float = 0.975  # no strength that costs more; the bar in reports is 97 %
+    recovery: bool = False  # whether the base policy frees a robot that is stuck
+
+    @property
+    def reward_in_use(self) -> RewardWeights:
+        """The reward weights given, or the setup's own."""
+        return self.reward_weights or REWARD_WEIGHTS[self.setup]
+
+    def as_dict(self) -> dict[str, Any]:
+        return stored_config(replace(self, reward_weights=self.reward_in_use))
+
+
+CONFIGS = {
+    "open_field": ConditionedConfig("open_field"),
+    # A robot that looks further ahead waits less: half as many timeouts (tuning scenes). More scenes and checkpoints
+    # to choose from, since what goes wrong in the room is rare: one trajectory in six hundred shuttled before furniture
+    # until its time was up. Exploration's noise ends such a loop, so the critic thinks of it as of a start (-20; in
+    # truth some hundreds below) and nothing is learned from it. No training mended that (crossing five times as dear,
+    # noise correlated in time, environments without noise, with `farther` dearer beside them in scenes where it got
+    # stuck): fewer loops cost success or what was preferred. A recovery does, with more success, too. In the open field
+    # there is nothing to get stuck at.
+    "study_room": ConditionedConfig(
+        "study_room", gamma=0.995, updates=60_000, checkpoints=8, selection_scenes=600, recovery=True
+    ),
+    # A quarter of an hour of a core. A robot that waits is not stuck, so there is no recovery.
+    "crowd_hall": ConditionedConfig(
+        "crowd_hall", updates=120_000, checkpoints=6, selection_scenes=400, strengths=(1.0, 1.25, 1.5)
+    ),
+}
+"""How the shipped ones are trained, by setup; another seed by `dataclasses.replace`."""
+
+
+@dataclass(frozen=True)
+class ConditionedResult:
+    """The selected policy, how it moved on the selection scenes (optimistic: it was chosen there), the history.
+
+    strength: how many times what it learned as full `farther` it is conditioned on now (`strong_enough`).
+    """
+
+    policy: ConditionedPolicy
+    strength: float
+    selection: Steerability
+    transitions: int
+    history: list[dict[str, float]]
+
+
+def sample_weights(n: int, config: ConditionedConfig, random: np.random.Generator) -> Floats:
+    """(n, 9) what n imagined people prefer: nothing, one objective, two or three; never opposites."""
+    weights = np.zeros((n, SIZE), dtype=np.float32)
+    kind = random.random(n)
+    many = config.neutral_share + config.one_share
+    for row in np.flatnonzero(kind >= config.neutral_share):
+        count = 1 if kind[row] < many else 2 + int(kind[row] > (1 + many) / 2)
+        chosen: list[int] = []
+        for k in random.permutation(SIZE):
+            if len(chosen) < count and not any({int(k), other} in map(set, OPPOSITES) for other in chosen):
+                chosen.append(int(k))
+        strengths = random.uniform(config.smallest_weight, 1, count)
+        if random.random() < config.full_share:
+            strengths[0] = 1.0
+        weights[row, chosen] = strengths
+    return weights
+
+
+def training_engine(setup: Setup, reward_weights: RewardWeights, n_envs: int, *, seed: int) -> FastEngine:
+    """Environments of the setup with the reward weights of how an episode goes, without objectives, time, turning."""
+    core = replace(
+        setup.reward,
+        goal=reward_weights.goal,
+        collision=reward_weights.collision,
+        self_intersection=reward_weights.self_intersection,
+    )
+    return FastEngine(replace(setup, reward=core), n_envs, seed=seed, progress_weight=reward_weights.progress)
+
+
+class ConditionedTransitions(NamedTuple):
+    """Transitions with the step terms (n, 9) that they led to and the weights (n, 9) they were rolled out under."""
+
+    batch: Batch
+    terms: torch.Tensor
+    weights: torch.Tensor
+
+
+class ConditionedReplayBuffer(ReplayBuffer):
+    """A ring of transitions that also keeps their step terms, and the weights that they were rolled out under."""
+
+    def __init__(self, capacity: int, setup: Setup) -> None:
+        super().__init__(capacity, setup.observation_size)
+        self._setup = setup
+        self.terms, self.weights = torch.zeros(capacity, SIZE), torch.zeros(capacity, SIZE)
+        self.rolled_out_by = np.zeros((0, SIZE), dtype=np.float32)
+        """(n, 9) the weights of the n transitions that are added next."""
+
+    def add(
+        self,
+        observations: Floats,
+        actions: Floats,
+        rewards: Floats,
+        next_observations: Floats,
+        dones: NDArray[np.bool_],
+    ) -> None:
+        rows = (self._next + np.arange(len(rewards))) % self.capacity
+        self.terms.numpy()[rows] = step_terms_of(actions, next_observations, self._setup)
+        self.weights.numpy()[rows] = self.rolled_out_by
+        super().add(observations, actions, rewards, next_observations, dones)
+
+    def draw(self, n: int, generator: torch.Generator) -> ConditionedTransitions:
+        """n transitions drawn uniformly, with replacement."""
+        rows = torch.randint(self.size, (n,), generator=generator)
+        batch = Batch(*(part.index_select(0, rows) for part in self.data))
+        return ConditionedTransitions(batch, self.terms.index_select(0, rows), self.weights.index_select(0, rows))
+
+
+class ConditionedTraining:
+    """The training loop as an object: one `vector_step` steps every environment once and updates some times."""
+
+    def __init__(self, base: Policy, config: ConditionedConfig) -> None:
+        use_one_thread()
+        _check(base, config)
+        self.config = config
+        self.setup = get_setup(config.setup)
+        polar = self.setup.polar_size
+        self._base = base.actor if config.recovery else ()
+        self.shape = replace(base.shape, task_inputs=polar + SIZE)
+        td3 = Td3Config(config.gamma, config.batch_size, config.learning_rate, config.tau)
+        self.agent = Td3Agent(self.shape, td3, seed=config.seed)
+        self.agent.actor.load_arrays(_with_weight_inputs(base.actor, polar))
+        self.agent.critic.load_arrays(_with_weight_inputs(base.critic, polar))
+        self.agent.synchronise_targets()
+        self._average = self.agent.actor.flat.clone()
+        self._random = np.random.default_rng([config.seed, 9])
+        self._sampler = torch.Generator().manual_seed(config.seed + 1)
+        self._mirror = mirror_of(self.setup)
+        self.buffer = ConditionedReplayBuffer(config.buffer_size, self.setup)
+        self._collect_with(base)
+        engine = training_engine(self.setup, config.reward_in_use, config.n_envs, seed=config.seed + 1)
+        self._collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed + 1)
+        self._weights = sample_weights(config.n_envs, config, self._random)
+        self.transitions = 0
+
+    def _collect_with(self, base: Policy) -> None:
+        """Fill the buffer with trajectories of the base policy, judged by weights that had no part in them."""
+        config, n_envs = self.config, 256
+        engine = training_engine(self.setup, config.reward_in_use, n_envs, seed=config.seed)
+        collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)
+        for _ in range(-(-config.base_transitions // n_envs)):
+            self.buffer.rolled_out_by = sample_weights(n_envs, config, self._random)
+            collector.step(base.act, self.buffer)
+
+    def vector_step(self) -> int:
+        """One step of all environments, each by its own weights, then `updates_per_step` updates; returns how many
+        there were in all."""
+        config, engine = self.config, self._collector.engine
+        self.buffer.rolled_out_by = self._weights
+        self._collector.step(lambda o: self.agent.act(self._inputs(o, self._weights)), self.buffer)
+        self.transitions += config.n_envs
+        ended = engine.dones
+        if ended.any():
+            self._weights[ended] = sample_weights(int(ended.sum()), config, self._random)
+        late = max(0.0, 2 * self.agent.updates / config.updates - 1)
+        self.agent.set_learning_rate(
+            config.learning_rate + min(1.0, late) * (config.final_learning_rate - config.learning_rate)
+        )
+        for _ in range(config.updates_per_step):
+            self.agent.update(self.batch())
+            self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
+        return self.agent.updates
+
+    def batch(self) -> Batch:
+        """What the agent learns from: reward = core + progress + sum_k scale_k share_k term_k - turning - time.
+
+        Part of it is judged by the weights of other rows, part of it is mirrored; both are as true as the rollouts.
+        """
+        config, reward_weights = self.config, self.config.reward_in_use
+        n = config.batch_size
+        (observations, actions, rewards, following, continues), terms, rolled_out_by = self.buffer.draw(
+            n, self._sampler
+        )
+        weights = rolled_out_by.numpy()
+        shuffled = int(n * config.relabelled_share)
+        weights[:shuffled] = weights[self._random.permutation(n)[:shuffled]]
+        judged = (shares_of_reward(weights) * terms.numpy()) @ np.array(reward_weights.scales, dtype=np.float32)
+        judged -= np.float32(reward_weights.turning) * np.abs(actions.numpy()[:, 1]) + np.float32(reward_weights.time)
+        mirrored = self._random.random(n) < config.mirrored_share
+        seen, then, done = observations.numpy(), following.numpy(), actions.numpy()
+        order, signs = self._mirror
+        for part in (seen, then):
+            part[mirrored] = part[mirrored][:, order] * signs
+        done[mirrored] *= ACTION_SIGNS
+        weights[mirrored] = weights[mirrored][:, mirrored_of(config.setup)]
+        return Batch(
+            torch.from_numpy(self._inputs(seen, weights)),
+            actions,
+            rewards + torch.from_numpy(judged),
+            torch.from_numpy(self._inputs(then, weights)),
+            continues,
+        )
+
+    def _inputs(self, observations: Floats, weights: Floats) -> Floats:
+        """What the conditioned networks read: task part, weights, lidar."""
+        polar = self.setup.polar_size
+        return np.concatenate([observations[:, :polar], weights, observations[:, polar:]], axis=1)
+
+    def policy(self, *, averaged: bool) -> ConditionedPolicy:
+        """The current policy with its critic; `averaged` takes the running average of the actor's weights."""
+        kept = self.agent.actor.flat.clone()
+        if averaged:
+            self.agent.actor.flat.copy_(self._average)
+        actor, critic = tuple(self.agent.actor.to_arrays()), tuple(self.agent.critic.to_arrays())
+        self.agent.actor.flat.copy_(kept)
+        return ConditionedPolicy(
+            self.setup.name, self.shape, actor, critic, self.config.reward_in_use.scales, self._base
+        )
+
+
+def _with_weight_inputs(arrays: tuple[Floats, ...], task_inputs: int) -> list[Floats]:
+    """A network's arrays with SIZE more task inputs that have no effect yet."""
+    first = arrays[0]
+    new = np.zeros((SIZE, first.shape[1]), dtype=np.float32)
+    return [np.concatenate([first[:task_inputs], new]), *arrays[1:]]
+
+
+def _check(base: Policy, config: ConditionedConfig) -> None:
+    if base.setup != config.setup:
+        raise SetupError(f"base policy is of {base.setup}, setup = {config.setup}")
+    if not base.critic:
+        raise LearningError("base policy has no critic: training goes on only from a file that was saved with one")
+    given = config.reward_in_use.scales
+    if len(given) != SIZE or min(given) < 0:
+        raise LearningError(
+            f"reward_weights.scales = {given}: {SIZE} numbers >= 0 are needed, in the order of {names_of(config.setup)}"
+        )
+    if config.mirrored_share and any(given[k] != given[m] for k, m in enumerate(mirrored_of(config.setup))):
+        raise LearningError(
+            f"reward_weights.scales = {given}: mirroring needs the same scale for the person on either side"
+        )
+    if config.buffer_size < config.base_transitions + config.n_envs:
+        raise LearningError(
+            f"buffer_size = {config.buffer_size}: must hold base_transitions ({config.base_transitions}) and more"
+        )
+    if not 1 <= config.checkpoints <= config.updates:
+        raise LearningError(f"checkpoints = {config.checkpoints}: between 1 and updates ({config.updates})")
+
+
+def train_conditioned(
+    base: Policy, config: ConditionedConfig, on_progress: OnProgress = no_progress
+) -> ConditionedResult:
+    """Train from the base policy, then keep the checkpoint (averaged weights) that scores best on the selection scenes.
+
+    The score rewards movement in the wanted directions and punishes failures and self-intersections
+    (`Steerability.score`). Then `farther` is made as strong as it shall be. Raises SetupError, LearningError.
+    """
+    training = ConditionedTraining(base, config)
+    scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
+    marks = [round(config.updates * (2 / 3 + (k + 1) / config.checkpoints / 3)) for k in range(config.checkpoints)]
+    history: list[dict[str, float]] = []
+    tried: list[tuple[ConditionedPolicy, Steerability]] = []
+
+    def between(updates: int) -> None:
+        if updates % (100 * config.updates_per_step) == 0:
+            on_progress(updates / config.updates, {"updates": updates, "transitions": training.transitions})
+
+    for updates in checkpoints(training.vector_step, marks, between):
+        policy = training.policy(averaged=True)
+        movement = _movement(policy, base, scenes)
+        metrics = {"updates": updates, "transitions": training.transitions, **movement.summary()}
+        history.append(metrics)
+        on_progress(min(1.0, updates / config.updates), metrics)
+        tried.append((policy, movement))
+    policy, movement = max(tried, key=lambda entry: entry[1].score)
+    strength = strong_enough(policy, base, config)
+    if strength != 1.0:
+        policy = policy.stronger("farther", strength)
+        movement = _movement(policy, base, scenes)
+    return ConditionedResult(policy, strength, movement, training.transitions, history)
+
+
+def _movement(policy: ConditionedPolicy, base: Policy, scenes: Sequence[Scene]) -> Steerability:
+    asked = judged_settings(policy.setup)
+    return steerability_of({name: policy.at(weights) for name, weights in asked.items()}, base, scenes)
+
+
+def strong_enough(policy: ConditionedPolicy, base: Policy, config: ConditionedConfig) -> float:
+    """How many times full `farther` must be conditioned on for `strong_share` of the way, at most; 1 for what goes it
+    by itself.
+
+    What a training makes of the same weights differs by chance (seed 2 stopped a tenth of the way before seeds 0 and
+    1); conditioned on more than it learned from, it goes on smoothly. Only here, since elsewhere the possible is out of
+    reach. Of strengths that keep `strong_success`, the smallest that suffices, else the largest.
+    """
+    scenes = scene_set(config.setup, config.strong_scenes, purpose=Purpose.SELECT, seed=config.seed)
+    rolled_out = measured_rollouts(base, scenes)
+    possible = best_possible(scenes)
+    farther = preference_weights({"farther": 1.0})
+    kept = 1.0
+    for strength in config.strengths:
+        trajectories = measured_rollouts(policy.stronger("farther", strength).at(farther), scenes)
+        if trajectories.success.mean() < config.strong_success:
+            break
+        kept = strength
+        reached = Steerability(rolled_out, {"farther": trajectories}, possible, config.setup).shares["farther"]
+        if reached >= config.strong_share:
+            break
+    return kept

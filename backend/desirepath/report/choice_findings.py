@@ -1,0 +1,202 @@
+"""What was chosen: agreement between and within conditions, circular triads, what changes where choices differ. Pure.
+
+The own policy against others is `own_findings.py`'s, what was rated `rating_findings.py`'s, everything together
+`findings.py`'s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.analysis.choices import agreement, cohens_kappa
+from desirepath.analysis.intervals import clustered_share, within
+from desirepath.analysis.metrics import measure
+from desirepath.analysis.tested import Mean, has_spread, mean_of
+from desirepath.analysis.triads import is_circular, whole_triads
+from desirepath.report.analysis_plan import AnalysisPlan, Metric
+from desirepath.report.study_data import PROBES, TRIAD, Choice, Load
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How often the same people chose alike, over people. kappa: of the trajectories chosen, called by the place (first
+    or second shown) that they had when they were first shown.
+
+    no_kappa: people whose kappa is not defined, because they always chose the same place.
+    """
+
+    share: Mean
+    kappa: Mean
+    no_kappa: int
+
+
+@dataclass(frozen=True)
+class OfCondition:
+    """What is known of each condition beside the tests. repeat, swap: agreement with the own first answer."""
+
+    answers: int
+    second_shown: Mean
+    decision_s: Mean
+    repeat: Agreement
+    swap: Agreement
+
+
+@dataclass(frozen=True)
+class Triads:
+    """Scenes of which three trajectories were compared in all three pairs. circular: A over B over C over A, which no
+    order of preference allows. share: circular ones of a person's, over people."""
+
+    triads: int
+    circular: int
+    share: Mean
+
+
+def of_condition(choices: Sequence[Choice], condition: str, plan: AnalysisPlan) -> OfCondition:
+    own = [one for one in choices if one.condition == condition]
+    regular = [one for one in own if one.role == "regular"]
+    by_person = _by_person(regular)
+    first_answers = {(one.person, one.query): one for one in regular}
+    again = {
+        role: _over_people(
+            {
+                person: [
+                    (first_answers[person, one.query], one) for one in given if (person, one.query) in first_answers
+                ]
+                for person, given in _by_person([one for one in own if one.role == role]).items()
+            },
+            fewest=plan.min_probes,
+        )
+        for role in PROBES
+    }
+    seconds = [[one.decision_s for one in given if one.decision_s is not None] for given in by_person.values()]
+    return OfCondition(
+        answers=len(regular),
+        second_shown=clustered_share(
+            [float(np.mean([one.second_chosen for one in given])) for given in by_person.values()],
+            [len(given) for given in by_person.values()],
+        ),
+        decision_s=mean_of([float(np.median(one)) for one in seconds if one]),
+        repeat=again["repeat"],
+        swap=again["swap"],
+    )
+
+
+def _by_person(choices: Sequence[Choice]) -> dict[str, list[Choice]]:
+    found: dict[str, list[Choice]] = defaultdict(list)
+    for one in choices:
+        found[one.person].append(one)
+    return found
+
+
+def between(regular: Sequence[Choice], pair: Pair) -> Agreement:
+    """Agreement of the same person's answers to the same queries under two conditions."""
+    return _over_people({person: _both(given, pair) for person, given in _by_person(regular).items()})
+
+
+def _both(given: Sequence[Choice], pair: Pair) -> list[tuple[Choice, Choice]]:
+    """One person's answers to the queries that were asked under both conditions."""
+    first, second = ({one.query: one for one in given if one.condition == name} for name in pair)
+    return [(first[query], second[query]) for query in sorted(first.keys() & second.keys())]
+
+
+def _over_people(pairs: Mapping[str, Sequence[tuple[Choice, Choice]]], fewest: int = 1) -> Agreement:
+    shares, sizes, kappas = [], [], []
+    for given in pairs.values():
+        if len(given) < fewest:
+            continue
+        sizes.append(len(given))
+        shares.append(agreement([a.chosen for a, _ in given], [b.chosen for _, b in given]))
+        # places are those of the first answer: with the sides swapped whoever is steady takes the other place
+        kappas.append(cohens_kappa([a.second_chosen for a, _ in given], [b.chosen == a.second for a, b in given]))
+    kappa = within(mean_of(kappas), -1.0, 1.0)
+    return Agreement(clustered_share(shares, sizes), kappa, sum(math.isnan(kappa) for kappa in kappas))
+
+
+def people_s_agreement(
+    choices: Sequence[Choice], pairs: Sequence[Pair], plan: AnalysisPlan
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Each person's mean agreement between conditions, and with the own first answer within them (asked again as it
+    was; where there are enough, `min_probes`)."""
+    by_person = _by_person(choices)
+    between_all: dict[str, float] = {}
+    within_all: dict[str, float] = {}
+    for person, given in by_person.items():
+        regular = [one for one in given if one.role == "regular"]
+        shares = [
+            agreement([a.chosen for a, _ in both], [b.chosen for _, b in both])
+            for pair in pairs
+            if (both := _both(regular, pair))
+        ]
+        again = []
+        for condition in {name for pair in pairs for name in pair}:
+            first = {one.query: one for one in regular if one.condition == condition}
+            repeats = [
+                one for one in given if one.role == "repeat" and one.condition == condition and one.query in first
+            ]
+            if len(repeats) >= plan.min_probes:
+                again.append(agreement([first[one.query].chosen for one in repeats], [one.chosen for one in repeats]))
+        if shares:
+            between_all[person] = float(np.mean(shares))
+        if again:
+            within_all[person] = float(np.mean(again))
+    return between_all, within_all
+
+
+def triads_of(choices: Sequence[Choice], condition: str) -> Triads | None:
+    """The condition's triads that were answered whole; None where there are none."""
+    asked = [one for one in choices if one.role == TRIAD and one.condition == condition]
+    shares: list[float] = []
+    sizes: list[int] = []
+    count = circular = 0
+    for given in _by_person(asked).values():
+        whole = whole_triads({frozenset({one.first, one.second}): one for one in given})
+        ways = sum(is_circular([(one.chosen, one.rejected) for one in three]) for three in whole)
+        count, circular = count + len(whole), circular + ways
+        if whole:
+            shares.append(ways / len(whole))
+            sizes.append(len(whole))
+    return Triads(count, circular, clustered_share(shares, sizes)) if count else None
+
+
+def disagreement(
+    regular: Sequence[Choice], conditions: Sequence[str], metrics: Sequence[Metric], load: Load
+) -> dict[Pair, dict[Metric, Mean]]:
+    """Where a choice flips from one condition to another: the preferred trajectory there minus the one here.
+
+    z-scored over all trajectories that the person was shown, averaged within people, then over them (thesis 7.4.4.2).
+    Descriptive: what the two trajectories of a query differ in was made, not observed.
+    """
+    transitions = list(combinations(conditions, 2))
+    shown = sorted({trajectory for one in regular for trajectory in (one.first, one.second)})
+    if not (shown and transitions and metrics):
+        return {}
+    measured = measure([load(trajectory) for trajectory in shown])
+    values = np.stack([np.asarray(getattr(measured, name), dtype=float) for name in metrics], axis=1)
+    row_of = {trajectory: k for k, trajectory in enumerate(shown)}
+    per_person: dict[Pair, list[NDArray[np.float64]]] = {pair: [] for pair in transitions}
+    for given in _by_person(regular).values():
+        seen = {row_of[t] for one in given for t in (one.first, one.second)}
+        of_person = values[sorted(seen)]
+        deviation = [float(of.std(ddof=1)) if has_spread(of) else math.nan for of in of_person.T]
+        scored = values / np.array(deviation)  # the mean cancels in a difference
+        for pair in transitions:
+            flips = [
+                scored[row_of[there.chosen]] - scored[row_of[here.chosen]]
+                for here, there in _both(given, pair)
+                if here.chosen != there.chosen
+            ]
+            if flips:
+                per_person[pair].append(np.mean(flips, axis=0))
+    return {
+        pair: {name: mean_of([float(row[k]) for row in rows]) for k, name in enumerate(metrics)}
+        for pair, rows in per_person.items()
+    }

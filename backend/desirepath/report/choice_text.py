@@ -1,0 +1,235 @@
+"""What was chosen, in sentences and tables: agreement, what changes where choices differ, own policy against others.
+
+Numbers are `choice_findings.py`'s; the report's other parts `report_text.py`'s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from desirepath.analysis.tested import Mean
+from desirepath.analysis.triads import CHANCE_CIRCULAR
+from desirepath.explain.printed import Section, Table
+from desirepath.report.analysis_plan import METRICS
+from desirepath.report.choice_findings import Agreement
+from desirepath.report.findings import Findings
+from desirepath.report.own_findings import ARMS, Personalised
+from desirepath.report.report_cells import NONE, number_words, pair_words, percent, share_words
+
+
+def agreement_section(found: Findings) -> Section:
+    """Agreement between and within conditions, circular triads, position."""
+    if not found.of_condition:
+        return Section("Agreement")
+    tables = []
+    if found.between:
+        rows = [[pair_words(pair), *_agreement_cells(of)] for pair, of in found.between.items()]
+        tables.append(Table("Between conditions, the same person and query.", _AGREEMENT_HEADS, rows))
+    again = [
+        [f"{name.replace('_', ' ')}, {words}", *_agreement_cells(of)]
+        for name, one in found.of_condition.items()
+        for words, of in (("asked again", one.repeat), ("sides exchanged", one.swap))
+        if of.share.n
+    ]
+    if again:
+        caption = (
+            "Within a condition: a person's second answer against the first. People with fewer than "
+            f"{found.plan.min_probes} repeated queries are left out."
+        )
+        tables.append(Table(caption, _AGREEMENT_HEADS, again))
+    rows = [
+        [
+            name.replace("_", " "),
+            f"{one.answers:,}",
+            share_words(one.second_shown),
+            number_words(one.decision_s.mean, "{:.1f}"),
+        ]
+        for name, one in found.of_condition.items()
+    ]
+    position = "Position: an answer that follows the order of showing looks like agreement."
+    if found.triads:
+        triad_rows = [
+            [name.replace("_", " "), str(of.triads), str(of.circular), share_words(of.share), str(of.share.n)]
+            for name, of in found.triads.items()
+        ]
+        caption = (
+            "Circular triads: of three trajectories compared in all three pairs, A was chosen over B, B over C and C "
+            f"over A. Choosing by coin makes {CHANCE_CIRCULAR:.0%} of them circular, an order of preference none."
+        )
+        shares = "share of a person's, mean, 95 % interval"
+        tables.append(Table(caption, ["condition", "triads", "circular", shares, "people"], triad_rows))
+    heads = ["condition", "answers", "P(second shown), 95 % interval", "decision (s, mean of medians)"]
+    tables.append(Table(position, heads, rows))
+    sentence = (
+        "Shares of equal answers per person, then mean and SD over people; intervals over people (Wilson's, of as many "
+        "independent answers as people's shares vary like). Cohen's kappa is that of the trajectories chosen, by the "
+        "place (first or second shown) that each had at first: it is near 0 where people agree only because they like "
+        "one place. It is not defined for who always chose the same place."
+    )
+    return Section("Agreement", [sentence], tables)
+
+
+_AGREEMENT_HEADS = ["", "agreement", "SD", "95 % interval", "kappa", "people", "kappa not defined"]
+
+
+def _agreement_cells(of: Agreement) -> list[str]:
+    interval = NONE if math.isnan(of.share.low) else f"{percent(of.share.low)} to {percent(of.share.high)}"
+    return [
+        percent(of.share.mean),
+        percent(of.share.sd),
+        interval,
+        number_words(of.kappa.mean, "{:.2f}"),
+        str(of.share.n),
+        str(of.no_kappa),
+    ]
+
+
+def disagreement_section(found: Findings) -> Section:
+    """What changes in the preferred trajectory where a choice flips."""
+    rows = [
+        [pair_words(pair, " → "), *(_with_se(metrics[name]) for name in found.plan.metrics)]
+        for pair, metrics in found.disagreement.items()
+        if any(of.n for of in metrics.values())
+    ]
+    heads = ["from → to", *(METRICS[name][0] for name in found.plan.metrics)]
+    caption = "Change in z, mean ± standard error over the people who chose differently at least once."
+    return Section("What changes where choices differ", [], [Table(caption, heads, rows)] if rows else [])
+
+
+def _with_se(mean: Mean) -> str:
+    return f"{mean.mean:+.2f} ± {mean.se:.2f} (n = {mean.n})" if mean.n > 1 else NONE
+
+
+def personalised_sentence(found: Findings, k: int) -> str:
+    """One of these comparisons in a sentence."""
+    one = found.personalised[k]
+    sentence = one.test.sentence(found.plan.alpha)
+    return f"{sentence} Share of choices for the own policy: {share_words(one.share)} over {_units(one)}."
+
+
+def _units(one: Personalised) -> str:
+    return f"{one.clusters} lent policies" if one.against == "other" and one.clusters < one.people else "people"
+
+
+def personalised_section(found: Findings) -> Section:
+    """The own policy against the base policy and against another person's."""
+    if not found.personalised:
+        said = [who_compared(found)] if _refused(found) else []
+        return Section("Does it personalise?", [*said, *who_was_asked_on(found)])
+    alpha = found.plan.alpha
+    paragraphs = [personalised_sentence(found, k) for k in range(len(found.personalised))]
+    paragraphs += [who_compared(found)] if found.own_policies else []
+    paragraphs += who_was_asked_on(found)
+    against = {one.against: one for one in found.personalised}
+    if "other" in against:
+        paragraphs.append(_verdict(against, alpha))
+    else:
+        paragraphs.append(
+            "Whether it is the person's own answers that make the difference this does not show: nobody compared it "
+            "with a policy that another participant's answers made."
+        )
+    alike = sum(one.look_alike for one in found.personalised)
+    if alike:
+        paragraphs.append(f"{alike} of the comparisons showed rollouts that look alike; they are counted.")
+    lent = sum(one.stand_ins for one in found.personalised)
+    if lent:
+        paragraphs.append(
+            f"{lent} of the people who were lent another's policy were lent one made from a simulated person's answers "
+            "(a stand-in), because no other participant's was ready that nobody had been lent."
+        )
+    shared = next((one for one in found.personalised if one.clusters < one.people), None)
+    if shared is not None:
+        paragraphs.append(
+            f"{shared.people} people were lent {shared.clusters} different policies of other participants; people who "
+            "were lent the same one count as one, since what is good or bad about it they share."
+        )
+    if found.guessed is not None:
+        paragraphs.append(
+            f"{found.guessed.right} of {found.guessed.people} guessed which of the last pair came from their own "
+            f"answers. {found.guessed.test.sentence(alpha)}"
+        )
+    first, second = (
+        ("Sign tests", "signed ranks") if found.plan.own == "sign" else ("Signed ranks of shares", "sign test")
+    )
+    beside = "; ".join(f"against {ARMS[one.against]} {one.beside.numbers()}" for one in found.personalised)
+    paragraphs.append(
+        f"{first} over people, as declared, {found.personalised[0].test.correction} over the comparisons: a person "
+        f"counts once, answers of one person depend on each other. For reading only, {second}: {beside}."
+    )
+    return Section("Does it personalise?", paragraphs)
+
+
+_REFUSED = {
+    "not_surely_better": "it was not surely better for that very person",
+    "gate_not_passed": "it did not pass the gate",
+    "too_few_answers": "there were too few answers",
+    "job_failed": "its training failed",
+    "late": "it was not ready in time",
+    "no_consent": "learning from the answers was not consented to",
+    "no_scenes": "there was no scene to compare it in",
+}
+"""Why somebody was not shown a policy as theirs, in the report's order."""
+
+
+def _refused(found: Findings) -> dict[str, int]:
+    return {why: people for why, people in found.own_policies.items() if why != "shown"}
+
+
+def who_compared(found: Findings) -> str:
+    """How many were shown a policy as theirs, how many were not and why: the comparisons are of the first alone."""
+    shown, refused = found.own_policies.get("shown", 0), _refused(found)
+    people = shown + sum(refused.values())
+    if not refused:
+        whom = f"All {people} people for whom a policy was to be made were" if people > 1 else "The only person was"
+        return f"{whom} shown one as theirs; nobody is left out."
+    why = [f"{refused[name]} because {words}" for name, words in _REFUSED.items() if name in refused]
+    why += [f"{count} for another reason ({name})" for name, count in refused.items() if name not in _REFUSED]
+    return (
+        f"{shown} of {people} people for whom a policy was to be made were shown it as theirs, and only they compare; "
+        f"{sum(refused.values())} were not: {', '.join(why)}. What is found here is about those who were shown one, "
+        "not about everybody."
+    )
+
+
+def who_was_asked_on(found: Findings) -> list[str]:
+    """Who answered further pairs, and how many: a sentence, or none where nobody did."""
+    if not found.asked_on:
+        return []
+    by_answers: dict[int, list[str]] = {}
+    for code, further in sorted(found.asked_on.items()):
+        by_answers.setdefault(further, []).append(code)
+    each = "; ".join(
+        f"{further} further answer{'s' * (further > 1)}: {', '.join(codes)}"
+        for further, codes in sorted(by_answers.items())
+    )
+    asked, total = len(found.asked_on), sum(found.asked_on.values())
+    return [
+        f"{asked} of {found.flow.analysed} people {'was' if asked == 1 else 'were'} asked on, since what was learned "
+        f"was not surely better for that very person ({total} further answers in all; {each}). These answers taught "
+        "their robot and are in no other number here."
+    ]
+
+
+def _verdict(against: Mapping[str, Personalised], alpha: float) -> str:
+    """What the comparison with another person's policy shows, no more than its test."""
+    other = against["other"]
+    if other.preferred(alpha) and other.stand_ins == other.people:
+        return (
+            "People preferred the policy made from their own answers to one made from a simulated person's. "
+            "Nobody compared it with a policy that another participant's answers made, so this does not show that "
+            "it is personal."
+        )
+    if other.preferred(alpha):
+        return (
+            "People preferred the policy made from their own answers to one made from another participant's: what they "
+            "like about it is not only what everybody likes."
+        )
+    if other.test.significant(alpha):
+        return "People preferred the policy that another participant's answers made to their own one."
+    better = [ARMS[name] for name, one in against.items() if name != "other" and one.preferred(alpha)]
+    begun = f"The own policy is preferred to {' and to '.join(better)}, but" if better else "The own policy"
+    return (
+        f"{begun} was not shown to be preferred to one that another participant's answers made: this does not show "
+        "that it is personal."
+    )

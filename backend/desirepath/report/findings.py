@@ -1,0 +1,217 @@
+"""Everything a study's report says, as numbers: from tidy rows and an analysis plan to tested results. Pure.
+
+Ratings are `rating_findings.py`'s, choices `choice_findings.py`'s; the tests live in `analysis`, words and
+figures beside.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+from desirepath.analysis.tested import Mean, Tested
+from desirepath.report.analysis_plan import AnalysisPlan, Metric, declared_plan, deviations
+from desirepath.report.choice_findings import (
+    Agreement,
+    OfCondition,
+    Pair,
+    Triads,
+    between,
+    disagreement,
+    of_condition,
+    triads_of,
+)
+from desirepath.report.explanation_findings import Explained, explained
+from desirepath.report.further_findings import Further, further
+from desirepath.report.item_tests import ItemResult, item_results
+from desirepath.report.meeting_findings import Met, met
+from desirepath.report.method_findings import Methods, methods_of
+from desirepath.report.own_findings import Guessed, Personalised, guessed, personalised
+from desirepath.report.rating_findings import (
+    Described,
+    RankingResult,
+    ScaleResult,
+    demographics,
+    measures,
+    ranking_results,
+    scale_results,
+)
+from desirepath.report.study_data import Choice, Load, ParticipantRow, StudyData
+from desirepath.report.study_design import StudyDesign, designs_of
+from desirepath.store.who_counts import FINISHED, is_asked_for, left_out
+
+Who = Literal["people", "simulated", "all"]
+
+
+class NothingToReport(ValueError):
+    """A study without answers of those who were asked for; says whose there are."""
+
+
+@dataclass(frozen=True)
+class Flow:
+    """How many there are at each stage. excluded: reason -> people. unfinished: state -> people."""
+
+    joined: int
+    withdrawn: int
+    excluded: Mapping[str, int]
+    unfinished: Mapping[str, int]
+    analysed: int
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All of it, of the kind of participants named in `who`. analysed: their codes. own_policies: what became of the
+    policies made from their answers -> people. asked_on: who was asked further pairs since what was learned was not
+    surely theirs -> further answers."""
+
+    who: Who
+    analysed: Sequence[str]
+    simulated: int
+    plan: AnalysisPlan
+    plan_hash: str
+    declared_hash: str | None
+    deviations: Sequence[str]
+    conditions: Sequence[str]
+    designs: Sequence[StudyDesign]
+    flow: Flow
+    orders: Mapping[str, int]
+    demographics: Sequence[Described]
+    items: Sequence[ItemResult]
+    rankings: Sequence[RankingResult]
+    scales: Sequence[ScaleResult]
+    of_condition: Mapping[str, OfCondition]
+    between: Mapping[Pair, Agreement]
+    triads: Mapping[str, Triads]
+    disagreement: Mapping[Pair, Mapping[Metric, Mean]]
+    personalised: Sequence[Personalised]
+    own_policies: Mapping[str, int]
+    asked_on: Mapping[str, int]
+    guessed: Guessed | None
+    met: Met | None
+    ways: Methods | None
+    further: Further | None
+    explained: Explained | None
+    devices: Mapping[tuple[str, str], int]
+
+    @property
+    def tests(self) -> list[Tested]:
+        """Every tested result, in the report's order."""
+        families = [[*one.tests, *one.pairs] for one in self.items] + [[one.test, *one.pairs] for one in self.rankings]
+        own = [one.test for one in self.personalised] + ([self.guessed.test] if self.guessed else [])
+        own += self.ways.tests if self.ways else []
+        return [
+            *(test for family in families for test in family), *(self.explained.tests if self.explained else ()), *own
+        ]  # fmt: skip
+
+
+def analyse(
+    data: StudyData,
+    load: Load,
+    who: Who = "people",
+    plan: AnalysisPlan | None = None,
+    *,
+    intervals: bool = True,
+    beside: bool | None = None,
+) -> Findings:
+    """The study's numbers. load: of trajectories, for the disagreement metrics. plan: another than the declared one.
+    Declared is what the study began with; a plan that came with a later version is used and reported as deviations.
+    intervals: of effects; beside: all that stands beside the declared tests (default as intervals). Both take most of
+    the time.
+
+    Practice trials never count, nor do people who were excluded or withdrew. Raises NothingToReport.
+    """
+    declared = declared_plan(dict(data.protocol))
+    revised = declared_plan(dict(data.newest)) if data.newest is not None else declared
+    used = plan or revised or AnalysisPlan()
+    everyone = [one for one in data.people if is_asked_for(who, simulated=one.simulated)]
+    kept = [one for one in everyone if _counts(one, used)]
+    if not kept:
+        there = Counter("simulated participants" if one.simulated else "people" for one in data.people)
+        counted = ", ".join(f"{count} {kind}" for kind, count in there.items()) or "nobody"
+        raise NothingToReport(
+            f"who = {who!r}: none of them has a {'completed ' if used.sessions == 'completed' else ''}session that "
+            f"counts (joined: {counted}; excluded or withdrawn: {sum(map(_left_out, data.people))}); choose people, "
+            "simulated or all"
+        )
+    own = data.of({one.code for one in kept})
+    conditions = own.conditions
+    regular = [one for one in own.choices if one.role == "regular"]
+    asked = {one.condition for one in regular} | {one.condition for one in own.importance}
+    queried = tuple(one for one in conditions if one in asked) if regular else ()  # otherwise they were rated only
+    designs, scales = designs_of(own), scale_results(own)
+    every_rated = measures(own, used, scales)
+    ranked = explained(own.importance, every_rated, used, intervals=intervals)
+    of_explanations = set(ranked.items) if ranked else set()
+    rated = [one for one in every_rated if (one.item.questionnaire, one.item.key) not in of_explanations]
+    return Findings(
+        who=who,
+        analysed=tuple(one.code for one in kept),
+        simulated=sum(one.simulated for one in kept),
+        plan=used,
+        plan_hash=used.digest(),
+        declared_hash=declared.digest() if declared else None,
+        deviations=deviations(declared, used),
+        conditions=conditions,
+        designs=designs,
+        flow=_flow(everyone, kept, used),
+        orders=dict(sorted(Counter(", ".join(c for c in one.order if c in conditions) for one in kept).items())),
+        demographics=demographics(own),
+        items=item_results(rated, designs, used, intervals=intervals),
+        rankings=ranking_results(own.ratings, used, own, intervals=intervals),
+        scales=scales,
+        of_condition={name: of_condition(own.choices, name, used) for name in queried},
+        between={pair: between(regular, pair) for pair in combinations(queried, 2)},
+        triads={name: found for name in queried if (found := triads_of(own.choices, name))},
+        disagreement=disagreement(regular, queried, used.metrics, load),
+        personalised=personalised(own.comparisons, used),
+        own_policies=dict(Counter(one.own_policy for one in kept if one.own_policy is not None)),
+        asked_on={one.code: one.further for one in kept if one.further},
+        guessed=guessed(own.guesses),
+        met=met(own.meetings),
+        ways=methods_of(own.method_choices, own.taught, used),
+        further=further(own, rated, designs, used, list(combinations(queried, 2)))
+        if (intervals if beside is None else beside)
+        else None,
+        explained=ranked,
+        devices=_devices(own.choices, {one.code: one for one in kept}),
+    )
+
+
+def _left_out(person: ParticipantRow) -> bool:
+    return left_out(excluded=person.excluded is not None, withdrawn=person.withdrawn) is not None
+
+
+def _counts(person: ParticipantRow, plan: AnalysisPlan) -> bool:
+    return not _left_out(person) and (plan.sessions == "all" or person.state == FINISHED)
+
+
+def _flow(everyone: Sequence[ParticipantRow], kept: Sequence[ParticipantRow], plan: AnalysisPlan) -> Flow:
+    open_ones = [one for one in everyone if not _left_out(one) and not _counts(one, plan)]
+    return Flow(
+        joined=len(everyone),
+        withdrawn=sum(one.withdrawn for one in everyone),
+        excluded=dict(Counter(one.excluded for one in everyone if one.excluded and not one.withdrawn)),
+        unfinished=dict(Counter(one.state for one in open_ones)),
+        analysed=len(kept),
+    )
+
+
+def _devices(choices: Sequence[Choice], people: Mapping[str, ParticipantRow]) -> dict[tuple[str, str], int]:
+    """(view, device) -> regular answers, so that nobody takes a desktop's camera for a headset."""
+    counted = Counter((one.view, device_words(one, people[one.person])) for one in choices if one.role == "regular")
+    return dict(sorted(counted.items()))
+
+
+def device_words(one: Choice, person: ParticipantRow) -> str:
+    """What an answer was given on, as far as its page reported."""
+    device = one.device
+    if person.simulated and "pointer" not in device:
+        return "none (simulated)"
+    if not device:
+        return "not told"
+    if device.get("headset"):
+        return "headset"
+    return {"fine": "mouse or touchpad", "coarse": "touch"}.get(str(device.get("pointer")), "another pointer")

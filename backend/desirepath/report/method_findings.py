@@ -1,0 +1,121 @@
+"""Ways of telling a robot how to drive, compared: whose robots were chosen, the weights that each way resulted in, and
+how long it took. Pure; which task load each had is tested as any questionnaire (`item_tests.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from desirepath.analysis.bradley_terry import Worth, bradley_terry
+from desirepath.analysis.intervals import clustered_share, within
+from desirepath.analysis.repeated_measures import friedman, pairs_of, wilcoxon
+from desirepath.analysis.tested import Mean, Tested, corrected, corrected_pairs, mean_of
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.study_data import MethodChoice, Taught
+
+FARTHEST = 3.0  # of two vectors of nine weights from 0 to 1
+ABOUT = "share of comparisons that the method's robot won"
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Methods:
+    """methods: by name. won: of its comparisons, the share in which a method's robot was chosen, over people. pairs: of
+    two methods' robots the share in which the first one's was chosen; look_alike: of all comparisons, how many a person
+    can hardly tell apart (they count); unfinished: people with fewer comparisons than others, who broke off or have not
+    come to the end yet (they count with what they answered). test: over the shares of all methods; between: of their
+    pairs. worths: Bradley and Terry's. minutes: that a way took, pauses and all, with its median; apart: distance of
+    the weights that two ways resulted in; weights: method -> objective -> mean weight. nothing: method -> people whom
+    it taught nothing.
+    """
+
+    methods: Sequence[str]
+    comparisons: int
+    look_alike: int
+    unfinished: int
+    won: Mapping[str, Mean]
+    pairs: Mapping[Pair, Mean]
+    test: Tested | None
+    between: Sequence[Tested]
+    worths: Sequence[Worth]
+    minutes: Mapping[str, tuple[Mean, float]]
+    apart: Mapping[Pair, Mean]
+    weights: Mapping[str, Mapping[str, float]]
+    nothing: Mapping[str, int]
+
+    @property
+    def tests(self) -> list[Tested]:
+        return [*([self.test] if self.test else []), *self.between]
+
+
+def methods_of(choices: Sequence[MethodChoice], taught: Sequence[Taught], plan: AnalysisPlan) -> Methods | None:
+    """None where no robots of methods were compared."""
+    if not choices:
+        return None
+    names = sorted({name for one in choices for name in (one.chosen, one.rejected)})
+    people = sorted({one.person for one in choices})
+    wins = np.zeros((len(people), len(names), len(names)))
+    for one in choices:
+        wins[people.index(one.person), names.index(one.chosen), names.index(one.rejected)] += 1
+    asked = wins + wins.transpose(0, 2, 1)
+    each = asked.sum(axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        shares = wins.sum(axis=2) / asked.sum(axis=2)
+        of_pair = wins / asked
+    whole = shares[np.isfinite(shares).all(axis=1)]
+    test, between = _tests(whole, names, plan)
+    weights = {name: {one.person: one.weights for one in taught if one.method == name} for name in names}
+    return Methods(
+        methods=names,
+        comparisons=len(choices),
+        look_alike=sum(one.look_alike for one in choices),
+        unfinished=int((each < each.max()).sum()),
+        won={name: clustered_share(shares[:, k], asked.sum(axis=2)[:, k]) for k, name in enumerate(names)},
+        pairs={
+            (names[i], names[j]): clustered_share(of_pair[:, i, j], asked[:, i, j])
+            for i, j in combinations(range(len(names)), 2)
+        },
+        test=test,
+        between=between,
+        worths=bradley_terry(wins, names),
+        minutes={name: _minutes([one for one in taught if one.method == name]) for name in names},
+        apart={pair: _apart(weights[pair[0]], weights[pair[1]]) for pair in combinations(names, 2)},
+        weights={name: _means(list(of.values())) for name, of in weights.items()},
+        nothing={name: sum(not one for one in of.values()) for name, of in weights.items()},
+    )
+
+
+def _tests(shares: np.ndarray, names: Sequence[str], plan: AnalysisPlan) -> tuple[Tested | None, list[Tested]]:
+    """Over all methods, then of their pairs where that was significant, or where the plan wants them always."""
+    if len(shares) < 2:
+        return None, []
+    if len(names) == 2:
+        found = wilcoxon(shares[:, 0], shares[:, 1], about=ABOUT, names=(names[0], names[1]))
+        return corrected([found], plan.correction)[0], []
+    (test,) = corrected([friedman(shares, about=ABOUT)], plan.correction)
+    if plan.pairs != "always" and not test.significant(plan.alpha):
+        return test, []
+    return test, corrected_pairs(pairs_of(shares, names, about=ABOUT), 1, None if plan.pairs == "always" else test)
+
+
+def _minutes(taught: Sequence[Taught]) -> tuple[Mean, float]:
+    took = [one.seconds / 60 for one in taught if one.seconds is not None]
+    return within(mean_of(took), 0.0, math.inf), float(np.median(took)) if took else math.nan
+
+
+def _apart(one: Mapping[str, Mapping[str, float]], other: Mapping[str, Mapping[str, float]]) -> Mean:
+    return within(mean_of([_distance(one[who], other[who]) for who in one if who in other]), 0.0, FARTHEST)
+
+
+def _distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
+    return math.sqrt(sum((one.get(name, 0.0) - other.get(name, 0.0)) ** 2 for name in {*one, *other}))
+
+
+def _means(weights: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    names = sorted({name for one in weights for name in one})
+    return {name: float(np.mean([one.get(name, 0.0) for one in weights])) for name in names}

@@ -1,0 +1,158 @@
+"""The own policy against others in blind comparisons, and who guessed which one was theirs. Pure.
+
+What was chosen among queries is `choice_findings.py`'s, everything together `findings.py`'s.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.analysis.choices import mostly, right_guesses, share_over_people
+from desirepath.analysis.repeated_measures import wilcoxon
+from desirepath.analysis.tested import Mean, Tested, corrected
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.study_data import Comparison, Guess
+
+ARMS = {
+    "base": "the base policy",
+    "neutral": "the conditioned policy without preferences",
+    "other": "another participant's policy",
+}
+"""What the own policy can be compared with, in the report's order."""
+
+
+@dataclass(frozen=True)
+class Personalised:
+    """Own policy against another arm, over people. share: of a person's choices.
+
+    test: the one that the plan declares, corrected; beside: the other of sign test and signed ranks, uncorrected and
+    for reading only. clusters: independent units; people who were lent the same policy are one. answers: comparisons,
+    look_alike: of them those whose rollouts look alike; they are counted. stand_ins: people whose opponent was made
+    from a simulated person's answers, because no other participant's was ready.
+    """
+
+    against: str
+    share: Mean
+    test: Tested
+    beside: Tested
+    people: int
+    clusters: int
+    answers: int
+    look_alike: int
+    stand_ins: int = 0
+
+    def preferred(self, alpha: float) -> bool:
+        """Whether the own policy was shown to be preferred: a significant test in its favour."""
+        return self.test.significant(alpha) and self.test.effect > 0
+
+
+def personalised(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[Personalised]:
+    """The own policy against each arm, p corrected over the arms.
+
+    Answers of one person depend on each other, and so do those of people who were lent the same policy of another's
+    (they share what is good or bad about it): units are people, or the people of one lent policy together.
+    """
+    found = []
+    for against in ARMS:
+        asked = [one for one in comparisons if {one.chosen, one.rejected} == {"own", against}]
+        if asked:
+            found.append((against, asked))
+    raw = [_tests(asked, against, plan) for against, asked in found]
+    tests = corrected([declared for declared, _ in raw], plan.correction)
+    return [
+        Personalised(
+            against=against,
+            share=_share(asked, against),
+            test=test,
+            beside=beside,
+            people=len(_counts(asked)),
+            clusters=len(_units(asked, against)),
+            answers=len(asked),
+            look_alike=sum(one.look_alike for one in asked),
+            stand_ins=len({one.person for one in asked if one.stand_in}),
+        )
+        for (against, asked), test, (_, beside) in zip(found, tests, raw, strict=True)
+    ]
+
+
+def _tests(asked: Sequence[Comparison], against: str, plan: AnalysisPlan) -> tuple[Tested, Tested]:
+    """The declared test, and the other one. Sign test: which of the two a unit chose more often. Signed ranks: by how
+    much more of its people's choices than half."""
+    names = ("the own policy", ARMS[against])
+    about = f"own policy against {ARMS[against]}"
+    shares = own_shares(asked, against)
+    over, under = (shares > 0.5).astype(int), (shares < 0.5).astype(int)
+    sign = mostly(over.tolist(), under.tolist(), about=about, names=names)
+    if len(shares) < 2:
+        return sign, sign
+    ranks = wilcoxon(shares, np.full(len(shares), 0.5), about=about, names=names)
+    more, fewer = names if ranks.effect >= 0 else names[::-1]
+    ranks = replace(ranks, direction=f"{more} is mostly chosen over {fewer}")
+    return (sign, ranks) if plan.own == "sign" else (ranks, sign)
+
+
+def own_shares(comparisons: Sequence[Comparison], against: str) -> NDArray[np.float64]:
+    """Of every independent unit the mean share of its people's choices that went to the own policy: (n,)."""
+    asked = [one for one in comparisons if {one.chosen, one.rejected} == {"own", against}]
+    return np.array([_mean_share(unit, against) for unit in _units(asked, against).values()])
+
+
+def _units(asked: Sequence[Comparison], against: str) -> dict[str, list[Comparison]]:
+    """Comparisons by what was sampled: people, or of lent policies all of the people who were lent one of them."""
+    of_person: dict[str, list[Comparison]] = defaultdict(list)
+    for one in asked:
+        of_person[one.person].append(one)
+    if against != "other":
+        return of_person
+    found: dict[str, list[Comparison]] = defaultdict(list)
+    for person, mine in of_person.items():
+        lent = sorted({one.opponent for one in mine if one.opponent})
+        found[lent[0] if len(lent) == 1 else f"person {person}"] += mine
+    return found
+
+
+def _mean_share(asked: Sequence[Comparison], against: str) -> float:
+    """Mean over the unit's people of the share of their choices that went to the own policy."""
+    counts = _counts(asked)
+    return float(np.mean([of["own"] / (of["own"] + of[against]) for of in counts.values()]))
+
+
+def _counts(asked: Sequence[Comparison]) -> Mapping[str, Counter[str]]:
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    for one in asked:
+        counts[one.person][one.chosen] += 1
+    return counts
+
+
+def _share(asked: Sequence[Comparison], against: str) -> Mean:
+    units = [_counts(unit) for unit in _units(asked, against).values()]
+    if all(len(unit) == 1 for unit in units):
+        people = [of for unit in units for of in unit.values()]
+        return share_over_people([of["own"] for of in people], [of[against] for of in people])
+    return share_over_people(  # people of one lent policy weigh as one
+        [sum(of["own"] for of in unit.values()) for unit in units],
+        [sum(of[against] for of in unit.values()) for unit in units],
+    )
+
+
+@dataclass(frozen=True)
+class Guessed:
+    """Who could tell which of the last pair came from their own answers: how many were right, against chance."""
+
+    right: int
+    people: int
+    test: Tested
+
+
+def guessed(guesses: Sequence[Guess]) -> Guessed | None:
+    """The guesses of a study; None where nobody was asked."""
+    if not guesses:
+        return None
+    right = sum(one.right for one in guesses)
+    test = right_guesses(right, len(guesses), about="guess which of the last pair came from the own answers")
+    return Guessed(right, len(guesses), test)

@@ -1,0 +1,210 @@
+"""What was rated, ranked and asked once: tests per item and ranking, scores of validated scales, demographics. Pure.
+
+What was chosen is `choice_findings.py`'s, everything together `findings.py`'s.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from desirepath.analysis.choices import equal_first_choices, first_choice_pairs
+from desirepath.analysis.intervals import within
+from desirepath.analysis.scales import Scale
+from desirepath.analysis.tested import Mean, Tested, corrected, corrected_pairs, mean_of
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.study_data import ItemText, Rating, StudyData, asked_about, askings
+
+
+@dataclass(frozen=True)
+class Described:
+    """An item that was asked outside blocks. n: people. counts: answer -> people; numbers: where answers are numbers.
+    asking: the stage, where several asked the same (before and after), else ""."""
+
+    item: ItemText
+    n: int
+    counts: Mapping[str, int]
+    numbers: Mean | None
+    asking: str = ""
+
+
+@dataclass(frozen=True)
+class RankingResult:
+    """One forced ranking. places: condition -> people who put it first, second, ... about: as in `asked_about`."""
+
+    item: ItemText
+    places: Mapping[str, Sequence[int]]
+    test: Tested
+    pairs: Sequence[Tested]
+    about: str = ""
+
+
+@dataclass(frozen=True)
+class Score:
+    """One person's score of a validated scale; condition: the block that it was about, None outside blocks; asking: the
+    stage, where several outside blocks asked it."""
+
+    person: str
+    condition: str | None
+    score: float
+    asking: str = ""
+
+
+@dataclass(frozen=True)
+class ScaleResult:
+    """A validated scale's scores by its own scoring. means: condition or asking -> over people ("": asked
+    once, outside blocks); incomplete: askings that cannot be scored, because an item was not answered."""
+
+    questionnaire: str
+    scale: Scale
+    scores: Sequence[Score]
+    means: Mapping[str, Mean]
+    incomplete: int
+
+
+def demographics(data: StudyData) -> list[Described]:
+    """Items outside blocks that are neither rankings nor of a validated scale, whose score counts."""
+    scored = {(questionnaire, item.key) for questionnaire, scale in data.scales for item in scale.items}
+    answers: dict[tuple[str, str, str], list[Any]] = defaultdict(list)
+    asked = askings(data.ratings)
+    for one in data.ratings:
+        single = one.condition is None and not isinstance(one.value, list)
+        if single and (one.questionnaire, one.item) not in scored:
+            answers[one.questionnaire, one.item, asked_about(one, asked)].append(one.value)
+    found = []
+    for (questionnaire, key, asking), values in sorted(answers.items(), key=lambda one: data.place(*one[0][:2])):
+        item = data.item(questionnaire, key)
+        if item.type == "text":
+            continue  # free text is read by people, not counted
+        numbers = item.type in ("scale", "number")
+        counts = {} if numbers else {label: values.count(value) for value, label in item.options.items()}
+        found.append(Described(item, len(values), counts, mean_of(values) if numbers else None, asking))
+    return found
+
+
+@dataclass(frozen=True)
+class Measure:
+    """What people rated: person -> condition -> rating. Whoever rated a condition more than once, as a controller in
+    each environment, counts with the mean."""
+
+    item: ItemText
+    rated: Mapping[str, Mapping[str, float]]
+
+
+def measures(data: StudyData, plan: AnalysisPlan, scales: Sequence[ScaleResult]) -> list[Measure]:
+    """All that was rated about conditions: single items, and of a validated scale its score instead of its items."""
+    scored = {(of.questionnaire, item.key) for of in scales for item in of.scale.items}
+    found: dict[tuple[str, str], dict[str, dict[str, list[float]]]] = defaultdict(dict)
+    for one in data.ratings:
+        asked = plan.items is None or one.questionnaire == plan.items
+        if not asked or one.condition is None or not isinstance(one.value, int | float):
+            continue
+        if (one.questionnaire, one.item) not in scored:
+            rated_by = found[one.questionnaire, one.item].setdefault(one.person, {})
+            rated_by.setdefault(one.condition, []).append(float(one.value))
+    measures = [
+        Measure(data.item(*key), {who: {name: float(np.mean(v)) for name, v in of.items()} for who, of in by.items()})
+        for key, by in sorted(found.items(), key=lambda one: data.place(*one[0]))
+    ]
+    for of in scales:
+        rated: dict[str, dict[str, float]] = defaultdict(dict)
+        for score in of.scores:
+            if score.condition is not None and plan.items in (None, of.questionnaire):
+                rated[score.person][score.condition] = score.score
+        if rated:
+            measures.append(Measure(_score(of), rated))
+    return measures
+
+
+def _score(of: ScaleResult) -> ItemText:
+    highest = round(of.scale.highest)
+    return ItemText(of.questionnaire, of.scale.name, "score", of.scale.names[-1], highest, {}, lowest=of.scale.lowest)
+
+
+def ranking_results(
+    ratings: Sequence[Rating], plan: AnalysisPlan, data: StudyData, *, intervals: bool = True
+) -> list[RankingResult]:
+    """Chi-square of first choices per ranking, p corrected over the rankings; its pairs where significant, corrected
+    over pairs and rankings. Each asking is a ranking of its own; whoever ranked the same again counts with the last."""
+    orders: dict[tuple[str, str, str], dict[str, list[str]]] = defaultdict(dict)
+    asked = askings(ratings)
+    for one in ratings:
+        if isinstance(one.value, list) and (plan.ranking is None or one.questionnaire == plan.ranking):
+            key = one.questionnaire, one.item, asked_about(one, asked)
+            orders[key][one.person] = [str(option) for option in one.value]
+    places: dict[tuple[str, str, str], dict[str, list[int]]] = {}
+    for key, of_person in sorted(orders.items(), key=lambda one: data.place(*one[0][:2])):
+        given = list(of_person.values())
+        names = sorted({name for order in given for name in order})
+        places[key] = {name: [sum(o[k] == name for o in given) for k in range(len(names))] for name in names}
+    tests = corrected(
+        [
+            equal_first_choices(
+                [of[0] for of in found.values()],
+                about=f"first choices for {named(item)}{f' ({named(about)})' if about else ''}",
+                intervals=intervals,
+            )
+            for (_, item, about), found in places.items()
+        ],
+        plan.correction,
+    )
+    return [
+        RankingResult(
+            item=data.item(questionnaire, key),
+            places=found,
+            test=test,
+            about=about,
+            pairs=(
+                corrected_pairs(
+                    first_choice_pairs(
+                        [of[0] for of in found.values()], [named(name) for name in found], about=test.about
+                    ),
+                    len(places) if plan.pairs_over == "items" else None,
+                    test,
+                )
+                if test.significant(plan.alpha)
+                else ()
+            ),
+        )
+        for ((questionnaire, key, about), found), test in zip(places.items(), tests, strict=True)
+    ]
+
+
+def scale_results(data: StudyData) -> list[ScaleResult]:
+    """Every validated scale that was asked. Whoever answered it about a condition more than once counts with the mean
+    of the scores; outside blocks every asking (before, after) has a score of its own."""
+    found = []
+    asked = askings(data.ratings)
+    for questionnaire, scale in data.scales:
+        keys = {item.key for item in scale.items}
+        given: dict[tuple[str, str | None, str], dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+        for one in data.ratings:
+            if one.questionnaire == questionnaire and one.item in keys:
+                asking = asked_about(one, asked) if one.condition is None else ""
+                given[one.person, one.condition, asking][one.item].append(one.value)
+        scores, incomplete = [], 0
+        for (person, condition, asking), answers in given.items():
+            times = max(map(len, answers.values()))
+            if any(len(answers[key]) < times for key in keys):
+                incomplete += times  # whose answer is missing is not known
+                continue
+            scored = [scale.score({key: answers[key][k] for key in keys}) for k in range(times)]
+            scores.append(Score(person, condition, float(np.mean(scored)), asking))
+        of_condition: dict[str, list[float]] = defaultdict(list)
+        for score in scores:
+            of_condition[score.condition or score.asking].append(score.score)
+        means = {
+            name: within(mean_of(values), scale.lowest, scale.highest) for name, values in sorted(of_condition.items())
+        }
+        if given:
+            found.append(ScaleResult(questionnaire, scale, scores, means, incomplete))
+    return found
+
+
+def named(name: str) -> str:
+    """A key in words."""
+    return name.replace("_", " ")

@@ -1,0 +1,242 @@
+"""A study as tidy rows, ready to be analysed: who took part, what they chose, rated, ranked. Pure.
+
+Where the rows come from (a data set on disk, this installation's tables) is `tidy_tables.py`'s.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from desirepath.analysis.scales import Scale
+from desirepath.simulation.trajectory import Trajectory
+
+PROBES = ("repeat", "swap")  # roles of queries that are asked again
+TRIAD = "transitivity"  # role of the three pairs of three trajectories
+Load = Callable[[str], Trajectory]
+"""A trajectory by its id."""
+
+
+@dataclass(frozen=True)
+class ParticipantRow:
+    """state: of the last session (completed, active, paused, expired, none). order: the conditions as they came.
+    groups: stage -> what of a block's `one_of` this participant meets, levels joined by "-". own_policy: what became of
+    the policy made from their answers (shown, not_surely_better, ...), None where none was to be made. further: answers
+    to pairs that were asked on since it was not surely theirs (`ask_on`); they taught and are in no analysis."""
+
+    code: str
+    simulated: bool
+    excluded: str | None
+    withdrawn: bool
+    state: str
+    order: tuple[str, ...]
+    groups: Mapping[str, str] = field(default_factory=dict)
+    own_policy: str | None = None
+    further: int = 0
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One answered query. first, second: trajectories in the order they were shown; chosen: which of these two.
+    device: what it was answered on, as far as the page reported."""
+
+    person: str
+    condition: str
+    view: str
+    query: str
+    role: str
+    first: str
+    second: str
+    chosen: str
+    decision_s: float | None
+    device: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def rejected(self) -> str:
+        return self.first if self.second_chosen else self.second
+
+    @property
+    def second_chosen(self) -> bool:
+        return self.chosen == self.second
+
+
+@dataclass(frozen=True)
+class Rating:
+    """One item of a questionnaire. condition: the block that it was about, None outside blocks. value: as answered; a
+    ranking's is the list of options, best first. asking: the stage that asked, which tells before from after.
+    """
+
+    person: str
+    condition: str | None
+    questionnaire: str
+    item: str
+    value: Any
+    asking: str = ""
+
+
+def askings(ratings: Iterable[Rating]) -> dict[str, set[str]]:
+    """Questionnaire -> the stages outside blocks that asked it: two where it was asked before and after."""
+    found: dict[str, set[str]] = defaultdict(set)
+    for one in ratings:
+        if one.condition is None:
+            found[one.questionnaire].add(one.asking)
+    return found
+
+
+def asked_about(one: Rating, asked: Mapping[str, set[str]]) -> str:
+    """What a rating is about: its condition; outside blocks "", or its asking where there are several."""
+    if one.condition is not None:
+        return one.condition
+    return one.asking if len(asked[one.questionnaire]) > 1 else ""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One blind comparison of two policies. chosen, rejected: arms (own, base, other, neutral). opponent: what is the
+    same for equal policies that stood against the own one, where the data set tells. stand_in: it was made from a
+    simulated person's answers."""
+
+    person: str
+    chosen: str
+    rejected: str
+    look_alike: bool
+    opponent: str | None = None
+    stand_in: bool = False
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Whether a person guessed which of the last pair came from their own answers."""
+
+    person: str
+    right: bool
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """A person met their robot, after everything blind. agreement: 1 to 5; distance: from learned to corrected
+    weights."""
+
+    person: str
+    agreement: int
+    corrected: bool
+    distance: float
+
+
+@dataclass(frozen=True)
+class MethodChoice:
+    """One blind comparison of the robots of two methods. chosen, rejected: the methods."""
+
+    person: str
+    chosen: str
+    rejected: str
+    look_alike: bool
+
+
+@dataclass(frozen=True)
+class Taught:
+    """What a method taught of one person. weights: objective -> weight above 0 that its robot was conditioned on.
+    seconds: from the answer before the method's first thing to do to that of its last; None: not known."""
+
+    person: str
+    method: str
+    weights: Mapping[str, float]
+    seconds: float | None
+
+
+@dataclass(frozen=True)
+class ImportanceRanking:
+    """One trial of chapter 8. ranking: the scene's objects, or people, the most important first. scores: of each, how
+    much it moved the robot, or was attended to, where it stood, 0 to 1. outline, lidar, attention: what of that was
+    shown. role: `regular` counts."""
+
+    person: str
+    condition: str
+    query: str
+    role: str
+    outline: bool
+    lidar: bool
+    ranking: Sequence[str]
+    scores: Mapping[str, float]
+    decision_s: float | None = None
+    attention: bool = False
+
+
+@dataclass(frozen=True)
+class ItemText:
+    """An item as its questionnaire words it, in the report's language. options: value -> label. lowest, points: the
+    ends of its scale; type `score`: of a validated scale of several items.
+
+    instructed: an attention check, whose answer is no opinion; it is in no rating.
+    """
+
+    questionnaire: str
+    key: str
+    type: str
+    text: str
+    points: int
+    options: Mapping[str, str]
+    reversed: bool = False
+    instructed: bool = False
+    lowest: float = 1.0
+
+
+@dataclass(frozen=True)
+class StudyData:
+    """Everybody of a study with all that they answered; nobody is left out yet. protocol: the frozen copy, plain.
+    newest: the same of its latest version, None where the study was never revised. scales: validated scales with the
+    questionnaire that each stands in."""
+
+    name: str
+    study: str
+    protocol: Mapping[str, Any]
+    protocol_hash: str
+    items: Sequence[ItemText]
+    people: Sequence[ParticipantRow]
+    choices: Sequence[Choice]
+    ratings: Sequence[Rating]
+    comparisons: Sequence[Comparison]
+    newest: Mapping[str, Any] | None = None
+    scales: Sequence[tuple[str, Scale]] = ()
+    guesses: Sequence[Guess] = ()
+    meetings: Sequence[Meeting] = ()
+    importance: Sequence[ImportanceRanking] = ()
+    method_choices: Sequence[MethodChoice] = ()
+    taught: Sequence[Taught] = ()
+
+    def of(self, codes: set[str]) -> StudyData:
+        """The same study with only these people's answers; `people` stays whole."""
+        return replace(
+            self,
+            choices=[one for one in self.choices if one.person in codes],
+            ratings=[one for one in self.ratings if one.person in codes],
+            comparisons=[one for one in self.comparisons if one.person in codes],
+            guesses=[one for one in self.guesses if one.person in codes],
+            meetings=[one for one in self.meetings if one.person in codes],
+            importance=[one for one in self.importance if one.person in codes],
+            method_choices=[one for one in self.method_choices if one.person in codes],
+            taught=[one for one in self.taught if one.person in codes],
+        )
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """What is compared, by the alphabet, so that no table depends on who came first: the conditions of regular
+        queries, or of importance rankings; without either those that were rated, as an evaluation's controllers. Ways
+        of telling the robot are conditions, of which choosing is one."""
+        if self.taught:
+            return tuple(sorted({one.method for one in self.taught}))
+        queried = {one.condition for one in self.choices if one.role == "regular"}
+        queried |= {one.condition for one in self.importance if one.role == "regular"}
+        return tuple(sorted(queried or {one.condition for one in self.ratings if one.condition is not None}))
+
+    def item(self, questionnaire: str, key: str) -> ItemText:
+        """The item's words; its key where the questionnaire's file is not there."""
+        found = (one for one in self.items if (one.questionnaire, one.key) == (questionnaire, key))
+        return next(found, ItemText(questionnaire, key, "scale", key.replace("_", " "), 7, {}))
+
+    def place(self, questionnaire: str, key: str) -> int:
+        """Where the item stands among all; items whose file is not there come last, in the order they were met."""
+        keys = [(one.questionnaire, one.key) for one in self.items]
+        return keys.index((questionnaire, key)) if (questionnaire, key) in keys else len(keys)

@@ -1,0 +1,47 @@
+"""Numbers of chapter 4 that its setups share: pedestrians, noise, path, reward, curriculum. The setups: `setups.py`.
+
+Their flat observation (lidar, path) is for other libraries; chapter 4's networks read states of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from desirepath.simulation.setups import (
+    CROWD_CORRIDOR,
+    CROWD_INTERSECTION,
+    CROWD_OFFICE,
+    CROWD_SETUPS,
+    Setup,
+    SetupError,
+)
+
+PED_DEPTH_M, PED_WIDTH_M, PED_HEIGHT_M = 0.4, 0.5, 1.7  # cuboids, ours: the thesis gives no size
+PED_SPEEDS_M_S = (0.5, 1.0)  # section 4.4.6.1
+LIDAR_NOISE_M = 0.025  # section 4.4.7, amplitude
+PATH_POINTS, PATH_SPACING_M = 5, 0.3  # section 4.4.3
+GUIDE_AHEAD_M = 0.6  # section 4.4.4
+PROXIMITY_M = 0.5
+CURRICULUM = (2, 4, 8)  # moving pedestrians at most, section 4.4.6.1
+CURRICULUM_SUCCESS = 0.7
+
+
+@dataclass(frozen=True)
+class CrowdReward:
+    """Weights of equation 4.1: collision (-1), distance to the guidance point (m), proximity (m below 0.5 m)."""
+
+    collision: float = 10.0
+    guide: float = 0.2
+    proximity: float = 3.0
+
+
+TRAINED_SETUPS = (CROWD_CORRIDOR.name, CROWD_INTERSECTION.name, CROWD_OFFICE.name)
+_BY_NAME = {setup.name: setup for setup in CROWD_SETUPS}
+
+
+def get_crowd_setup(name: str) -> Setup:
+    """The crowd setup of that name. Raises SetupError listing the known ones."""
+    try:
+        return _BY_NAME[name]
+    except KeyError:
+        raise SetupError(f"unknown crowd setup {name!r}; known: {', '.join(_BY_NAME)}") from None

@@ -1,0 +1,103 @@
+"""Shortest ways on a grid of free cells (A*), compiled. What makes the grid, and who walks the way, is elsewhere.
+
+Compiled functions of one file only: see `kernels.py`.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.simulation.kernels import compiled_exactly
+
+Bools = NDArray[np.bool_]
+
+
+@compiled_exactly
+def mark_free_cells(boxes: NDArray[np.float64], xs: NDArray[np.float64], ys: NDArray[np.float64], gap: float) -> Bools:
+    """(len(xs), len(ys)) whether a disc of radius `gap` (m) around that place touches none of the boxes (n, 6)."""
+    free = np.ones((len(xs), len(ys)), dtype=np.bool_)
+    for b in range(len(boxes)):
+        cos, sin = boxes[b, 4], boxes[b, 5]
+        for i in range(len(xs)):
+            dx = xs[i] - boxes[b, 0]
+            for j in range(len(ys)):
+                dy = ys[j] - boxes[b, 1]
+                along = max(abs(dx * cos + dy * sin) - boxes[b, 2], 0.0)
+                across = max(abs(dy * cos - dx * sin) - boxes[b, 3], 0.0)
+                if along * along + across * across < gap * gap:
+                    free[i, j] = False
+    return free
+
+
+@compiled_exactly
+def _sees(free: Bools, i0: int, j0: int, i1: int, j1: int) -> bool:
+    """Whether the straight line between two cells runs through free cells, looked at every fourth of a cell."""
+    steps = int(4 * max(abs(i1 - i0), abs(j1 - j0)))
+    for s in range(1, steps):
+        i = math.floor(i0 + (i1 - i0) * s / steps + 0.5)
+        j = math.floor(j0 + (j1 - j0) * s / steps + 0.5)
+        if not free[int(i), int(j)]:
+            return False
+    return True
+
+
+@compiled_exactly
+def a_star(free: Bools, begin: tuple[int, int], end: tuple[int, int]) -> NDArray[np.int64]:
+    """The shortest way over eight neighbours, corners not cut: cells (n, 2), both ends included; (0, 2) for none."""
+    lines = free.shape[1]
+    if not (free[begin[0], begin[1]] and free[end[0], end[1]]):
+        return np.zeros((0, 2), dtype=np.int64)
+    cost = np.full(free.size, np.inf)
+    came = np.full(free.size, -1, dtype=np.int64)
+    first, last = begin[0] * lines + begin[1], end[0] * lines + end[1]
+    cost[first] = 0.0
+    heap = [(0.0, first)]
+    while len(heap) > 0:
+        _, here = heapq.heappop(heap)
+        if here == last:
+            break
+        i, j = here // lines, here % lines
+        for di in range(-1, 2):
+            for dj in range(-1, 2):
+                u, v = i + di, j + dj
+                if (di == 0 and dj == 0) or u < 0 or v < 0 or u >= free.shape[0] or v >= lines or not free[u, v]:
+                    continue
+                if di != 0 and dj != 0 and not (free[i, v] and free[u, j]):
+                    continue
+                there = u * lines + v
+                so_far = cost[here] + math.sqrt(float(di * di + dj * dj))
+                if so_far < cost[there] - 1e-12:
+                    cost[there], came[there] = so_far, here
+                    ahead = math.sqrt(float((u - end[0]) ** 2 + (v - end[1]) ** 2))
+                    heapq.heappush(heap, (so_far + ahead, there))
+    if came[last] < 0:
+        return np.zeros((0, 2), dtype=np.int64)
+    count, here = 1, last
+    while here != first:
+        here = came[here]
+        count += 1
+    way = np.zeros((count, 2), dtype=np.int64)
+    here = last
+    for k in range(count):
+        way[count - 1 - k, 0], way[count - 1 - k, 1] = here // lines, here % lines
+        here = came[here]
+    return way
+
+
+@compiled_exactly
+def pulled_straight(free: Bools, way: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The corners of a way (n, 2) that remain where straight lines between free cells replace its zigzag."""
+    kept = np.zeros_like(way)
+    kept[0] = way[0]
+    count, at = 1, 0
+    while at < len(way) - 1:
+        ahead = len(way) - 1
+        while ahead > at + 1 and not _sees(free, way[at, 0], way[at, 1], way[ahead, 0], way[ahead, 1]):
+            ahead -= 1
+        kept[count] = way[ahead]
+        count, at = count + 1, ahead
+    return kept[:count]

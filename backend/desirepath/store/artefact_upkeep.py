@@ -1,0 +1,147 @@
+"""Renames, archives and deletes artefacts, and says what hangs on one first. Who may do so is the API's.
+
+What was made from answers is erased with them (`erasure.py`); here somebody tidies up. Nothing is deleted from which
+something else was made, on which a study or a job stands, or which participants were shown.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy import ColumnElement, and_, delete, select
+from sqlalchemy.orm import Session
+
+from desirepath.store.artefacts import ArtefactError, ArtefactStore
+from desirepath.store.models import Artefact, ArtefactAnswer, ArtefactParent, Job, ProtocolVersion, Study, Trial
+from desirepath.store.outbox import ENDED
+from desirepath.store.plain_data import mentions
+
+LONGEST_NAME = 160
+
+
+@dataclass(frozen=True)
+class Uses:
+    """What hangs on an artefact. made: what was made from it, directly, by name and kind; studies: names of those that
+    stand on it; jobs: ids of those that stand on it (`_jobs_on`); shown: trials in which its rollouts were shown."""
+
+    made: tuple[Artefact, ...]
+    studies: tuple[str, ...]
+    jobs: tuple[str, ...]
+    shown: int
+    shipped: bool
+
+    def against_deleting(self) -> list[str]:
+        """In words why it must stay; empty where it may go."""
+        reasons = []
+        if self.shipped:
+            reasons.append("it came with the product and would come back at the next start")
+        if self.made:
+            reasons.append(f"{len(self.made)} were made from it: {', '.join(one.name for one in self.made[:3])}")
+        if self.studies:
+            reasons.append(f"studies ask from it: {', '.join(self.studies[:3])}")
+        if self.jobs:
+            reasons.append(f"jobs stand on it: {', '.join(self.jobs[:3])}")
+        if self.shown:
+            reasons.append(f"participants were shown it in {self.shown} trials")
+        return reasons
+
+
+def offered() -> ColumnElement[bool]:
+    """A condition on `Artefact`: what may be chosen for something new."""
+    return and_(Artefact.quarantined_at.is_(None), Artefact.archived_at.is_(None))
+
+
+def uses_of(s: Session, artefact_id: str) -> Uses:
+    """What hangs on an artefact; locks nothing, so that it can be looked at. Raises ArtefactError if there is none."""
+    artefact = _artefact(s, artefact_id, lock=False)
+    made = (
+        select(Artefact)
+        .join(ArtefactParent, ArtefactParent.artefact_id == Artefact.id)
+        .where(ArtefactParent.parent_id == artefact_id)
+        .order_by(Artefact.created_at, Artefact.id)
+    )
+    studies = [
+        study.name
+        for study in s.scalars(select(Study).order_by(Study.created_at))
+        if mentions(_frozen_for(s, study), {artefact_id})
+    ]
+    arms = s.scalars(select(Trial.arms).where(Trial.arms.is_not(None)))
+    return Uses(
+        made=tuple(s.scalars(made).unique()),
+        studies=tuple(studies),
+        jobs=_jobs_on(s, artefact),
+        shown=sum(mentions(one, {artefact_id}) for one in arms),
+        shipped=artefact.job_id is None and artefact.study_id is None and "sha256" in artefact.card,
+    )
+
+
+def _jobs_on(s: Session, artefact: Artefact) -> tuple[str, ...]:
+    """Those under way that name or make it. Of what holds answers all that ever named it: an erasure finds by it what
+    was learned from somebody. And the one that made it for a participant, who may still be shown it.
+    """
+    answers = artefact.kind in ("snapshot", "demonstrations")
+    jobs = s.execute(select(Job.id, Job.params, Job.state, Job.session_id).order_by(Job.created_at))
+    return tuple(
+        job
+        for job, params, state, session in jobs
+        if (mentions(params, {artefact.id}) and (answers or state not in ENDED))
+        or (job == artefact.job_id and (session is not None or state not in ENDED))
+    )
+
+
+def rename_artefact(s: Session, artefact_id: str, name: str) -> Artefact:
+    """Give it another name; its id, which is the hash of its content, stays. Raises ArtefactError for a name that is
+    empty, too long or holds line breaks."""
+    artefact = _artefact(s, artefact_id)
+    wanted = name.strip()
+    if not wanted or len(wanted) > LONGEST_NAME or not wanted.isprintable():
+        raise ArtefactError(f"name = {name[:80]!r}: must be one line of 1 to {LONGEST_NAME} characters")
+    artefact.name = wanted
+    return artefact
+
+
+def archive_artefact(s: Session, artefact_id: str, *, by: str, now: datetime) -> Artefact:
+    """Take it out of the lists from which something is chosen; all that hangs on it goes on. Twice is once."""
+    artefact = _artefact(s, artefact_id)
+    if artefact.archived_at is None:
+        artefact.archived_at, artefact.archived_by = now, by
+    return artefact
+
+
+def restore_artefact(s: Session, artefact_id: str) -> Artefact:
+    """Bring an archived one back into the lists."""
+    artefact = _artefact(s, artefact_id)
+    artefact.archived_at = artefact.archived_by = None
+    return artefact
+
+
+def delete_artefact(s: Session, files: ArtefactStore, artefact_id: str) -> Artefact:
+    """Delete it with its file and its lineage; what it was made from and its rollouts stay. Returns what it was.
+
+    Raises ArtefactError that says why it must stay (`Uses.against_deleting`); archiving is always possible.
+    """
+    artefact = _artefact(s, artefact_id)
+    against = uses_of(s, artefact_id).against_deleting()
+    if against:
+        raise ArtefactError(f"{artefact.kind} {artefact.name!r} stays: {'; '.join(against)}. It can be archived")
+    s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.artefact_id == artefact_id))
+    s.execute(delete(ArtefactParent).where(ArtefactParent.artefact_id == artefact_id))
+    s.execute(delete(Artefact).where(Artefact.id == artefact_id))
+    s.flush()
+    s.expunge(artefact)
+    files.delete(artefact_id)  # before the rows commit: a deletion that is cut short can be repeated
+    return artefact
+
+
+def _artefact(s: Session, artefact_id: str, *, lock: bool = True) -> Artefact:
+    artefact = s.get(Artefact, artefact_id, with_for_update=lock or None)
+    if artefact is None:
+        raise ArtefactError(f"no artefact with id {artefact_id!r}")
+    return artefact
+
+
+def _frozen_for(s: Session, study: Study) -> list[object]:
+    """Every protocol of the study, as it was frozen: `materials` name the artefacts that it stands on."""
+    later = s.scalars(select(ProtocolVersion.protocol).where(ProtocolVersion.study_id == study.id))
+    return [study.protocol, *later]

@@ -1,0 +1,269 @@
+"""Brings a data set that lies in a folder into this database, to the same answers. Reading its files is `reading.py`'s.
+
+An imported study is closed and its sessions have no link: it is there to be analysed. Recruiting ids, completion codes,
+problem reports and whatever withdrawn participants left were never exported, so they are not there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+from sqlalchemy.exc import DBAPIError
+from sqlalchemy.orm import Session
+
+from desirepath.simulation.trajectory import Trajectory
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.store.dataset.coding_rows import add_codings
+from desirepath.store.dataset.columns import PROTOCOL_FOLDER, STUDY_FILE, TRAJECTORY_FOLDER
+from desirepath.store.dataset.reading import (
+    About,
+    AboutProtocol,
+    AboutVersion,
+    DatasetError,
+    Row,
+    check_files,
+    frozen_in,
+    read_about,
+    read_tables,
+    version_in,
+)
+from desirepath.store.dataset.stroke_rows import add_strokes
+from desirepath.store.dataset.tables import (
+    CODEBOOK,
+    CODINGS,
+    EVENTS,
+    PARTICIPANTS,
+    RESPONSES,
+    SESSIONS,
+    STROKES,
+    TRAJECTORIES,
+    TRIALS,
+)
+from desirepath.store.demonstration_snapshots import StrokeError
+from desirepath.store.models import (
+    Event,
+    Participant,
+    ProtocolVersion,
+    Response,
+    Study,
+    Tombstone,
+    TrajectoryRow,
+    Trial,
+    new_id,
+    protocol_digest,
+)
+from desirepath.store.models import Session as SessionRow
+from desirepath.store.plain_data import Unstorable
+
+# Columns that are called as in the database.
+PARTICIPANT_FIELDS = ("simulated", "pilot", "oracle", "created_at", "withdrawn_at", "excluded_at", "excluded_reason")
+SESSION_FIELDS = (
+    *("state", "language", "simulated", "seed", "plan", "position", "device", "personalisation", "predictive_check"),
+    *("created_at", "opens_at", "started_at", "finished_at", "last_seen_at", "expires_at"),
+    *("ended_because", "appointment", "protocol_number", "assignment"),
+)
+TRIAL_FIELDS = (
+    *("index", "block", "kind", "role", "view", "trajectory_a", "trajectory_b", "arms", "phase"),
+    *("phase_since", "a_seen_at", "b_seen_at", "restarts", "replays", "probe_of", "sides_swapped"),
+)
+
+
+def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str, Any]:
+    """Load the data set in `folder`; returns {"study", "participants", "sessions", "responses", "trajectories"}.
+
+    Checks every checksum first. Raises DatasetError naming the file if one is missing, changed, added or unreadable, if
+    the protocol is not the one whose hash the study carries, or if the study is here already.
+    """
+    check_files(folder)
+    about = read_about(folder)
+    read = (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES, EVENTS, TRAJECTORIES, STROKES, CODEBOOK, CODINGS)
+    tables = read_tables(folder, read)
+    try:
+        with db.transaction() as s:
+            if s.get(Study, about.study) is not None:
+                raise DatasetError(f"study {about.study} ({about.name}) is in this database already")
+            _add_study(s, folder, about)
+            _add_trajectories(s, files, folder, tables[TRAJECTORIES.name])
+            _add_rows(s, about.study, tables)
+            add_strokes(s, files, folder, tables[STROKES.name])
+            add_codings(s, about.study, tables[CODEBOOK.name], tables[CODINGS.name])
+    except KeyError as missing:
+        raise DatasetError(f"{folder}: {missing} is missing or names nothing in the data set") from missing
+    except StrokeError as problem:
+        raise DatasetError(str(problem)) from None
+    except Unstorable as problem:
+        raise DatasetError(f"{folder}: a value {problem}") from None
+    except DBAPIError as problem:  # not StorageError: that is the disk's or the lock's
+        raise DatasetError(f"{folder}: its rows do not fit together or are here already ({problem.orig})") from problem
+    return {
+        "study": about.study,
+        "participants": len(tables[PARTICIPANTS.name]),
+        "sessions": len(tables[SESSIONS.name]),
+        "responses": len(tables[RESPONSES.name]),
+        "trajectories": len(tables[TRAJECTORIES.name]),
+    }
+
+
+def _add_study(s: Session, folder: Path, about: About) -> None:
+    protocol_yaml, frozen = frozen_in(folder)
+    _check_protocol(protocol_yaml, frozen["files"], about.protocol, f"{PROTOCOL_FOLDER}: protocol.yaml and frozen.json")
+    s.add(
+        Study(
+            id=about.study,
+            name=about.name,
+            protocol_name=about.protocol.name,
+            protocol_version=about.protocol.version,
+            protocol_yaml=protocol_yaml,
+            protocol=frozen["protocol"],
+            files=frozen["files"],
+            protocol_hash=about.protocol.sha256,
+            state="closed",
+            recruiting_token=secrets.token_urlsafe(32),
+            seed=about.seed,
+            created_at=about.created_at,
+        )
+    )
+    s.flush()
+    for version in about.protocol_versions:
+        s.add(_version(folder, about.study, version))
+    for one in about.erased_participants:
+        s.add(
+            Tombstone(id=one.tombstone, study_id=about.study, erased_at=one.erased_at, erased_by="imported", counts={})
+        )
+
+
+def _check_protocol(written: str, files: dict[str, str], about: AboutProtocol, what: str) -> None:
+    """What the data set holds must be the protocol whose hash it tells. Raises DatasetError."""
+    found, expected = protocol_digest(written, files), about.as_written
+    if found != expected:
+        raise DatasetError(
+            f"{what} have sha256 {found}, but {STUDY_FILE} says {expected}: this is not the protocol that the answers "
+            "were collected with; use an untouched copy"
+        )
+
+
+def _version(folder: Path, study_id: str, about: AboutVersion) -> ProtocolVersion:
+    frozen = version_in(folder, about.number)
+    _check_protocol(frozen["yaml"], frozen["files"], about, f"{PROTOCOL_FOLDER}/{about.number}.json: its protocol")
+    return ProtocolVersion(
+        study_id=study_id,
+        number=about.number,
+        protocol_version=about.version,
+        protocol_yaml=frozen["yaml"],
+        protocol=frozen["protocol"],
+        files=frozen["files"],
+        protocol_hash=about.sha256,
+        changes=about.changes,
+        created_at=about.created_at,
+    )
+
+
+def _add_trajectories(s: Session, files: ArtefactStore, folder: Path, rows: list[Row]) -> None:
+    contents: list[bytes] = []
+    for row in rows:
+        name = f"{TRAJECTORY_FOLDER}/{row['trajectory']}.npz"
+        try:
+            # The bytes as they came: another machine's compressor may write the same arrays differently.
+            content = (folder / name).read_bytes()
+        except OSError as problem:
+            raise DatasetError(f"{name}: cannot be read ({problem.strerror})") from None
+        if hashlib.sha256(content).hexdigest() != row["trajectory"]:  # before anything of it is unpacked
+            raise DatasetError(f"{name}: holds another trajectory than its name says")
+        try:
+            trajectory = Trajectory.from_bytes(content)
+        except (ValueError, KeyError, TypeError, BadZipFile) as problem:
+            raise DatasetError(f"{name}: is no trajectory ({problem})") from None
+        contents.append(content)
+        if s.get(TrajectoryRow, row["trajectory"]) is None:
+            s.add(
+                TrajectoryRow(
+                    id=row["trajectory"],
+                    setup=trajectory.scene.setup,
+                    scene_hash=trajectory.scene.digest(),
+                    steps=len(trajectory.actions),
+                    duration_s=trajectory.duration_s,
+                    outcome=int(trajectory.outcome),
+                    made_by=row["made_by"],
+                    created_at=row["created_at"],
+                )
+            )
+    files.put_all(contents)
+
+
+def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
+    people: dict[str, Participant] = {}
+    for row in tables[PARTICIPANTS.name]:
+        people[row["participant"]] = Participant(
+            id=new_id(),
+            study_id=study_id,
+            code=row["participant"],
+            consents=_consents(row),
+            **_kept(row, PARTICIPANT_FIELDS),
+        )
+    s.add_all(people.values())
+    s.flush()
+    for row in tables[SESSIONS.name]:
+        s.add(
+            SessionRow(
+                id=row["session"],
+                participant_id=people[row["participant"]].id,
+                study_id=study_id,
+                token_hash=secrets.token_hex(32),  # the hash of no token: nobody can enter
+                **_kept(row, SESSION_FIELDS),
+            )
+        )
+    s.flush()
+    for row in tables[TRIALS.name]:
+        s.add(
+            Trial(
+                id=row["trial"],
+                session_id=row["session"],
+                step_key=row["step"],
+                query_id=row["query"],
+                **_kept(row, TRIAL_FIELDS),
+            )
+        )
+    s.flush()
+    for row in tables[RESPONSES.name]:
+        s.add(
+            Response(
+                id=row["response"],
+                session_id=row["session"],
+                trial_id=row["trial"],
+                step_key=row["step"],
+                kind=row["kind"],
+                value=row["value"],
+                request_id=f"imported-{row['response']}",
+                client_time=row["client_time"],
+                decision_s=row["decision_s"],
+                consent_id=row["consent"],
+                created_at=row["created_at"],
+            )
+        )
+    for row in tables[EVENTS.name]:
+        s.add(
+            Event(
+                at=row["at"],
+                study_id=study_id,
+                session_id=row["session"],
+                trial_id=row["trial"],
+                kind=row["kind"],
+                client_time=row["client_time"],
+                data=row["data"],
+            )
+        )
+        s.flush()  # one by one: their order is their id
+
+
+def _consents(row: Row) -> Row | None:
+    asked = {purpose: row[purpose] for purpose in ("training", "open_data") if row[purpose] is not None}
+    return asked or None
+
+
+def _kept(row: Row, fields: tuple[str, ...]) -> Row:
+    return {name: row[name] for name in fields}

@@ -1,0 +1,163 @@
+"""Takes snapshots of demonstrations: the kept paths that a job learns from, frozen. A data set's rows of them are
+`dataset/stroke_rows.py`'s.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from desirepath.store.artefacts import ArtefactError, ArtefactStore, save_artefact
+from desirepath.store.models import Artefact, Participant, Response, StrokeRow
+from desirepath.store.models import Session as SessionRow
+from desirepath.store.snapshots import WHOSE_WORDS
+from desirepath.store.who_counts import Whose, learned_from, lets_us_learn
+
+FORMAT = "desirepath-demonstrations-1"
+KEPT = "kept"
+
+
+class StrokeError(ValueError):
+    """Strokes that cannot be used as asked."""
+
+
+@dataclass(frozen=True)
+class KeptDemonstration:
+    """One demonstration of a snapshot. demonstration: sha256 of its file. source: human or simulated."""
+
+    response: str
+    stroke: str
+    participant: str
+    pair: int
+    demonstration: str
+    source: str
+
+
+def demonstrations_of(
+    s: Session,
+    *,
+    study_id: str,
+    environment: str | None = None,
+    session_id: str | None = None,
+    participant_id: str | None = None,
+    whose: Whose = "people",
+) -> list[tuple[StrokeRow, Participant, Response]]:
+    """What was kept and may be learned from, in order: not left out, and of whom `who_counts` lets learn. whose: of a
+    study's participants only people (default), only simulated ones, or all; a session or a participant is asked for by
+    name.
+    """
+    asked = (
+        select(StrokeRow, Participant, Response)
+        .join(SessionRow, SessionRow.id == StrokeRow.session_id)
+        .join(Participant, Participant.id == SessionRow.participant_id)
+        .join(Response, (Response.session_id == StrokeRow.session_id) & (Response.step_key == StrokeRow.step_key))
+        .where(
+            SessionRow.study_id == study_id,
+            StrokeRow.state == KEPT,
+            StrokeRow.left_out_at.is_(None),
+            learned_from("session" if session_id else "all" if participant_id else whose),
+        )
+        .order_by(Participant.code, StrokeRow.created_at, StrokeRow.id)
+    )
+    if environment is not None:
+        asked = asked.where(StrokeRow.environment == environment)
+    if session_id is not None:
+        asked = asked.where(StrokeRow.session_id == session_id)
+    if participant_id is not None:
+        asked = asked.where(Participant.id == participant_id)
+    return [(stroke, person, response) for stroke, person, response in s.execute(asked) if lets_us_learn(person)]
+
+
+def take_demonstrations(
+    s: Session,
+    files: ArtefactStore,
+    *,
+    study_id: str,
+    environment: str,
+    session_id: str | None = None,
+    participant_id: str | None = None,
+    whose: Whose = "people",
+) -> Artefact:
+    """Freeze the demonstrations of one environment as an artefact of kind `demonstrations`: of a session, of a
+    participant, or of everybody in the study who is of that kind. Raises StrokeError if there are none.
+    """
+    found = demonstrations_of(
+        s,
+        study_id=study_id,
+        environment=environment,
+        session_id=session_id,
+        participant_id=participant_id,
+        whose=whose,
+    )
+    if not found:
+        of = "" if session_id or participant_id else f" by {WHOSE_WORDS[whose]}"
+        raise StrokeError(f"environment = {environment!r}: no demonstration was kept{of} that may be learned from")
+    kept = [
+        KeptDemonstration(
+            response=response.id,
+            stroke=stroke.id,
+            participant=person.code,
+            pair=stroke.pair,
+            demonstration=stroke.demonstration or "",
+            source="simulated" if person.simulated else "human",
+        )
+        for stroke, person, response in found
+    ]
+    content = {
+        "format": FORMAT,
+        "setup": environment,
+        "study": study_id,
+        "session": session_id,
+        "demonstrations": [vars(one) for one in kept],
+    }
+    people = sorted({one.participant for one in kept})
+    whom = people[0] if len(people) == 1 else f"{len(people)} participants"
+    return save_artefact(
+        s,
+        files,
+        kind="demonstrations",
+        name=f"{len(kept)} demonstrations in the {environment} by {whom}",
+        setup=environment,
+        content=json.dumps(content, sort_keys=True).encode(),
+        card={
+            "study": study_id,
+            "session": session_id,
+            "environment": environment,
+            "demonstrations": len(kept),
+            "pairs": sorted({one.pair for one in kept}),
+            "participants": len(people),
+            "human": sum(one.source == "human" for one in kept),
+        },
+        answers=[one.response for one in kept],
+        study_id=study_id,
+        simulated=any(one.source == "simulated" for one in kept),
+    )
+
+
+def read_demonstrations(content: bytes) -> tuple[str, Sequence[KeptDemonstration]]:
+    """Environment and demonstrations of a snapshot's file. Raises StrokeError for anything else."""
+    try:
+        data = json.loads(content)
+        if data["format"] != FORMAT:
+            raise ValueError(f"format {data['format']!r}, what is read here is {FORMAT!r}")
+        return data["setup"], [KeptDemonstration(**one) for one in data["demonstrations"]]
+    except (ValueError, KeyError, TypeError) as problem:
+        raise StrokeError(f"no snapshot of demonstrations: {problem}") from None
+
+
+def programmed_files(s: Session, files: ArtefactStore) -> set[str]:
+    """Files that snapshots of programmed demonstrators alone name: no row of a person's path does."""
+    named: set[str] = set()
+    for snapshot in s.scalars(
+        select(Artefact.id).where(Artefact.kind == "demonstrations", Artefact.quarantined_at.is_(None))
+    ):
+        with suppress(ArtefactError):  # that file is gone, so nothing needs the others
+            data = json.loads(files.get(snapshot))
+            if data.get("study") is None:
+                named |= {one["demonstration"] for one in data.get("demonstrations", [])}
+    return named

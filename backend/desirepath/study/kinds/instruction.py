@@ -1,0 +1,43 @@
+"""Kind of step `instruction`: a page that says what to do next; in blocks one per condition."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from desirepath.grammar.conditions import Condition
+from desirepath.grammar.parts import FileName
+from desirepath.study.kinds.base import BlockPart, Planning, Step
+from desirepath.study.kinds.text_page import TextPage, TextStage, TextStep
+from desirepath.study.kinds.wire import Confirmed
+
+
+class BlockText(BlockPart):
+    """A page of text in a block; `text` may hold the block's factors in braces: `texts/instruction_{view}.md`."""
+
+    text: FileName
+
+    def step(self, prefix: str, place: str, condition: Condition, where: Mapping[str, Any]) -> Step:
+        said = {"kind": "instruction", "key": f"{prefix}.{place}", **where, "text": condition.filled(self.text)}
+        return InstructionStep.model_validate(said)
+
+
+class InstructionStage(TextStage):
+    """A page of text; `text` names a markdown file with one variant per language (`instruction.en.md`)."""
+
+    def plan(self, at: Planning) -> list[Step]:
+        return [InstructionStep(kind="instruction", key=at.key, stage=at.key, text=self.text)]
+
+
+class InstructionStep(TextStep):
+    kind: Literal["instruction"]
+
+
+class Instruction(TextPage[InstructionStep, Confirmed]):
+    name = "instruction"
+    step = InstructionStep
+    stages = {"instruction": InstructionStage}
+    block_parts = {"instruction": BlockText}
+
+
+KIND = Instruction()

@@ -1,0 +1,254 @@
+"""What steps share at which weights are changed by hand and the robot's way is redrawn at once. No kind by itself.
+
+The rollouts are `personalising/live_rollouts.py`'s; the requests for them `web/participant/live_requests.py`'s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from sqlalchemy import select
+
+from desirepath.grammar.parts import Part
+from desirepath.grammar.words import View
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.models import Event
+from desirepath.study.kinds.base import Kind, Moment, Page, Simulated, Step
+from desirepath.study.kinds.wire import Answer, BadValue, Besides
+from desirepath.study.personalising.live_rollouts import MOST_PLACES, conditioned_on
+
+if TYPE_CHECKING:
+    from desirepath.learning.policies.policy import Policy
+
+MOST_CHANGES = 4_000  # ours: a slider moved for five minutes without a rest
+LONGEST_S = 24 * 3600.0
+ROUNDED = 3  # digits of a stored weight; sliders have two
+SAME = 0.0051  # weights that differ by less are the same: half a step of a slider
+CONTROLS: tuple[tuple[str, ...], ...] = (
+    ("closer", "farther"),
+    ("person_on_left", "person_on_right"),
+    ("clearance",),
+    ("slower_near_person",),
+    ("smoother",),
+    ("shorter",),
+    ("faster",),
+)
+"""The sliders: nine weights, of which two pairs exclude each other, so that each pair is the two ends of one slider."""
+OBJECTIVES = tuple(name for control in CONTROLS for name in control)
+Setup = Literal["study_room", "open_field"]
+SETUPS: tuple[str, ...] = get_args(Setup)
+CORNERS = 3
+Weights = dict[str, float]
+
+
+def three_corners(names: list[str]) -> list[str]:
+    """The same names. Raises ValueError unless they can be the corners of a triangle."""
+    known = ", ".join(OBJECTIVES)
+    for name in names:
+        if name not in OBJECTIVES:
+            raise ValueError(f"{name[:40]!r} is no objective; known are {known}")
+        if names.count(name) > 1:
+            raise ValueError(f"names {name} twice; needed are three different objectives")
+    if len(names) != CORNERS:
+        raise ValueError(f"names {len(names)} objectives; a triangle has three corners, of {known}")
+    for pair in CONTROLS:
+        if len(pair) == 2 and set(pair) <= set(names):
+            raise ValueError(f"names {pair[0]} and {pair[1]}, of which only one may be above 0")
+    return names
+
+
+Corners = Annotated[list[str], AfterValidator(three_corners)]
+
+
+class LiveStage(Part):
+    """Where weights are changed: in `scenes` scenes of `setup`, in which its conditioned policy drives. objectives:
+    three of the nine, weighed against each other in a triangle; None: all nine, by sliders.
+    """
+
+    setup: Setup = "study_room"
+    scenes: int = Field(3, ge=1, le=MOST_PLACES)
+    view: View = "top_down"
+    objectives: Corners | None = None
+
+    @property
+    def said(self) -> dict[str, Any]:
+        """What its step says of it."""
+        own = {"setup": self.setup, "scenes": self.scenes, "view": self.view}
+        return own | ({"objectives": self.objectives} if self.objectives else {})
+
+
+class LiveStep(Step):
+    """setup: whose conditioned policy drives; scenes: how many of the setup's places there are to try it in;
+    objectives: the corners of the triangle, None: sliders for all; reasons: whether it is
+    said what the robot looks at.
+    """
+
+    setup: str
+    scenes: int
+    view: View
+    objectives: list[str] | None = None
+    reasons: bool = False
+
+
+def _numbers(given: object) -> object:
+    """No booleans: to JSON's readers these are numbers, too."""
+    if isinstance(given, dict) and any(isinstance(value, bool) for value in given.values()):
+        raise ValueError("must be numbers from 0 to 1 by objective")
+    return given
+
+
+class Change(BaseModel):
+    """One weight was changed. seconds: since the page was opened; place: in which scene, from 0; by: mouse, touch, pen,
+    keys or button; objective: which weight; weight: its new value.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    seconds: float = Field(ge=0, le=LONGEST_S, allow_inf_nan=False)
+    place: int = Field(ge=0, lt=MOST_PLACES)
+    by: Literal["mouse", "touch", "pen", "keys", "button", "words", "bot"]
+    objective: str = Field(max_length=40)
+    weight: float = Field(ge=0, le=1, allow_inf_nan=False)
+
+
+class LiveAnswer(Answer):
+    """The weights that somebody arrived at, and every change on the way there, in order."""
+
+    weights: Annotated[Weights, BeforeValidator(_numbers)]
+    history: list[Change] = Field([], max_length=MOST_CHANGES)
+
+
+class AboutLive(Besides):
+    start: Weights | None = Field(None, description="the weights that the controls stand at in the beginning")
+    objectives: list[str] | None = Field(None, description="those weighed in a triangle; null: all, by sliders")
+
+
+def cleaned(weights: Mapping[str, float], field: str = "value.weights") -> Weights:
+    """Those above 0, rounded, in the controls' order. Raises BadValue for names, values or opposites that cannot be."""
+    for name, weight in weights.items():
+        if name not in OBJECTIVES:
+            raise BadValue(f"{field}.{name[:40]}", weight, f"is no objective; known are {', '.join(OBJECTIVES)}")
+        if not 0 <= weight <= 1:
+            raise BadValue(f"{field}.{name}", weight, "must be from 0 to 1")
+    kept = {name: round(float(weights[name]), ROUNDED) for name in OBJECTIVES if weights.get(name, 0) > 0}
+    for pair in CONTROLS:
+        if len(pair) == 2 and set(pair) <= set(kept):
+            raise BadValue(f"{field}.{pair[1]}", kept[pair[1]], f"cannot be above 0 beside {pair[0]}, its opposite")
+    return kept
+
+
+def in_triangle(weights: Mapping[str, float], corners: Sequence[str], order: Sequence[str] = OBJECTIVES) -> Weights:
+    """What those weights say of the corners alone, in whole percent; the middle where they say nothing. order: all
+    objectives that there are, in which the result is given."""
+    shares = [max(0.0, weights.get(name, 0.0)) for name in corners]
+    together = sum(shares)
+    exact = [100 * share / together if together > 0 else 100 / len(corners) for share in shares]
+    percent = [math.floor(share) for share in exact]
+    missing = sorted(range(len(corners)), key=lambda k: percent[k] - exact[k])[: 100 - sum(percent)]
+    whole = [share + (k in missing) for k, share in enumerate(percent)]
+    found = dict(zip(corners, whole, strict=True))
+    return {name: found[name] / 100 for name in order if found.get(name, 0) > 0}
+
+
+def startable(step: LiveStep, weights: Mapping[str, float]) -> Weights:
+    """Those weights as the step's controls can stand at them."""
+    return in_triangle(weights, step.objectives) if step.objectives else dict(weights)
+
+
+def replayed(start: Mapping[str, float], history: Iterable[Mapping[str, Any]]) -> Weights:
+    """The weights after those changes; raising one of two opposites puts the other to 0."""
+    now = dict(start)
+    for change in history:
+        now[change["objective"]] = change["weight"]
+        for pair in CONTROLS:
+            if len(pair) == 2 and change["objective"] in pair and change["weight"] > 0:
+                now[pair[1 - pair.index(change["objective"])]] = 0.0
+    return {name: now[name] for name in OBJECTIVES if now.get(name, 0) > 0}
+
+
+def distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
+    """Euclidean distance of two weight vectors, 0 to 3 (ours)."""
+    squares: float = sum((one.get(name, 0.0) - other.get(name, 0.0)) ** 2 for name in OBJECTIVES)
+    return round(math.sqrt(squares), 4)
+
+
+def began_with(moment: Moment, step: Step, event: str) -> dict[str, Any]:
+    """What was noted when the session came to that step; {} in previews and where nothing was."""
+    noted = select(Event).where(Event.session_id == moment.session.id, Event.kind == event).order_by(Event.id.desc())
+    return next((dict(one.data) for one in moment.s.scalars(noted) if one.data.get("step") == step.key), {})
+
+
+S = TypeVar("S", bound=LiveStep)
+A = TypeVar("A", bound=Answer)
+
+
+class LiveKind(Kind[S, A]):
+    """A kind whose page redraws the robot's way while weights are changed."""
+
+    shows = "live"
+
+    def robots_in(self, step: S) -> Literal[1, 2]:
+        """How many robots stand on its stage."""
+        return 1
+
+    def policies(
+        self, step: S, moment: Moment, files: ArtefactStore, weights: Mapping[str, float] | None
+    ) -> list[Policy]:
+        """What drives each of them. weights: as the controls stand; None: as the step begins."""
+        return [conditioned_on(step.setup, weights or {})]
+
+    def payload(self, step: S, page: Page) -> dict[str, Any]:
+        said = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": CONTROLS}
+        return said | {"triangle": step.objectives}
+
+    def check(self, step: S, answer: A, page: Page) -> dict[str, Any]:
+        assert isinstance(answer, LiveAnswer)  # noqa: S101  a kind with another answer checks it itself
+        for number, change in enumerate(answer.history):
+            if change.objective not in OBJECTIVES:
+                message = f"is no objective; known are {', '.join(OBJECTIVES)}"
+                raise BadValue(f"value.history.{number}.objective", change.objective, message)
+        weights = cleaned(answer.weights)
+        if step.objectives:
+            _require_triangle(weights, step.objectives)
+        return {
+            "weights": weights,
+            "history": [change.model_dump(mode="json") for change in answer.history],
+        }
+
+
+def _require_triangle(weights: Weights, corners: Sequence[str]) -> None:
+    for name, weight in weights.items():
+        if name not in corners:
+            raise BadValue(f"value.weights.{name}", weight, f"is no corner of the triangle: {', '.join(corners)}")
+    together = sum(weights.values())
+    if abs(together - 1) > 2 * SAME:
+        raise BadValue("value.weights", round(together, ROUNDED), "must sum to 1, as in a triangle")
+
+
+def checked_history(start: Mapping[str, float], stored: Mapping[str, Any]) -> None:
+    """Raise BadValue where the changes do not lead from the start to the final weights."""
+    ends = replayed(start, stored["history"])
+    for name in OBJECTIVES:
+        wanted = stored["weights"].get(name, 0.0)
+        if abs(ends.get(name, 0.0) - wanted) > SAME:
+            message = f"says {wanted:g}, but the changes in value.history lead to {ends.get(name, 0.0):g}"
+            raise BadValue(f"value.weights.{name}", wanted, message)
+
+
+def wanted_weights(step: Mapping[str, Any], participant: Simulated) -> Weights:
+    """What a program would set with the controls of that step; {}: it has no preference that they know."""
+    wanted = participant.preferred_weights(step)
+    return in_triangle(wanted, step["objectives"]) if wanted and step.get("objectives") else wanted
+
+
+def slid(start: Mapping[str, float], to: Mapping[str, float]) -> list[dict[str, Any]]:
+    """The changes of a program that moves one slider after the other, a second each."""
+    moved = [name for name in OBJECTIVES if abs(start.get(name, 0.0) - to.get(name, 0.0)) > SAME]
+    moved.sort(key=lambda name: to.get(name, 0.0))  # first to 0 what is not wanted, so that no opposite is in the way
+    return [
+        {"seconds": float(number), "place": 0, "by": "bot", "objective": name, "weight": to.get(name, 0.0)}
+        for number, name in enumerate(moved, 1)
+    ]

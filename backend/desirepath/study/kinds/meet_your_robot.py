@@ -1,0 +1,200 @@
+"""Kind of step `meet_your_robot`: after everything blind, who taught a robot is told what was learned, sees it beside
+the usual one, says whether that is them, and corrects it by hand.
+
+Nothing of it is a trial or a choice, so nothing of it reaches the blind data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+from pydantic import Field
+
+from desirepath.grammar.source import Path, Problem, Source
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.events import log_event
+from desirepath.store.models import Artefact
+from desirepath.study.kinds.appointment import AppointmentStage
+from desirepath.study.kinds.base import Acting, Moment, Pace, Page, Planning, Simulated, Stage
+from desirepath.study.kinds.comparison import ComparisonStage
+from desirepath.study.kinds.evaluation import EvaluationStage
+from desirepath.study.kinds.live import (
+    AboutLive,
+    LiveAnswer,
+    LiveKind,
+    LiveStage,
+    LiveStep,
+    Weights,
+    began_with,
+    checked_history,
+    distance,
+    slid,
+    startable,
+    wanted_weights,
+)
+from desirepath.study.kinds.questionnaire import within
+from desirepath.study.kinds.wait import TrainStage
+from desirepath.study.kinds.wire import WholeNumber
+from desirepath.study.personalising.alignment_jobs import ready_job
+from desirepath.study.personalising.believed import believed_of
+from desirepath.study.personalising.live_rollouts import conditioned_on, shipped_base
+
+if TYPE_CHECKING:
+    from desirepath.learning.policies.policy import Policy
+
+TAKES_S = 150.0  # ours
+POINTS = 5
+BEGAN = "met_robot"
+
+
+class MeetYourRobotStage(LiveStage, Stage):
+    """After the blind comparison: what was learned and how sure it is, in plain words; own and usual robot in the same
+    scenes; whether that is them; the weights to correct it. Passed over where no own robot was shown: the debriefing
+    says why. reasons: what each robot looks at on its way is said, too.
+    """
+
+    reasons: bool = False
+
+    once = True
+    for_everybody = True
+
+    def plan(self, at: Planning) -> list[MeetYourRobotStep]:  # type: ignore[override]  # a list of steps
+        own = {"kind": "meet_your_robot", "key": at.key, "stage": at.key}
+        return [MeetYourRobotStep.model_validate(own | self.said | {"reasons": self.reasons})]
+
+    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
+        return TAKES_S
+
+    def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
+        mine = [one is self for one in stages].index(True)
+        before, after = stages[:mine], stages[mine + 1 :]
+        compared = [k for k, one in enumerate(before) if isinstance(one, ComparisonStage)]
+        if not compared:
+            yield source.problem(here, "needs the comparison before it: it shows whose robot was whose")
+        elif any(isinstance(one, AppointmentStage) for one in before[compared[0] :]):
+            yield source.problem(here, "must stand in the comparison's appointment, whose robot it shows")
+        if any(one.teaches or isinstance(one, ComparisonStage | EvaluationStage) for one in after):
+            yield source.problem(here, "stands before something blind; put it after blocks, ratings and comparisons")
+        if any(isinstance(one, TrainStage) and one.job != "align" for one in before):
+            yield source.problem(here, "needs a train stage with job align: what is learned from paths has no weights")
+
+
+class MeetYourRobotStep(LiveStep):
+    kind: Literal["meet_your_robot"]
+
+
+class MetAnswer(LiveAnswer):
+    """agreement: is that you? 1 not at all, 5 exactly. weights: as the controls stand in the end."""
+
+    agreement: WholeNumber = Field(description=f"1 to {POINTS}")
+
+
+class AboutMeeting(AboutLive):
+    learned: Weights | None = Field(None, description="what was learned")
+
+
+class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
+    name = "meet_your_robot"
+    step = MeetYourRobotStep
+    answers = MetAnswer
+    besides = AboutMeeting
+    stages = {"meet_your_robot": MeetYourRobotStage}
+    stored = {
+        "agreement": "whether that is them: 1 not at all, 5 exactly",
+        "learned": "objective -> weight: what their answers taught",
+        "statement": "what they were told of their preference: rather (the first of two objectives rather than "
+        "the other), beyond (something that is none of the nine); null: none, as nothing was predicted well enough",
+        "sure": "probability of what they were told, as it stood there; null: none",
+        "something_else": "probability that their answers are about none of the nine objectives, where they "
+        "were told so; else null",
+        "corrected": "whether any weight was changed",
+        "start": "the weights that the controls began with: the learned ones",
+        "weights": "the weights at the end",
+        "distance": "Euclidean, from learned to corrected weights; 0: not corrected",
+        "history": "every change in order, as of `tuning`; also as the table tuning_changes",
+    }
+
+    def robots_in(self, step: MeetYourRobotStep) -> Literal[1, 2]:
+        return 2
+
+    def policies(
+        self, step: MeetYourRobotStep, moment: Moment, files: ArtefactStore, weights: Mapping[str, float] | None
+    ) -> list[Policy]:
+        """The own robot as it was compared, or as the controls stand; then the usual one."""
+        base = shipped_base(step.setup)
+        if weights is not None:
+            return [conditioned_on(step.setup, weights), base]
+        return [_own(moment, files) or conditioned_on(step.setup, {}), base]
+
+    def payload(self, step: MeetYourRobotStep, page: Page) -> dict[str, Any]:
+        return super().payload(step, page) | {
+            "start": startable(step, {}),
+            "believed": None,
+            "points": POINTS,
+            "reasons": step.reasons,
+        }
+
+    def payload_now(self, step: MeetYourRobotStep, moment: Moment) -> dict[str, Any]:
+        noted = began_with(moment, step, BEGAN)
+        return {name: noted[name] for name in ("start", "believed") if name in noted}
+
+    def is_asked(self, step: MeetYourRobotStep, moment: Moment) -> bool:
+        return moment.session.personalisation == "shown"
+
+    def may_come(self, step: MeetYourRobotStep, moment: Moment) -> bool:
+        return moment.session.personalisation in (None, "shown")
+
+    def arrive(self, step: MeetYourRobotStep, acting: Acting) -> None:
+        found = believed_of(acting.s, acting.files, acting.session, ready_job(acting.s, acting.session))
+        start = startable(step, found.weights if found is not None else {})
+        believed = found.as_dict() if found is not None else None
+        said: dict[str, Any] = {"step": step.key, "believed": believed, "start": start}
+        log_event(acting.s, BEGAN, session_id=acting.session.id, **said)
+
+    def check(self, step: MeetYourRobotStep, answer: MetAnswer, page: Page) -> dict[str, Any]:
+        return super().check(step, answer, page) | {
+            "agreement": within("value.agreement", answer.agreement, 1, POINTS),
+        }
+
+    def keep(self, step: MeetYourRobotStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
+        noted = began_with(acting, step, BEGAN)
+        start, believed = noted.get("start", {}), noted.get("believed") or {}
+        checked_history(start, stored)
+        learned, statement = believed.get("weights", {}), believed.get("statement")
+        corrected = bool(stored["history"]) and distance(start, stored["weights"]) > 0
+        apart = distance(startable(step, learned), stored["weights"]) if corrected else 0.0
+        return {
+            "learned": learned,
+            "statement": statement,
+            "sure": believed.get("rather_sure") if statement == "rather" else None,
+            "something_else": (believed.get("beyond") or {}).get("sure") if statement == "beyond" else None,
+            "start": start,
+            "corrected": corrected,
+            "distance": apart,
+        }
+
+    def known_to_simulated(self, step: MeetYourRobotStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+        learned = (payload["believed"] or {}).get("weights", {})
+        return {"start": payload["start"], "objectives": step.objectives, "learned": startable(step, learned)}
+
+    def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
+        """Who is not met well corrects it."""
+        own = wanted_weights(step, participant)
+        apart = distance(step["learned"], own)
+        agreement = max(1, POINTS - round(4 * min(apart, 1.0)))
+        if agreement == POINTS or not own:
+            return {"agreement": agreement, "weights": step["start"], "history": []}
+        return {"agreement": agreement, "weights": own, "history": slid(step["start"], own)}
+
+
+def _own(moment: Moment, files: ArtefactStore) -> Policy | None:
+    """The policy that was compared as theirs, None where there was none."""
+    from desirepath.learning.policies.policy import Policy
+
+    job = ready_job(moment.s, moment.session)
+    artefact = moment.s.get(Artefact, str((job.result or {}).get("policy"))) if job is not None else None
+    return Policy.from_bytes(files.get(artefact.id)) if artefact is not None else None
+
+
+KIND = MeetYourRobot()

@@ -1,0 +1,36 @@
+"""What pages of text share: information, instruction, and what else shows a markdown text. No kind by itself."""
+
+from __future__ import annotations
+
+from typing import Any, Literal, TypeVar
+
+from desirepath.grammar.parts import FileName
+from desirepath.study.kinds.base import Kind, Page, Stage, Step
+from desirepath.study.kinds.wire import Answer
+
+
+class TextStep(Step):
+    """A page of text. text: its file; plans of before named only the stage."""
+
+    text: str | None = None
+
+    @property
+    def title_of(self) -> tuple[Literal["text", "questionnaire"], str] | None:
+        return ("text", self.text) if self.text is not None else None
+
+
+class TextStage(Stage):
+    """A page of text; `text` names a markdown file with one variant per language (`information.en.md`)."""
+
+    text: FileName
+
+
+S = TypeVar("S", bound=TextStep)
+A = TypeVar("A", bound=Answer)
+
+
+class TextPage(Kind[S, A]):
+    """A kind whose page shows a text."""
+
+    def payload(self, step: S, page: Page) -> dict[str, Any]:
+        return page.titled(step.text or page.frozen.stage_text(step.stage))

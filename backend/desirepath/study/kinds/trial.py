@@ -1,0 +1,302 @@
+"""Kind of step `trial`: two trajectories of one query, one after the other, then which of them one would rather have.
+
+Trials stand in blocks (`protocol/block.py`); here are their queries and probes and how trajectories may be watched.
+Which query a chosen one asks is `personalising/next_query.py`'s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AliasChoices, BeforeValidator, Field
+
+from desirepath.grammar.parts import Part
+from desirepath.store.events import log_event
+from desirepath.store.sides import Side
+from desirepath.store.who_counts import FORMER_ROLES
+from desirepath.study.kinds.base import (
+    Acting,
+    Kind,
+    Moment,
+    Page,
+    Simulated,
+    Step,
+    make_trial,
+)
+from desirepath.study.kinds.wire import AboutQuery, Answer, BadValue, Flag
+from desirepath.study.personalising import next_query
+from desirepath.study.plan.asked_queries import Pair
+
+# ---- in the protocol -------------------------------------------------------------------------------------------------
+
+
+class Stopping(Part):
+    """End the queries early once little is left to learn: when the best next answer promised less than `below_bits` of
+    information for `in_a_row` queries, and at least `at_least` were answered.
+    """
+
+    below_bits: float = Field(0.1, gt=0, le=1)  # as in backend/desirepath/learning/queries/choosing.py
+    in_a_row: int = Field(3, ge=1, le=20)
+    at_least: int = Field(8, ge=2, le=200)
+
+
+class Probes(Part):
+    """Asked to measure consistency (ch. 7), beside the regular queries: `repeat` queries again as they were, `swap`
+    with the sides changed. `transitivity`: so many scenes of which three trajectories are compared in all three pairs;
+    the query set needs scenes with three trajectories or more.
+    """
+
+    repeat: int = Field(0, ge=0, le=50)
+    swap: int = Field(0, ge=0, le=50)
+    transitivity: int = Field(0, ge=0, le=20)
+
+    @property
+    def trials(self) -> int:
+        """How many trials they are."""
+        return self.repeat + self.swap + 3 * self.transitivity
+
+
+ChooseBy = Literal["random", "disagreement", "information", "information_beyond"]
+
+
+def _practice(given: object) -> object:
+    return FORMER_ROLES.get(given, given) if isinstance(given, str) else given
+
+
+class Queries(Part):
+    """`count` queries of the query set. `practice` ones are marked and never analysed (ch. 7; `learning` in protocols
+    of before).
+
+    choose: `random` draws them before the session; `disagreement` and `information` choose each next one by the
+    participant's own answers so far, as weights of the nine objectives explain them; `information_beyond` the one that
+    tells most of whatever else they may be about, too (ours).
+    """
+
+    count: int = Field(ge=1, le=200)
+    role: Annotated[Literal["practice", "regular"], BeforeValidator(_practice)] = "regular"
+    choose: ChooseBy = "random"
+    stop: Stopping | None = Field(None, description="default: all queries are asked")
+    probes: Probes = Probes()
+
+
+class Trials(Part):
+    """One entry of a block's `trials`."""
+
+    queries: Queries
+
+
+class Viewing(Part):
+    """How a pair may be watched. By default as in ch. 7: each trajectory once, to its end, before the choice.
+
+    replays: how often both may be watched again before choosing. early_choice: the choice is possible once B has begun.
+    choice_limit_s: time for the choice; after it the trial counts as not answered. goal_and_trail: the robot's goal and
+    its trail are shown; ours, so that the eye has a hold: ch. 7 showed neither start nor goal.
+    """
+
+    replays: int = Field(0, ge=0, le=5)
+    early_choice: bool = False
+    choice_limit_s: int | None = Field(None, ge=3, le=600)
+    goal_and_trail: bool = True
+
+
+# ---- in the plan -----------------------------------------------------------------------------------------------------
+
+Role = Annotated[
+    Literal["practice", "regular", "repeat", "swap", "transitivity", "further"], BeforeValidator(_practice)
+]
+
+
+class TrialStep(Step):
+    """Of a query that is known before the session: `query` and its trajectories as A and B; `sides_swapped`: its second
+    one is shown as A. Of one that is chosen by the answers so far: `choose`, by what. `again`: the step that a probe
+    repeats. number, of: this trial among its like. round: of `asking_on.py`, from 1.
+    """
+
+    kind: Literal["trial"]
+    role: Role
+    number: int
+    of: int
+    sides_swapped: bool = Field(validation_alias=AliasChoices("sides_swapped", "turned"))
+    viewing: Viewing = Viewing()
+    query: str | None = None
+    trajectory_a: str | None = None
+    trajectory_b: str | None = None
+    duration_a_s: float | None = None
+    duration_b_s: float | None = None
+    choose: ChooseBy | None = None
+    stop: Stopping | None = None
+    again: str | None = None
+    round: int | None = None
+
+    @property
+    def sort(self) -> tuple[str, ...]:
+        return (*super().sort, self.role)
+
+
+def viewing_in(step: Step) -> Viewing:
+    """The view rules of a step; the defaults where its kind has none of its own."""
+    return getattr(step, "viewing", Viewing())
+
+
+def plan_trials(
+    prefix: str,
+    where: Mapping[str, Any],
+    entries: Sequence[Trials],
+    viewing: Viewing,
+    pairs: Iterator[Pair],
+    triads: Iterator[tuple[Pair, Pair, Pair]],
+    random: np.random.Generator,
+) -> list[TrialStep]:
+    """The trials of one condition of a block, in the order in which they are shown: practice, regular, probes.
+
+    prefix: of their keys; where: stage, block and view.
+    """
+    asked: dict[str, list[dict[str, Any]]] = {"practice": [], "regular": [], "probe": []}
+    for entry in entries:
+        wanted = entry.queries
+        mine = [next(pairs) for _ in range(wanted.count)]
+        if wanted.role == "practice":
+            asked["practice"] += [_fixed("practice", pair) for pair in mine]
+            continue
+        place = len(asked["regular"])
+        asked["regular"] += _regular(wanted, mine, random)
+        asked["probe"] += _repeats(wanted, asked["regular"], place, random)
+        for three in (next(triads) for _ in range(wanted.probes.transitivity)):
+            asked["probe"] += [_fixed("transitivity", pair) for pair in three]
+    asked["probe"] = [asked["probe"][i] for i in random.permutation(len(asked["probe"]))]
+    counted = len(asked["regular"]) + len(asked["probe"])
+    practice = len(asked["practice"])
+    said = viewing.model_dump(exclude_defaults=True)
+    watched = {"viewing": said} if said else {}
+    steps = []
+    for number, step in enumerate(asked["practice"] + asked["regular"] + asked["probe"], 1):
+        practising = step["role"] == "practice"
+        if "again" in step:
+            step["again"] = f"{prefix}.{practice + step['again'] + 1:02d}"
+        shown = {"number": number if practising else number - practice, "of": practice if practising else counted}
+        key = f"{prefix}.{number:02d}"
+        steps.append(TrialStep.model_validate({**where, "key": key, "kind": "trial", **shown, **watched, **step}))
+    return steps
+
+
+def _regular(wanted: Queries, mine: list[Pair], random: np.random.Generator) -> list[dict[str, Any]]:
+    if wanted.choose == "random":
+        return [_fixed("regular", mine[i]) for i in random.permutation(len(mine))]
+    rule = {"choose": wanted.choose} | ({"stop": wanted.stop.model_dump()} if wanted.stop else {})
+    return [{"role": "regular", "sides_swapped": bool(random.integers(2)), **rule} for _ in mine]
+
+
+def _repeats(
+    wanted: Queries, regular: list[dict[str, Any]], place: int, random: np.random.Generator
+) -> list[dict[str, Any]]:
+    """Probes of the regular steps from `place` on; `again` is the index of the step that they repeat."""
+    probes = []
+    for n, i in enumerate(random.choice(wanted.count, wanted.probes.repeat + wanted.probes.swap, False)):
+        step = regular[place + int(i)]
+        role = "repeat" if n < wanted.probes.repeat else "swap"
+        probe = {**step, "role": role, "again": place + int(i)}
+        if role == "swap":
+            probe["sides_swapped"] = not step["sides_swapped"]
+            if "query" in step:
+                for name in ("trajectory_{}", "duration_{}_s"):
+                    probe[name.format("a")], probe[name.format("b")] = step[name.format("b")], step[name.format("a")]
+        probe.pop("stop", None)
+        probes.append(probe)
+    return probes
+
+
+def _fixed(role: str, pair: Pair) -> dict[str, Any]:
+    """A query that is known before the session."""
+    return {
+        "role": role,
+        "query": pair.query,
+        "sides_swapped": pair.sides_swapped,
+        "trajectory_a": pair.trajectory_a,
+        "trajectory_b": pair.trajectory_b,
+        "duration_a_s": pair.duration_a_s,
+        "duration_b_s": pair.duration_b_s,
+    }
+
+
+# ---- in a session ----------------------------------------------------------------------------------------------------
+
+
+class TrialAnswer(Answer):
+    """The trajectory that one would rather have, or that the time for the choice was over."""
+
+    choice: Side | None = None
+    timed_out: Flag = False
+
+
+class Trial(Kind[TrialStep, TrialAnswer]):
+    name = "trial"
+    step = TrialStep
+    answers = TrialAnswer
+    besides = AboutQuery
+    stored = {"choice": "a or b", "timed_out": "true where the time for the choice was over"}
+    shows = "trajectories"
+    previewed = True
+    answer = "preference"
+
+    def payload(self, step: TrialStep, page: Page) -> dict[str, Any]:
+        shown = {"role": step.role, "view": step.view, "number": step.number, "of": step.of}
+        return shown | step.viewing.model_dump() | ({"may_end": True} if step.stop is not None else {})
+
+    def passed_over(self, step: TrialStep, index: int, acting: Acting) -> int:
+        """Past the queries that are chosen, once the stopping rule ends them."""
+        if step.choose is None or not next_query.little_left(acting, step):
+            return index
+        log_event(acting.s, "queries_ended", session_id=acting.session.id, step=step.key)
+        while isinstance(one := acting.plan[index], TrialStep) and one.choose and one.again is None:
+            index += 1
+        return index
+
+    def is_asked(self, step: TrialStep, moment: Moment) -> bool:
+        if step.round is not None and moment.session.personalisation is not None:
+            return False  # it is known what becomes of the training: nothing more is asked for it
+        return step.again is None or moment.has_trial(step.again)
+
+    def may_come(self, step: TrialStep, moment: Moment) -> bool:
+        return step.round is None or step.round == getattr(moment.step, "round", None)
+
+    def arrive(self, step: TrialStep, acting: Acting) -> None:
+        asked = next_query.asked_in(acting, step)
+        trial = make_trial(
+            acting,
+            step,
+            kind="query",
+            trajectory_a=asked.trajectory_a,
+            trajectory_b=asked.trajectory_b,
+            block=step.block,
+            role=step.role,
+            query_id=asked.query,
+            probe_of=asked.probe_of,
+            sides_swapped=asked.sides_swapped,
+        )
+        if asked.why is not None:
+            log_event(
+                acting.s,
+                "query_chosen",
+                session_id=acting.session.id,
+                trial_id=trial.id,
+                query=asked.query,
+                **asked.why,
+            )
+
+    def check(self, step: TrialStep, answer: TrialAnswer, page: Page) -> dict[str, Any]:
+        if answer.timed_out and step.viewing.choice_limit_s is not None:
+            return {"timed_out": True}
+        if answer.choice is None:
+            raise BadValue("value.choice", None, "must be 'a' or 'b'")
+        return {"choice": answer.choice}
+
+    def known_to_simulated(self, step: TrialStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+        return {"role": step.role, "query": moment.query_shown(step.key)}
+
+    def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
+        return {"choice": participant.choose(step, *participant.watch(step, "ab"))}
+
+
+KIND = Trial()

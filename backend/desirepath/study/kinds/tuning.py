@@ -1,0 +1,134 @@
+"""Kind of step `tuning`: the preference weights by hand, while the robot's way is redrawn at once.
+
+The answer is where the weights end, with every change on the way there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from desirepath.grammar.parts import Localized
+from desirepath.grammar.source import Path, Problem, Source
+from desirepath.grammar.texts import local
+from desirepath.store.events import log_event
+from desirepath.study.kinds.base import Acting, Moment, Pace, Page, Planning, Simulated, Stage
+from desirepath.study.kinds.comparison import ComparisonStage
+from desirepath.study.kinds.live import (
+    CONTROLS,
+    AboutLive,
+    LiveAnswer,
+    LiveKind,
+    LiveStage,
+    LiveStep,
+    Weights,
+    began_with,
+    checked_history,
+    in_triangle,
+    slid,
+    startable,
+    wanted_weights,
+)
+from desirepath.study.personalising.believed import believed_of
+
+TAKES_S = 120.0  # ours
+STARTED_RANDOMLY = 3  # of seven sliders, so that the start differs from neutral to the eye
+BEGAN = "tuning_began"
+
+
+class TuningStage(LiveStage, Stage):
+    """The participant sets the preference weights by sliders, or three of them in a triangle. start: none, or the
+    triangle's middle (`neutral`), what the answers before it taught (`learned`), or drawn by lot (`random`).
+    """
+
+    asks = True
+
+    start: Literal["neutral", "learned", "random"] = "neutral"
+    question: Localized | None = None
+
+    def plan(self, at: Planning) -> list[TuningStep]:  # type: ignore[override]  # a list of steps
+        begins = _by_lot(at.random, self.objectives) if self.start == "random" else {}
+        if self.objectives and self.start == "neutral":
+            begins = in_triangle({}, self.objectives)
+        said = self.said | {"start": self.start} | ({"begins": begins} if begins else {})
+        return [TuningStep.model_validate({"kind": "tuning", "key": at.key, "stage": at.key, **said})]
+
+    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
+        return TAKES_S
+
+    def local_texts(self) -> Iterator[tuple[dict[str, str], Path]]:
+        if self.question is not None:
+            yield self.question, ("question",)
+
+    def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
+        if self.start != "learned":
+            return
+        after = list(stages)[[one is self for one in stages].index(True) + 1 :]
+        if any(isinstance(one, ComparisonStage) for one in after):
+            message = "shows what was learned before the blind comparison; put it after that, or start neutral"
+            yield source.problem((*here, "start"), message)
+        if not any(one.teaches == "align" for one in stages if one not in after):
+            yield source.problem((*here, "start"), "needs a block or rating before it; there is nothing learned yet")
+
+
+def _by_lot(random: np.random.Generator, corners: Sequence[str] | None) -> Weights:
+    if corners:  # evenly over the triangle
+        return in_triangle(dict(zip(corners, random.dirichlet(np.ones(len(corners))).tolist(), strict=True)), corners)
+    chosen = random.choice(len(CONTROLS), size=STARTED_RANDOMLY, replace=False)
+    ends = [CONTROLS[int(k)] for k in chosen]
+    return {end[int(random.integers(len(end)))]: round(0.05 * int(random.integers(6, 21)), 2) for end in ends}
+
+
+class TuningStep(LiveStep):
+    """begins: the weights that it starts with, where they are known before the session."""
+
+    kind: Literal["tuning"]
+    start: Literal["neutral", "learned", "random"]
+    begins: Weights = {}
+
+
+class Tuning(LiveKind[TuningStep, LiveAnswer]):
+    name = "tuning"
+    step = TuningStep
+    answers = LiveAnswer
+    besides = AboutLive
+    stages = {"tuning": TuningStage}
+    stored = {
+        "weights": "objective -> weight from 0 to 1 at the end; what is not named weighs nothing",
+        "start": "the same in the beginning",
+        "history": "every change in order: seconds since the page was opened, place, by (mouse, touch, pen, keys, "
+        "button, words or bot), objective, weight; also as the table tuning_changes",
+    }
+
+    def payload(self, step: TuningStep, page: Page) -> dict[str, Any]:
+        stage = next((one for key, one in page.frozen.protocol.keyed_stages if key == step.stage), None)
+        question = stage.question if isinstance(stage, TuningStage) else None
+        asked = local(question, page.language) if question else None
+        return super().payload(step, page) | {"question": asked, "start": step.begins}
+
+    def payload_now(self, step: TuningStep, moment: Moment) -> dict[str, Any]:
+        return {"start": began_with(moment, step, BEGAN).get("start", step.begins)}
+
+    def arrive(self, step: TuningStep, acting: Acting) -> None:
+        start = step.begins
+        if step.start == "learned":
+            found = believed_of(acting.s, acting.files, acting.session)
+            start = startable(step, found.weights if found is not None else {})
+        log_event(acting.s, BEGAN, session_id=acting.session.id, step=step.key, start=start)
+
+    def keep(self, step: TuningStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
+        start = began_with(acting, step, BEGAN).get("start", step.begins)
+        checked_history(start, stored)
+        return {"start": start}
+
+    def known_to_simulated(self, step: TuningStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+        return {"start": payload["start"], "objectives": step.objectives}
+
+    def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
+        wanted = wanted_weights(step, participant) or (step["start"] if step.get("objectives") else {})
+        return {"weights": wanted, "history": slid(step["start"], wanted)}
+
+
+KIND = Tuning()

@@ -1,0 +1,340 @@
+"""From a participant's answers to the comparison: starts the alignment, and turns its result into blind trials.
+
+The alignment itself is a job (`backend/desirepath/jobs`); what the session does meanwhile is `kinds/wait.py`'s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from typing import TYPE_CHECKING, Any, Literal
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session as DatabaseSession
+
+from desirepath.store.demonstration_snapshots import StrokeError, take_demonstrations
+from desirepath.store.events import log_event
+from desirepath.store.models import Job, Participant, Response, Session, TrajectoryRow, Trial
+from desirepath.store.outbox import ENDED, NOBODY_WAITS, PARTICIPANT_WAITS, REFINES, cancel_job, enqueue_job
+from desirepath.store.snapshots import SnapshotError, take_snapshot
+from desirepath.study.personalising.clicking import without_comparing
+from desirepath.study.personalising.earlier import earlier_snapshots
+from desirepath.study.personalising.lending import Lent, lent_policy, policy_key
+from desirepath.study.personalising.verdicts import verdict
+
+if TYPE_CHECKING:
+    from desirepath.study.kinds.base import Acting, Moment
+    from desirepath.study.kinds.comparison import ComparisonStep
+
+BOT_PATIENCE = 10  # ours: nobody sits in front of a bot, and its comparisons are what a simulation is for
+PATHS_JOB = "train_demonstrations"
+REFINEMENT = "conditioning_search"
+UPDATES_WHILE_ONE_WAITS = 16_000
+"""Of the job above, instead of its own default: demonstrated starts are followed after half of these already, and
+somebody waits for them. What more would buy is unseen goals (docs/numbers.md)."""
+EVERY_PAIR = 4  # ch. 2: situations of an environment
+MADE_FOR = {"base": "comparisons", "neutral": "neutral", "other": "yoked"}
+"""Opponent -> where a job's result has the rollouts against it."""
+SURELY_BETTER = 0.9
+"""With what probability a policy has to be better for this very person before it is shown as theirs."""
+LARGEST_JOB_SEED = 9_999  # backend/desirepath/jobs/kinds.py: seeds of a job name scene sets
+
+
+@dataclass(frozen=True)
+class Training:
+    """What a protocol says about learning from its own answers, gathered from the stages that say it.
+
+    prior: what own answers are read by the light of. scenes: of the comparison, 0 where there is none; opponents: of
+    the own policy in it; stand_ins: lend while nobody's is ready. rated: rollouts are rated one by one. environments:
+    that paths are drawn in, in the order of the stages.
+    """
+
+    job: Literal["align", "demonstrations"]
+    recipe: str
+    prior: Literal["none", "earlier_participants"]
+    give_up_after_s: int
+    scenes: int
+    opponents: tuple[str, ...]
+    stand_ins: bool
+    rated: bool
+    environments: tuple[str, ...]
+
+    @property
+    def learns_from(self) -> Literal["answers", "paths"]:
+        return "paths" if self.job == "demonstrations" else "answers"
+
+
+def start_training(acting: Acting) -> None:
+    """Freeze the session's answers and put the alignment into the outbox, in the answer's own transaction.
+
+    Recipe instant: two jobs, the second the conditioning search behind it. None where there are too few answers, where
+    the participant did not consent to learning from theirs, or where they chose without comparing (`clicking.py`); the
+    session's `personalisation` says so.
+    """
+    s, files, session, training = acting.s, acting.files, acting.session, acting.frozen.training
+    assert training is not None  # noqa: S101  a step begins it only where a stage says so
+    if (s.get_one(Participant, session.participant_id).consents or {}).get("training") is False:
+        session.personalisation = "no_consent"
+        log_event(s, "personalisation", session_id=session.id, outcome="no_consent")
+        return
+    careless = without_comparing(s, session)
+    if careless is not None:
+        session.personalisation = careless
+        log_event(s, "personalisation", session_id=session.id, outcome=careless)
+        return
+    try:
+        if training.job == "demonstrations":
+            _learn_from_paths(acting, training)
+            return
+        snapshot = take_snapshot(s, files, session_id=session.id)
+    except (SnapshotError, StrokeError) as problem:
+        session.personalisation = "too_few_answers"
+        log_event(s, "personalisation", session_id=session.id, outcome="too_few_answers", reason=str(problem))
+        return
+    lent: Lent = {}
+    if "other" in training.opponents:
+        lent = lent_policy(s, session, setup=snapshot.setup, stand_ins=training.stand_ins)
+    neutral = {"neutral": training.scenes} if "neutral" in training.opponents else {}
+    earlier = earlier_snapshots(s, session) if training.prior == "earlier_participants" else []
+    priority = _priority(session, training)
+    recipes = {training.recipe: priority}
+    if training.recipe == "instant":
+        recipes[REFINEMENT] = max(REFINES, priority)
+    for recipe, after in recipes.items():
+        job = enqueue_job(
+            s,
+            training.job,
+            {
+                "snapshot": snapshot.id,
+                "setup": snapshot.setup,
+                "comparisons": training.scenes,
+                "other": None,
+                **lent,
+                **neutral,
+                **({"earlier": ",".join(earlier)} if earlier else {}),
+                "surely_better": SURELY_BETTER,
+                "symmetry": acting.frozen.protocol.symmetry,
+                "seed": session.seed % (LARGEST_JOB_SEED + 1),
+                "recipe": recipe,
+            },
+            priority=after,
+            study_id=session.study_id,
+            session_id=session.id,
+            created_by="study",
+        )
+        log_event(
+            s,
+            "training_started",
+            session_id=session.id,
+            job=job.id,
+            snapshot=snapshot.id,
+            recipe=recipe,
+            prior=training.prior,
+            earlier=len(earlier),
+        )
+
+
+def start_training_again(acting: Acting) -> None:
+    """After further pairs: all answers, in place of what was learned from fewer. Nothing where the outcome is known."""
+    if acting.session.personalisation is not None:
+        return
+    end_trainings(acting.s, acting.session, by="study")
+    start_training(acting)
+
+
+def _priority(session: Session, training: Training) -> int:
+    """Of what is trained: nobody sits in front of a bot, or waits for what no page shows."""
+    waits = not session.simulated and (training.scenes > 0 or training.rated)
+    return PARTICIPANT_WAITS if waits else NOBODY_WAITS
+
+
+def end_trainings(s: DatabaseSession, session: Session, *, by: str, refinements_only: bool = False) -> None:
+    """Cancel what the session still has under way."""
+    for job in jobs_of(s, session):
+        if job.state in (*ENDED, "cancelling") or (refinements_only and job.params.get("recipe") != REFINEMENT):
+            continue
+        with suppress(ValueError):  # it has just ended
+            cancel_job(s, job.id, by=by)
+
+
+def end_what_nobody_waits_for(s: DatabaseSession, session: Session, outcome: str | None = None) -> None:
+    """Once it is settled what the session shows (outcome), or the session is over (None): nothing that was made for
+    its pages goes on, so that it holds no process which somebody else waits for. A training of which no page shows
+    anything is the study's own, and stays.
+    """
+    waited = [job for job in jobs_of(s, session) if job.priority <= PARTICIPANT_WAITS]
+    only = outcome == "shown" or not waited  # of several environments others may be learned still
+    end_trainings(s, session, by="study: nobody waits for it any more", refinements_only=only)
+
+
+def _learn_from_paths(acting: Acting, training: Training) -> None:
+    """One job per environment that was drawn in, in the order of the stages. StrokeError: nothing was kept in one."""
+    s, files, session = acting.s, acting.files, acting.session
+    scenes = EVERY_PAIR if training.rated else training.scenes
+    snapshots = [  # all of them before the first job: either every environment can be learned from, or none is
+        take_demonstrations(s, files, study_id=session.study_id, environment=environment, session_id=session.id)
+        for environment in training.environments
+    ]
+    for snapshot in snapshots:
+        job = enqueue_job(
+            s,
+            PATHS_JOB,
+            {
+                "snapshot": snapshot.id,
+                "comparisons": scenes,
+                "seed": session.seed % (LARGEST_JOB_SEED + 1),
+                "updates": UPDATES_WHILE_ONE_WAITS,
+            },
+            priority=_priority(session, training),
+            study_id=session.study_id,
+            session_id=session.id,
+            created_by="study",
+        )
+        log_event(s, "training_started", session_id=session.id, job=job.id, snapshot=snapshot.id, recipe=job.kind)
+
+
+def jobs_of(s: DatabaseSession, session: Session) -> list[Job]:
+    """The session's alignments, of each recipe the newest (a retry counts), the one to be preferred first: a
+    search's policy is shown instead of the instant policy that it began with, once it is there and better. Of answers
+    only those that learned from the most: after further pairs what fewer answers taught counts no more."""
+    found = s.scalars(
+        select(Job)
+        .join(Session, Session.id == Job.session_id)
+        .where(Session.participant_id == session.participant_id, Job.kind.in_(("align", PATHS_JOB)))
+        .order_by(Job.created_at, Job.id)
+    ).all()
+    of_answers = list(dict.fromkeys(job.params["snapshot"] for job in found if job.kind == "align"))
+    newest = {
+        (job.params["snapshot"], job.params.get("recipe")): job
+        for job in found
+        if job.params["snapshot"] not in of_answers[:-1]
+    }
+    return sorted(newest.values(), key=lambda job: job.params.get("recipe") == "instant")
+
+
+def ready_job(s: DatabaseSession, session: Session) -> Job | None:
+    """The alignment whose policy may be shown now."""
+    return next((job for job in jobs_of(s, session) if verdict(job) == "shown"), None)
+
+
+def check_of(s: DatabaseSession, session: Session) -> dict[str, Any] | None:
+    """Whether the session's answers look like what is believed of them (`PredictiveCheck`), with `personal`, the
+    verdict on the policy that is shown, else on the instant one; None where no job has said so."""
+    shown = ready_job(s, session)
+    # what is shown first, then the instant policy: whether it is refused decides how long is waited
+    for job in [*([shown] if shown is not None else []), *reversed(jobs_of(s, session))]:
+        result = job.result or {}
+        if "check" in result:
+            prior = {"prior": result["prior"]} if "prior" in result else {}
+            return {**result["check"], **prior, "personal": result.get("personal")}
+    return None
+
+
+def awaited_jobs(s: DatabaseSession, session: Session) -> list[Job]:
+    """Of each snapshot that nothing can be shown of yet, the unfinished job that will be there first."""
+    of_snapshot: dict[str, list[Job]] = {}
+    for job in jobs_of(s, session):
+        of_snapshot.setdefault(job.params["snapshot"], []).append(job)
+    unfinished = [
+        [job for job in each if verdict(job) is None]
+        for each in of_snapshot.values()
+        if not any(verdict(job) == "shown" for job in each)
+    ]
+    return [each[-1] for each in unfinished if each]
+
+
+def patience_of(moment: Moment) -> tuple[datetime, timedelta]:
+    """Since when the session has waited for its jobs, and how long it does at most."""
+    session, training = moment.session, moment.frozen.training
+    assert training is not None  # noqa: S101  there are jobs only where a stage says so
+    last = moment.s.scalar(select(func.max(Response.created_at)).where(Response.session_id == session.id))
+    began = min(job.created_at for job in jobs_of(moment.s, session))
+    patience = timedelta(seconds=training.give_up_after_s) * (BOT_PATIENCE if session.simulated else 1)
+    return max(began, last) if last else began, patience
+
+
+def outcome_of(moment: Moment) -> str | None:
+    """How the learning stands for somebody who waits: None means not ready and still worth waiting for. Of several
+    recipes for one snapshot one that can be shown is enough; of several environments each is waited for.
+
+    Else: shown, job_failed, late, gate_not_passed, not_surely_better (for this very person), too_few_answers,
+    no_consent, one_sided, too_fast (`clicking.py`), no_scenes (a policy that passed the gate, but no scene in which
+    both trajectories can be compared).
+    """
+    s, session, training = moment.s, moment.session, moment.frozen.training
+    if session.personalisation is not None or training is None:
+        return session.personalisation or "too_few_answers"
+    jobs = jobs_of(s, session)
+    if not jobs:
+        return "too_few_answers"
+    of_snapshot: dict[str, list[str | None]] = {}
+    for job in jobs:
+        of_snapshot.setdefault(job.params["snapshot"], []).append(verdict(job, rated=training.rated))
+    verdicts = [_together(each) for each in of_snapshot.values()]
+    if None not in verdicts:
+        return "shown" if "shown" in verdicts else verdicts[-1]
+    since, patience = patience_of(moment)
+    if moment.now - since <= patience:
+        return None
+    if "shown" in verdicts:
+        return "shown"
+    return next((known for each in of_snapshot.values() for known in reversed(each) if known is not None), "late")
+
+
+def _together(each: Sequence[str | None]) -> str | None:
+    """One snapshot's verdict from its jobs', the instant one's last. What is not surely better for this person now will
+    hardly be after the search for the same weights: nobody waits for that.
+    """
+    if "shown" in each:
+        return "shown"
+    if each[-1] == "not_surely_better":
+        return each[-1]
+    return None if None in each else each[-1]
+
+
+def make_comparisons(acting: Acting, planned: Sequence[tuple[int, ComparisonStep]]) -> int:
+    """The comparison trials from the job's rollouts; sides as the plan's lot says. Returns how many there are.
+
+    planned: the plan's comparisons with their index.
+    """
+    s, session = acting.s, acting.session
+    job = ready_job(s, session)
+    result: dict[str, Any] = (job.result or {}) if job is not None else {}
+    made = {against: iter(result.get(there, [])) for against, there in MADE_FOR.items()}
+    count = 0
+    for index, step in planned:
+        against = step.against
+        rollouts = next(made[against], None)
+        if rollouts is None:
+            continue
+        count += 1
+        rival = s.get(TrajectoryRow, rollouts[against])
+        policies = {"own": result["policy"], against: rival.made_by if rival is not None else None}
+        if job is not None and job.kind == PATHS_JOB:
+            policies["base"] = "dwa"  # which is no artefact
+        a, b = ("own", against) if step.sides_swapped else (against, "own")
+        arms = {"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"}
+        if against != "base":
+            arms[against] = "b" if a == "own" else "a"
+        if against == "other" and policies["other"] is not None:
+            arms["lent"] = policy_key(s, policies["other"])
+            if job is not None and job.params.get("other") is None:
+                arms["stand_in"] = True
+        s.add(
+            Trial(
+                session_id=session.id,
+                step_key=step.key,
+                index=index,
+                block=step.stage,
+                kind="comparison",
+                view=step.view,
+                trajectory_a=rollouts[a],
+                trajectory_b=rollouts[b],
+                arms={**arms, "look_alike": rollouts["look_alike"]},
+                phase_since=acting.now,
+            )
+        )
+    s.flush()
+    return count

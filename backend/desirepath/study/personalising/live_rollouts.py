@@ -1,0 +1,131 @@
+"""What a conditioned policy would do from where the robot is: one rollout in one scene, in milliseconds.
+
+For steps at which weights are changed by hand (`kinds/live.py`) and for analysts. Nothing is stored here; who may ask
+is the routes'.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # numba and the simulator come with these; a server that starts need not wait for them
+    from desirepath.learning.policies.conditioned import ConditionedPolicy
+    from desirepath.learning.policies.policy import Policy
+    from desirepath.simulation.scene import Scene
+    from desirepath.simulation.trajectory import Trajectory
+
+PLACES: Mapping[str, tuple[int, ...]] = {
+    "study_room": (34, 19, 3, 11, 36, 15),
+    "open_field": (24, 20, 5, 15, 27, 38),
+}
+"""Setup -> which of the figures' scenes: of the first 40 those in which each weight alone arrives and the ways of the
+ten policies differ most in their middle, so that there is something to see. The same for everybody (ours)."""
+MOST_PLACES = min(map(len, PLACES.values()))
+LOOKED_AT, LEAST_LOOKED = 2, 0.1  # ours: things that are named, and the mean score below which none is
+
+
+@dataclass(frozen=True)
+class LivePath:
+    """track: rows of [t s, x m, y m, yaw rad]; arrives: whether the robot comes to the goal."""
+
+    track: list[list[float]]
+    arrives: bool
+    seconds: float
+
+
+@lru_cache(maxsize=8)
+def scenes_of(setup: str) -> tuple[Scene, ...]:
+    """The scenes of a setup in which weights are changed."""
+    from desirepath.learning.scene_sets import Purpose, first_seed
+    from desirepath.simulation.scenes import draw_scenes
+
+    return tuple(draw_scenes(setup, [first_seed(Purpose.FIGURE, 0) + place for place in PLACES[setup]]))
+
+
+@lru_cache(maxsize=4)
+def shipped_conditioned(setup: str) -> ConditionedPolicy:
+    """The conditioned policy that comes with a setup. Raises LearningError where none does."""
+    from desirepath.learning.policies.shipped import load_conditioned
+
+    return load_conditioned(f"{setup}/conditioned")
+
+
+@lru_cache(maxsize=4)
+def shipped_base(setup: str) -> Policy:
+    """The usual robot's policy."""
+    from desirepath.learning.policies.shipped import load_policy
+
+    return load_policy(f"{setup}/base")
+
+
+@lru_cache(maxsize=64)
+def typical_rollouts(setup: str, place: int) -> tuple[Trajectory, ...]:
+    """What the robot does there at each weight alone, so that the view from above is wide enough for what may come."""
+    from desirepath.learning.policies.conditioned import settings
+
+    conditioned = shipped_conditioned(setup)
+    return tuple(rolled_out(conditioned.at(weights), scenes_of(setup)[place]) for weights in settings().values())
+
+
+@lru_cache(maxsize=4)
+def warmed_up(setup: str) -> bool:
+    """Policies read and simulator compiled: the first rollout of a process takes seconds, every other milliseconds."""
+    scene = scenes_of(setup)[0]
+    return all(path_of(rolled_out(policy, scene)).track for policy in (conditioned_on(setup, {}), shipped_base(setup)))
+
+
+def conditioned_on(setup: str, weights: Mapping[str, float]) -> Policy:
+    """The setup's conditioned policy at these weights. Raises LearningError for weights that cannot be."""
+    from desirepath.learning.preferences.objectives import preference_weights
+
+    return shipped_conditioned(setup).at(preference_weights(weights))
+
+
+def rolled_out(policy: Policy, scene: Scene, pose: Sequence[float] | None = None) -> Trajectory:
+    """The policy from the scene's start, or from that pose (x, y, yaw). Raises SceneError for one outside the room."""
+    from desirepath.simulation.fast import rollout
+    from desirepath.simulation.scene import Pose, SceneError
+    from desirepath.simulation.setups import get_setup
+
+    if pose is not None:
+        x, y, yaw = pose
+        reach = scene.room and (scene.room.length / 2, scene.room.width / 2)
+        if (reach and (abs(x) > reach[0] or abs(y) > reach[1])) or max(abs(x), abs(y)) > 100:
+            raise SceneError("start", (x, y), "lies outside the room")
+        scene = replace(scene, start=Pose(x, y, math.remainder(yaw, 2 * math.pi)))
+    return rollout(get_setup(scene.setup), policy.rollout_policy, [scene])[0]
+
+
+def path_of(trajectory: Trajectory) -> LivePath:
+    """What the page draws of a rollout, yaw without jumps."""
+    import numpy as np
+
+    from desirepath.simulation.trajectory import Outcome
+
+    poses = np.asarray(trajectory.poses, np.float64)
+    rows = np.round(np.column_stack([trajectory.times, poses[:, :2], np.unwrap(poses[:, 2])]), 4)
+    return LivePath(rows.tolist(), trajectory.outcome == Outcome.SUCCESS, trajectory.duration_s)
+
+
+def looks_at(policy: Policy, trajectory: Trajectory) -> list[str]:
+    """The things that moved the policy's turning most on this way, the most first, at most `LOOKED_AT`; none that
+    hardly did. Turning, as what moves the study room's speeds is told apart from chance by no method (docs/numbers.md).
+    """
+    from desirepath.explain.attribution import explain  # torch comes with it: only where a protocol asks
+    from desirepath.explain.sight import WALLS, sight_of
+    from desirepath.learning.policies.torch_actor import actor_of
+
+    found = explain(actor_of(policy), sight_of(trajectory), command="turning")
+    means = dict(zip(found.things, found.scores.mean(axis=0).tolist(), strict=True))
+    named: dict[str, float] = {}
+    for thing, score in means.items():
+        kind = "wall" if thing in WALLS else re.sub(r" \d+$", "", thing)
+        if thing != "goal":
+            named[kind] = max(named.get(kind, 0.0), score)
+    ordered = sorted(named, key=lambda kind: -named[kind])
+    return [kind for kind in ordered[:LOOKED_AT] if named[kind] >= LEAST_LOOKED]

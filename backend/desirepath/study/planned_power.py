@@ -1,0 +1,184 @@
+"""Power before recruiting: bots walk a planned study through the real state machine, and made-up cohorts tell how often
+the real analysis finds what was assumed.
+
+The bots show that the study runs and that its tables hold what they answered; then only the answers matter, which the
+cohorts of `report/simulated_power.py` give alike, and hundreds of cohorts cost no walk.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.findings import Findings, analyse
+from desirepath.report.made_up_cohorts import Cohort
+from desirepath.report.planned_design import Assumed, PlannedDesign, as_planned
+from desirepath.report.ranking_power import RankedDesign
+from desirepath.report.simulated_power import Power, enough, power
+from desirepath.report.study_data import StudyData
+from desirepath.report.tidy_tables import read_study
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database
+from desirepath.study.kinds.comparison import ComparisonStage
+from desirepath.study.protocol.freezing import FrozenProtocol
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.simulated.participant import Character
+from desirepath.study.studies import create_study
+
+
+class PowerError(ValueError):
+    """Something a power analysis of this study cannot be asked; names the field and what would work."""
+
+
+@dataclass(frozen=True)
+class PlannedPower:
+    """What was found. walked: bots in the real state machine, and what they left."""
+
+    design: PlannedDesign
+    assumed: Assumed
+    plan: AnalysisPlan
+    walked: dict[str, Any]
+    power: Sequence[Power]
+
+    def as_dict(self) -> dict[str, Any]:
+        return {
+            "simulated": True,
+            "assumed": asdict(self.assumed),
+            "design": asdict(self.design),
+            "plan": self.plan.model_dump(mode="json"),
+            "walked": self.walked,
+            "enough_for_80_percent": enough(self.power),
+            "rows": [row for one in self.power for row in one.rows()],
+        }
+
+
+def plan_power(
+    frozen: FrozenProtocol,
+    participants: Sequence[int],
+    *,
+    condition: str | None = None,
+    item: str | None = None,
+    ranking: str | None = None,
+    effect: float = 0.5,
+    first_choice: float = 0.5,
+    consistency: float = 0.8,
+    own: float = 0.65,
+    own_against_other: float | None = None,
+    items_alike: float = 0.0,
+    drop_out: float = 0.0,
+    shown: float = 1.0,
+    tau: float = Assumed.tau,
+    tau_gain: float = Assumed.tau_gain,
+    walk: int = 6,
+    cohorts: int = 500,
+    seed: int = 0,
+    tell: Callable[[str], None] = lambda words: None,
+) -> PlannedPower:
+    """Power of the protocol's declared analysis for each number of participants.
+
+    condition, item, ranking: where the effect is; default the last condition, the first item, the first ranking by
+    name. walk: bots that go through the state machine. Raises PowerError, CohortError, and SimulationError if one
+    cannot finish.
+    """
+    if not participants or min(participants) < 3:
+        raise PowerError(f"participants = {list(participants)}: at least one number, each at least 3")
+    if walk < 3:
+        raise PowerError(f"walk = {walk}: at least 3 bots, so that their answers can be tested")
+    plan = frozen.protocol.analysis or AnalysisPlan()
+    base = Cohort(steady=consistency, seed=seed)  # what conditions, items and rankings there are, only a session tells
+    tell(f"{walk} bots walk through the study")
+    data, found, walked = _walked(frozen, base, walk)
+    design = planned_design(data, found, frozen)
+    _check_same(design, base, data)
+    assumed = Assumed(
+        condition=_known("condition", condition, design.places, len(design.conditions) - 1),
+        item=_known("item", item, design.items, 0),
+        ranking=_known("ranking", ranking, design.rankings, 0),
+        effect=effect,
+        first_choice=first_choice,
+        consistency=consistency,
+        own=own,
+        own_against_other=own_against_other,
+        items_alike=items_alike,
+        drop_out=drop_out,
+        shown=shown,
+        tau=tau,
+        tau_gain=tau_gain,
+        seed=seed + 1,
+    )
+    results = power(design, assumed, participants, cohorts=cohorts, plan=plan, tell=tell)
+    return PlannedPower(design, assumed, plan, walked, results)
+
+
+def _walked(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyData, Findings, dict[str, Any]]:
+    """Bots through the machine in an installation that is gone afterwards."""
+    with tempfile.TemporaryDirectory() as folder:
+        database = Database(f"sqlite:///{Path(folder) / 'power.sqlite'}")
+        try:
+            database.migrate()
+            files = ArtefactStore((Path(folder) / "artefacts").as_uri())
+            with database.transaction() as s:
+                study = create_study(s, files, frozen, name="Power", created_by=None)
+            outcome = walk_in_process(database, files, study, walk, Character(cohort=cohort), without_jobs=True)
+            with database.session() as s:
+                data, load = read_study(s, files, study)
+            found = analyse(data, load, "simulated", AnalysisPlan(sessions="all"), intervals=False)
+        finally:
+            database.close()
+    return data, found, {name: outcome[name] for name in ("participants", "completed", "responses")}
+
+
+def planned_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> PlannedDesign:
+    """What a walked study asked: its factors, items and scales rated under each condition, rankings, queries,
+    comparisons. Of several comparisons the first that something is rated in."""
+    comparison = frozen.protocol.stage_of(ComparisonStage)
+    design = next((one for one in found.designs if any(of.design is one for of in found.items)), None)
+    items = [one.item.key for one in found.items if one.design is design]
+    return PlannedDesign(
+        **(as_planned(design) if design else {}),
+        conditions=tuple(sorted(design.cells if design else found.conditions)),
+        items=tuple(items),
+        scales=tuple(scale for _, scale in data.scales if scale.name in items),
+        rankings=tuple(one.item.key for one in found.rankings),
+        queries=round(
+            sum(one.role == "regular" for one in data.choices)
+            / max(1, len({(one.person, one.condition) for one in data.choices}))
+        ),
+        comparisons=comparison.scenes if comparison is not None else 0,
+        opponents=comparison.opponents if comparison is not None else (),
+        ranked=_ranked(found),
+    )
+
+
+def _ranked(found: Findings) -> RankedDesign:
+    """What was ranked by importance, if anything, as everybody met it."""
+    if found.explained is None or not found.explained.factors:
+        return RankedDesign()
+    each = {(one.of.person, one.of.condition) for one in found.explained.trials}
+    return RankedDesign(tuple(found.explained.factors), round(len(found.explained.trials) / len(each)))
+
+
+def _check_same(design: PlannedDesign, cohort: Cohort, data: StudyData) -> None:
+    """The state machine must have stored what the cohorts assume it does."""
+    made_up = design.study(cohort, len(data.people), 0)
+    scored = {item.key for scale in design.scales for item in scale.items}
+    asked = {(one.item, one.condition) for one in made_up.ratings if one.item not in scored}
+    if design.between:
+        return  # who is in which group the cohorts decide for themselves
+
+    def answers_of(of: StudyData) -> dict[tuple[str, str | None, str], Any]:
+        return {(r.person, r.condition, r.item): r.value for r in of.ratings if (r.item, r.condition) in asked}
+
+    stored, expected = answers_of(data), answers_of(made_up)
+    if stored != expected:
+        raise PowerError("the state machine stored other ratings than the bots gave; this is a bug, please report it")
+
+
+def _known(name: str, given: str | None, there: Sequence[str], default: int) -> str:
+    if given is not None and given not in there:
+        raise PowerError(f"{name} = {given!r}: this study has {', '.join(there) or 'none'}")
+    return given or (there[default] if there else "")

@@ -1,0 +1,135 @@
+"""What a study protocol may say as a whole. What each of its stages may say is its kind's (`kinds/`, `block.py`), what
+questionnaires may `grammar/questionnaires.py`'s; reading files is `freezing.py`'s, checks across keys `checking.py`'s.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from desirepath.grammar.parts import Address, Code, FileName, Language, Localized, Part, Slug, Value
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.study.kinds import Stage
+from desirepath.study.plan.asked_queries import Needs, Sample
+from desirepath.study.protocol.stages import StageEntry, T, stage_keys
+
+
+class Assignment(Part):
+    """How participants differ. Queries and sides are always each participant's own, from `seed` and their code.
+
+    scheme: the orders of a block's conditions. `random` draws each one's by lot; `all_orders` (every permutation),
+    `williams` (every condition follows every other equally often) and `latin_square` (every condition stands in every
+    place equally often) fill their orders evenly, by completed and active sessions.
+    lease_hours: an unfinished session holds its place so long after its last sign of life. excluded: whether excluding
+    somebody frees their place; it must be declared before the study.
+    """
+
+    scheme: Literal["random", "all_orders", "williams", "latin_square"] = "random"
+    seed: int = Field(0, ge=0)
+    lease_hours: float = Field(24.0, gt=0, le=24 * 365)  # ours
+    excluded: Literal["keep_place", "free_place"] = "keep_place"
+
+
+UPRIGHT, LARGE = (320, 480), (740, 500)  # ours: the smallest phone's window; the room beside its bars
+
+
+class DeviceGate(Part):
+    """What a device must have before the consent; what is not named is not asked. Sizes in CSS pixels of the window.
+
+    Where no size is named, it goes by what is shown: a room from above fits a phone held upright (`UPRIGHT`), a view
+    from inside it and drawing do not (`LARGE`). pointers: `fine` is a mouse or pen, `coarse` a finger. frame rates in
+    pictures per second, measured on the page; below `light_below` a lighter scene is shown before anybody is refused
+    below `min_frame_rate`.
+    """
+
+    webgl: bool = True
+    min_width: int | None = Field(None, ge=200, le=4000)
+    min_height: int | None = Field(None, ge=200, le=4000)
+    pointers: list[Literal["fine", "coarse"]] = Field(["fine", "coarse"], min_length=1)
+    min_frame_rate: float | None = Field(None, gt=0, le=120)
+    light_below: float | None = Field(None, gt=0, le=120)
+
+
+class Quota(Part):
+    """At most `most` participants (completed or under way) may give this answer; who comes later leaves kindly."""
+
+    questionnaire: Slug
+    item: Slug
+    is_: Value = Field(alias="is")
+    most: int = Field(ge=0)
+
+
+class ScreenOut(Part):
+    """The last page of somebody who cannot go on (comprehension check, quota); as a debriefing."""
+
+    text: FileName
+    completion_code: Code = "random"
+    return_url: Address | None = None
+
+
+class Protocol(Part):
+    """A study protocol. `query_set`: name of a shipped set, id of one made here, or a `.npz` file beside it."""
+
+    protocol: Slug
+    version: int = Field(ge=1)
+    title: Localized
+    languages: list[Language] = Field(min_length=1)
+    welcome: Localized | None = Field(None, description="first sentence of the page people join on; default by stages")
+    minutes: int = Field(15, ge=1, le=240, description="how long a session takes, as participants are told")
+    participants: int | None = Field(None, ge=1, description="how many people are taken in; default as many as come")
+    link_valid_days: int = Field(14, ge=1, le=365, description="how long a session can be continued")
+    contact: str | None = Field(None, max_length=200, description="whom participants may ask; default the lab's")
+    licence: str | None = Field(None, max_length=200, description="of the data, written into every export")
+    citation: str | None = Field(None, max_length=400, description="how to cite the data")
+    assignment: Assignment = Assignment()
+    symmetry: Literal["none", "left_right"] = Field(
+        "none", description="left_right: nobody minds on which side the robot passes, so no answer is read as a side"
+    )
+    query_set: str | None = Field(
+        None, min_length=1, max_length=300, description="needed where the protocol has a block"
+    )
+    sample: Sample = Sample()
+    payment: Localized | None = Field(None, description="how payment stands, also for who stops early or withdraws")
+    device: DeviceGate | None = None
+    quotas: list[Quota] = []
+    screen_out: ScreenOut | None = Field(None, description="default: a page in the product's own words")
+    analysis: AnalysisPlan | None = Field(None, description="what the report tests, declared before the data")
+    stages: list[StageEntry] = Field(min_length=1)
+
+    def stages_of(self, kind: type[T]) -> list[T]:
+        """The stages of that class, in order."""
+        return [entry.stage for entry in self.stages if isinstance(entry.stage, kind)]
+
+    def stage_of(self, kind: type[T]) -> T | None:
+        """The first stage of that class, None where there is none."""
+        return next(iter(self.stages_of(kind)), None)
+
+    @property
+    def asked_of_devices(self) -> DeviceGate:
+        """What the welcome page asks of a device, with the sizes that the stages need where none is named."""
+        gate = self.device or DeviceGate()
+        if gate.min_width is not None or gate.min_height is not None:
+            return gate
+        from_above = all(stage.views <= {"top_down"} and not stage.draws for stage in self.all_stages)
+        width, height = UPRIGHT if from_above else LARGE
+        return gate.model_copy(update={"min_width": width, "min_height": height})
+
+    @property
+    def needs(self) -> Needs:
+        """What one participant needs of the query set."""
+        return sum((entry.stage.needs() for entry in self.stages), Needs())
+
+    @property
+    def keyed_stages(self) -> list[tuple[str, Stage]]:
+        """The stages with their names in plans."""
+        return list(zip(stage_keys(self.stages), self.all_stages, strict=True))
+
+    @property
+    def all_stages(self) -> list[Stage]:
+        return [entry.stage for entry in self.stages]
+
+
+def json_schema(of: type[Part] = Protocol) -> dict[str, Any]:
+    """JSON Schema of a protocol, or of a questionnaire's file, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | of.model_json_schema(by_alias=True)

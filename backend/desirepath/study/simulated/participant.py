@@ -1,0 +1,287 @@
+"""Simulated participants: programs that walk whole sessions, as a browser would, but need not watch.
+
+Their sessions are marked as simulated when they are created; the server lets only these be fast and read the
+trajectories. How one reaches its session is a `SessionClient`: over HTTP (`http.py`), in this process (`in_process.py`)
+or in a browser. What it answers is each kind of step's own (`Kind.simulate`) and depends on its seed and number alone,
+so all ways leave the same data.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, NoReturn, Protocol
+
+import numpy as np
+
+from desirepath.learning.people.card import FAMILIES
+from desirepath.learning.preferences.oracles import ALWAYS_RIGHT, Oracle, ResponseModel, make_oracle, preference_of
+from desirepath.learning.queries.queries import Query
+from desirepath.report.made_up_cohorts import Cohort, MadeUpPerson
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.trajectory import Trajectory
+from desirepath.store.sides import Side
+from desirepath.study.kinds import KINDS
+from desirepath.study.kinds.live import SETUPS
+
+POLL_S = 0.5  # how often a waiting bot looks
+DRAWING_TRIES = 20  # of one path, which is drawn another way every time
+COMPARED = ("comparison", "method_comparison")  # kinds of step that compare robots, blind
+PATIENCE_S = 900.0  # a bot gives up on a session that stands still so long; the server's own limit comes first
+
+State = Mapping[str, Any]
+"""Where a session stands, as the API tells a bot: {"state", "step": {...}}."""
+
+
+class SimulationError(OSError):
+    """A session that a simulated participant could not finish; says at which step and what the server answered."""
+
+
+class SessionClient(Protocol):
+    """How one simulated participant reaches its session."""
+
+    def join(self, character: Mapping[str, Any]) -> str:
+        """Take part as a simulated participant; character: the oracle's name and settings. Returns the code."""
+        ...
+
+    def come_back(self) -> State:
+        """Go on with the next appointment, at once: it need not wait for its window."""
+        ...
+
+    def state(self) -> State: ...
+    def start(self, key: str) -> State: ...
+    def seen(self, key: str, side: Side, playback_id: str) -> State: ...
+    def trajectories(self) -> tuple[Trajectory, Trajectory]: ...
+    def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
+        """Send a drawn path; the state has `problem` where it cannot be driven."""
+        ...
+
+    def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
+        """Send what was walked beside the trajectory; the state has `problem` where the robot met the walker."""
+        ...
+
+    def submit(self, key: str, value: Mapping[str, Any]) -> State: ...
+
+
+@dataclass(frozen=True)
+class Walk:
+    """What one bot did."""
+
+    participant: str
+    completed: bool
+    responses: int
+    comparisons: int
+
+
+@dataclass(frozen=True)
+class Character:
+    """What all bots of a study are like. oracle, response_model: their preference and how answers stray from it; of
+    several preferences with commas each bot takes the next one, of a family outside the list its next member. seed: of
+    their random streams, every bot its own. cohort: what they rate, rank, and how conditions change their answers;
+    None: they have no opinion on anything but trajectories. style: of drawing (backend/desirepath/demonstrations); default each
+    bot the next one.
+    """
+
+    oracle: str = "min-human-distance"
+    response_model: ResponseModel = ALWAYS_RIGHT
+    seed: int = 0
+    cohort: Cohort | None = None
+    style: str | None = None
+
+    def check(self) -> None:
+        """Raises LearningError for an unknown oracle or response_model that cannot be."""
+        for name in {*self.oracle.split(","), *(self.cohort.preferences.values() if self.cohort else ())}:
+            make_oracle(name, **asdict(self.response_model), seed=self.seed)
+
+    def preference(self, number: int) -> str:
+        """The oracle of the bot of that number."""
+        names = self.oracle.split(",")
+        name = names[number % len(names)]
+        return f"{name}:{number // len(names)}" if name in FAMILIES else name
+
+    def as_stored(self, number: int) -> dict[str, Any]:
+        """What is stored of a bot's making."""
+        cohort = {"cohort": self.cohort.as_dict()} if self.cohort else {}
+        style = {"style": self.style} if self.style else {}
+        own = {"name": self.preference(number), **asdict(self.response_model), "seed": self.seed, "number": number}
+        return {**own, **cohort, **style}
+
+
+def walk_all(
+    clients: Iterable[SessionClient], character: Character, tell: Callable[[str], None] = lambda words: None
+) -> dict[str, Any]:
+    """One simulated participant per client, one after another. tell: gets a line after every step.
+
+    Returns {"participants", "completed", "responses", "comparisons", "codes", "seconds"}. Raises as `simulate_study`.
+    """
+    character.check()  # before anybody joins
+    began = time.monotonic()
+    walks = [SimulatedParticipant(client, character, number, tell).walk() for number, client in enumerate(clients)]
+    return {
+        "participants": len(walks),
+        "completed": sum(walk.completed for walk in walks),
+        "responses": sum(walk.responses for walk in walks),
+        "comparisons": sum(walk.comparisons for walk in walks),
+        "codes": [walk.participant for walk in walks],
+        "seconds": round(time.monotonic() - began, 2),
+    }
+
+
+class SimulatedParticipant:
+    """One simulated participant. random, person: what kinds of step make its answers of."""
+
+    def __init__(
+        self,
+        client: SessionClient,
+        character: Character,
+        number: int,
+        tell: Callable[[str], None] = lambda words: None,
+    ) -> None:
+        self._client, self._cohort, self._tell = client, character.cohort, tell
+        self.random = np.random.default_rng([character.seed, number, 11])
+        self.person = character.cohort.person(number) if character.cohort else None
+        stream = int(self.random.integers(2**31))
+        self._usual = character.preference(number)
+        names = {self._usual, *(character.cohort.preferences.values() if character.cohort else ())}
+        response_model = asdict(character.response_model)
+        self._oracles: dict[str, Oracle] = {name: make_oracle(name, **response_model, seed=stream) for name in names}
+        self._style, self._number = character.style, number
+        self._participant = client.join(character.as_stored(number))
+        self._responses = self._comparisons = 0
+        self._valued: dict[str, list[float]] = {}
+
+    def walk(self) -> Walk:
+        """From the first page to the last."""
+        state = self._client.state()
+        stood_since = time.monotonic()
+        while state["state"] == "active" or state["step"]["kind"] == "appointment":
+            step = state["step"]
+            if step["kind"] == "appointment":
+                state = self._client.come_back()
+                continue
+            if KINDS[step["kind"]].goes_on:
+                if time.monotonic() - stood_since > PATIENCE_S:
+                    self._give_up(f"waited {PATIENCE_S:.0f} s at step {step['key']!r}")
+                time.sleep(POLL_S)
+                state = self._client.state()
+                continue
+            value = KINDS[step["kind"]].simulate(step, self)
+            self._comparisons += step["kind"] in COMPARED
+            state = self._client.submit(step["key"], value)
+            self._responses += not state["duplicate"]
+            took = time.monotonic() - stood_since
+            self._tell(
+                f"{self._participant}: step {step['index'] + 1} of {step['total']} ({step['kind']}) after {took:.1f} s"
+            )
+            stood_since = time.monotonic()
+        return Walk(self._participant, state["state"] == "completed", self._responses, self._comparisons)
+
+    def watch(self, step: Mapping[str, Any], sides: str) -> tuple[Trajectory, Trajectory]:
+        """The way a page goes: start, A seen, B seen (or A alone)."""
+        state = self._client.start(step["key"])
+        for side in sides:
+            seen: Side = "a" if side == "a" else "b"
+            state = self._client.seen(step["key"], seen, state["step"]["trial"]["playback_id"])
+        return self._client.trajectories()
+
+    def choose(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> Side:
+        """What the oracle prefers, then what the cohort makes of it."""
+        condition, query, role = str(step.get("block")), str(step.get("query")), str(step.get("role"))
+        preference = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
+        choice = self._oracles[preference].choose(Query(a.scene, a, b, (0, 1)))
+        if self.person is not None and step["kind"] not in COMPARED:
+            if self.person.takes_second(condition, query, role):
+                choice = 1
+            else:
+                choice ^= self.person.slips(condition, query, role)
+        return "b" if choice else "a"
+
+    def opinion(self, step: Mapping[str, Any], trajectory: Trajectory) -> float:
+        """How much the oracle likes it, 0 to 1: its place among all that this participant was asked about so far."""
+        condition = str(step.get("block"))
+        name = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
+        if name == "random":
+            return float(self.random.random())
+        value, before = float(preference_of(name).value([trajectory])[0]), self._valued.setdefault(name, [])
+        below = sum(one < value for one in before) + 0.5 * sum(one == value for one in before)
+        before.append(value)
+        return (below + 0.5) / len(before)
+
+    def preferred_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
+        """Its preference as weights, the foremost 1; none where it is not made of objectives."""
+        condition = str(step.get("block"))
+        name = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
+        preference = preference_of(name) if name != "random" else None
+        weights = preference.weights if preference else None
+        if preference is None or weights is None or not weights.max() > 0:
+            return {}
+        shares = zip(preference.names, weights / weights.max(), strict=True)
+        return {one: round(float(weight), 2) for one, weight in shares if weight > 0}
+
+    def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:
+        """A path in its style, drawn again where it touches something, then kept; of who has preference weights, where
+        a policy takes weights, the way that it likes best.
+
+        Where a walk has to be chosen, any of them; where the participant walks, a walk to any free place.
+        """
+        from desirepath.demonstrations.demonstrators import STYLES, draw_stroke  # numba comes with it
+        from desirepath.study.simulated.imagined import imagined_stroke
+
+        style = self._style or list(STYLES)[self._number % len(STYLES)]
+        scenes = [Scene.from_dict(one) for one in step["scenes"]]
+        weights = self.preferred_weights(step) if scenes[0].setup in SETUPS else {}
+        problem: Any = None
+        for tried in range(DRAWING_TRIES):
+            choice = int(self.random.integers(len(scenes))) if len(scenes) > 1 else 0
+            if weights:
+                stroke = imagined_stroke(scenes[choice], weights, self.random, tried)
+            else:
+                stroke = draw_stroke(style, scenes[choice], int(self.random.integers(2**31)))
+            state = self._client.draw(step["key"], stroke.as_dict() | {"pointer": "bot", "walk": choice})
+            if state["step"]["trial"]["walking"]:
+                state = self._walked(step["key"], scenes[choice], state["step"]["trial"])
+            problem = state.get("problem")
+            if problem is None:
+                return {"stroke": state["step"]["trial"]["stroke"]}
+        self._give_up(f"{DRAWING_TRIES} paths were refused, the last one: {problem}")
+
+    def _walked(self, key: str, scene: Scene, shown: Mapping[str, Any]) -> State:
+        from desirepath.demonstrations.planned_walks import record_walk  # numba comes with it
+
+        times, poses = record_walk(scene, shown["duration_s"], int(self.random.integers(2**31)))
+        walk = {"times_s": times.tolist(), "poses": poses.tolist()}
+        return self._client.walked(key, shown["playback_id"], walk)
+
+    def _give_up(self, why: str) -> NoReturn:
+        raise SimulationError(f"participant {self._participant}: {why}")
+
+
+@dataclass(frozen=True)
+class _OnPages:
+    """Whoever answers pages alone; nothing is watched or drawn."""
+
+    random: np.random.Generator
+    person: MadeUpPerson | None
+
+    def watch(self, step: Mapping[str, Any], sides: str) -> tuple[Trajectory, Trajectory]:
+        raise SimulationError(f"step {step['key']!r} is no page")
+
+    def choose(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> Side:
+        raise SimulationError(f"step {step['key']!r} is no page")
+
+    def opinion(self, step: Mapping[str, Any], trajectory: Trajectory) -> float:
+        raise SimulationError(f"step {step['key']!r} is no page")
+
+    def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:
+        raise SimulationError(f"step {step['key']!r} is no page")
+
+    def preferred_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
+        raise SimulationError(f"step {step['key']!r} is no page")
+
+
+def any_answer(
+    step: Mapping[str, Any], random: np.random.Generator, person: MadeUpPerson | None = None
+) -> dict[str, Any]:
+    """A valid answer to any step that is a page, as the API tells it to simulated participants."""
+    return KINDS[step["kind"]].simulate(step, _OnPages(random, person))

@@ -1,0 +1,209 @@
+"""The analysts' page on which a policy's weights are moved by hand, nine or chapter 5's three, and its way is redrawn.
+
+The controls, the stage and the rollouts are those of the participants' step (`kinds/live.py`, `live_rollouts.py`);
+nothing that is done here is stored. Figures of the same policy are `explanation_pages.py`'s and `flow_pages.py`'s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from fastapi import APIRouter, Depends, Request
+from starlette.responses import JSONResponse, Response
+
+from desirepath.grammar.words import View
+from desirepath.simulation.trajectory import Trajectory
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.shipped_policies import shipped_as
+from desirepath.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, SETUPS, in_triangle, three_corners
+from desirepath.web.analyst.chosen_policies import (
+    ADAPTABLE,
+    NOT_DRAWN,
+    WEIGHED,
+    Asked,
+    Undrawable,
+    asked_of,
+    form_of,
+    objectives_of,
+    problem_of,
+)
+from desirepath.web.core.auth import checked_csrf
+from desirepath.web.core.catalogues import Catalogue
+from desirepath.web.core.dependencies import Db, Files, services_of
+from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
+from desirepath_stage.views import VIEWS
+
+if TYPE_CHECKING:
+    from desirepath.learning.adaptable.policy import AdaptablePolicy
+    from desirepath.learning.policies.conditioned import ConditionedPolicy
+    from desirepath.simulation.scene import Scene
+    from desirepath.store.models import Artefact
+    from desirepath_stage.stage import Stage
+
+router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+HERE = "/lab/live"
+
+
+@dataclass(frozen=True)
+class LiveScene:
+    """One scene with its goal and a robot, whose paths come from the page."""
+
+    scene: Scene
+    view: View
+    beside: tuple[Trajectory, ...]
+
+    def show(self, stage: Stage) -> None:
+        stage.live(self.scene, self.view, trajectories=self.beside)
+
+
+@router.get("/lab/live")
+def live(request: Request, database: Db, files: Files) -> Response:
+    """The form; below it the stage with the controls of the policy that is chosen."""
+    from desirepath.simulation.scenes import LARGEST_SEED
+
+    services = services_of(request)
+    t = services.texts.get(lab_language(request))
+    asked = token = problem = corners = None
+    start: dict[str, float] = {}
+    view: View = next((one for one in VIEWS if one == request.query_params.get("view")), VIEWS[0])
+    try:
+        corners = _corners(request, t)
+        asked = _asked(request, database)
+        if asked is not None:
+            side = asked.sides[0]
+            order = objectives_of(side.artefact.kind, side.artefact.setup)
+            if side.artefact.kind == ADAPTABLE:  # its weights sum to 1: a triangle and nothing else
+                corners = list(order)
+            start = in_triangle(side.weights, corners, order) if corners else dict(side.weights)
+            conditioned = _read(files, side.artefact)
+            scene = _scene(conditioned.setup, asked.scene_seed)
+            token = services.replays.grant(LiveScene(scene, view, _beside(conditioned, scene)))
+    except NOT_DRAWN as wrong:
+        problem = problem_of(t, wrong)
+    seed = asked.scene_seed if asked is not None else None
+    form = form_of(request, database)
+    form["choices"] = [one for one in form["choices"] if _by_hand(one)]
+    return lab_page(
+        request,
+        "analyst/live.html",
+        status=422 if problem else 200,
+        **form,
+        problem=problem,
+        asked=asked,
+        corners=corners,
+        payload={"controls": CONTROLS, "triangle": corners},
+        start=start,
+        view=view,
+        views=VIEWS,
+        lab_words=True,
+        reference=_reference(asked),
+        replay=token,
+        another=str(seed + 1) if seed is not None and seed < LARGEST_SEED else None,
+        all_objectives=OBJECTIVES,
+        three_objectives=objectives_of(ADAPTABLE),
+    )
+
+
+@router.get("/lab/live/paths")
+def paths(
+    request: Request,
+    database: Db,
+    files: Files,
+    x: float | None = None,
+    y: float | None = None,
+    yaw: float | None = None,
+) -> Response:
+    """The way that the policy takes at the weights of the address, from the scene's start or from that pose."""
+    from desirepath.simulation.scene import SceneError
+    from desirepath.study.personalising.live_rollouts import path_of, rolled_out
+
+    try:
+        asked = _asked(request, database)
+        if asked is None:
+            raise LabRefusal(404, "no_figure")
+        side = asked.sides[0]
+        conditioned = _read(files, side.artefact)
+        pose = (x, y, yaw) if x is not None and y is not None and yaw is not None else None
+        scene = _scene(conditioned.setup, asked.scene_seed)
+        found = path_of(rolled_out(conditioned.weighed(side.weights), scene, pose))
+    except SceneError:
+        return JSONResponse({"error": {"code": "pose", "message": "no robot can go on from there"}}, 422)
+    except NOT_DRAWN as wrong:
+        t = services_of(request).texts.get(lab_language(request))
+        return JSONResponse({"error": {"code": "weights", "message": problem_of(t, wrong)}}, 422)
+    return JSONResponse({"place": 0, "paths": [{"track": found.track, "arrives": found.arrives}]})
+
+
+def _asked(request: Request, database: Db) -> Asked | None:
+    """What the address names. Raises Undrawable for a policy without weights."""
+    with database.session() as s:
+        asked = asked_of(request, s)
+    if asked is not None and asked.sides[0].artefact.kind not in WEIGHED:
+        raise Undrawable("no_weights", name=asked.sides[0].name)
+    if asked is not None and not _by_hand(asked.sides[0].artefact):
+        raise Undrawable("no_sliders", name=asked.sides[0].name)
+    return asked
+
+
+def _by_hand(artefact: Artefact) -> bool:
+    """Whether it has weights that there are sliders for: the nine of a person who stands, or chapter 5's three."""
+    return artefact.kind == ADAPTABLE or (artefact.kind in WEIGHED and artefact.setup in SETUPS)
+
+
+def _corners(request: Request, t: Catalogue) -> list[str] | None:
+    """The three that are weighed in a triangle, None: sliders for all. Raises Undrawable, naming them as the page."""
+    named = [one for one in request.query_params.getlist("corner") if one]
+    if not named:
+        return None
+    try:
+        return three_corners(named)
+    except ValueError as wrong:
+        words = {name: t(f"flow.objectives.{name}") for name in OBJECTIVES}
+        pair = next((pair for pair in CONTROLS if len(pair) == 2 and set(pair) <= set(named)), None)
+        if len(named) != CORNERS:
+            raise Undrawable("corners_count", count=len(named)) from None
+        if set(named) <= set(words) and len(set(named)) < CORNERS:
+            twice = next(name for name in named if named.count(name) > 1)
+            raise Undrawable("corners_twice", name=words[twice]) from None
+        if set(named) <= set(words) and pair:
+            raise Undrawable("corners_opposite", first=words[pair[0]], second=words[pair[1]]) from None
+        raise Undrawable("corners", message=str(wrong)) from None
+
+
+def _reference(asked: Asked | None) -> str:
+    if asked is None:
+        return ""
+    artefact = asked.sides[0].artefact
+    return shipped_as(artefact.id) or artefact.id
+
+
+def _read(files: ArtefactStore, artefact: Artefact) -> ConditionedPolicy | AdaptablePolicy:
+    return _parsed(artefact.kind, files.get(artefact.id))
+
+
+@lru_cache(maxsize=4)
+def _parsed(kind: str, content: bytes) -> ConditionedPolicy | AdaptablePolicy:
+    from desirepath.learning.adaptable.policy import AdaptablePolicy
+    from desirepath.learning.policies.conditioned import ConditionedPolicy
+
+    return (AdaptablePolicy if kind == ADAPTABLE else ConditionedPolicy).from_bytes(content)
+
+
+@lru_cache(maxsize=64)
+def _scene(setup: str, seed: int) -> Any:
+    from desirepath.simulation.scenes import draw_scene
+    from desirepath.simulation.setups import get_setup
+
+    return draw_scene(get_setup(setup), seed)
+
+
+def _beside(conditioned: ConditionedPolicy | AdaptablePolicy, scene: Scene) -> tuple[Trajectory, ...]:
+    """What the robot may do, so that the view from above is wide enough where there are no walls."""
+    from desirepath.study.personalising.live_rollouts import rolled_out
+
+    if scene.room is not None:
+        return ()
+    alone = [{}, *({name: 1.0} for name in conditioned.objectives)]
+    return tuple(rolled_out(conditioned.weighed(weights), scene) for weights in alone)

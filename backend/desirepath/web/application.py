@@ -1,0 +1,201 @@
+"""Puts the rooms together into the two ASGI applications: the pages, and the door of the 3D stage."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import structlog
+from fastapi import Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.staticfiles import StaticFiles
+from fastapi.templating import Jinja2Templates
+from sqlalchemy.exc import DataError
+from starlette.exceptions import HTTPException
+from starlette.responses import RedirectResponse, Response
+from starlette.types import ASGIApp
+
+from desirepath.settings import Settings
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.database import Database, DatabaseBusy, check_writable, is_full
+from desirepath.store.places import StoreAway
+from desirepath.store.plain_data import Unstorable
+from desirepath.study.refusals import Refused
+from desirepath.web.core.catalogues import Texts
+from desirepath.web.core.contract import trouble_in
+from desirepath.web.core.dependencies import Application, Services, route_of
+from desirepath.web.core.figure_process import FigureProcess
+from desirepath.web.core.heads import BoundedHeads
+from desirepath.web.core.health import CODES, Health, health_of
+from desirepath.web.core.lab_frame import lab_page
+from desirepath.web.core.media import PAGE
+from desirepath.web.core.monitoring import Monitoring
+from desirepath.web.core.openid import OpenId
+from desirepath.web.core.prose import prose
+from desirepath.web.core.throttle import TooLarge, limiter_for
+from desirepath.web.lab.power_runs import PowerRuns
+from desirepath.web.lab.whole_reports import Reports
+from desirepath.web.participant.joining_together import Doors
+from desirepath.web.participant.requests import refusal_page
+from desirepath.web.replicas.notices import notices_for
+from desirepath.web.replicas.peers import Peers
+from desirepath.web.replicas.shared_limits import SharedCounts
+from desirepath.web.stage.admission import Admission
+from desirepath.web.stage.listening import Listeners
+from desirepath.web.stage.presenting import Presenter
+from desirepath.web.stage.replay_stages import ReplayStages
+from desirepath.web.stage.stage_proxy import INNER, StageDoor
+
+FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
+RETRY_AFTER_S = 2  # ours: sent with a 503; the pages, bots and benchmarks wait as long and ask again
+log = structlog.get_logger("desirepath.web")
+
+
+@cache
+def _texts() -> Texts:
+    """Read once in a process, however many services it builds; so are templates compiled."""
+    return Texts(FRONTEND / "locales")
+
+
+@cache
+def _templates() -> Jinja2Templates:
+    templates = Jinja2Templates(FRONTEND / "templates")
+    templates.env.trim_blocks = templates.env.lstrip_blocks = True
+    templates.env.filters["prose"] = prose
+    return templates
+
+
+def build_services(settings: Settings) -> Services:
+    """Open data folder, database (migrated) and artefact store. Raises StorageError with what to do about it."""
+    check_writable(settings.data)
+    database = Database(settings.database)
+    database.migrate()
+    files, notices = ArtefactStore(settings.artefacts), notices_for(database)
+    counts = SharedCounts(database) if notices.shared else None
+    peers = Peers(database, notices, counts)
+    replays, listeners = ReplayStages(peers), Listeners(notices)
+    return Services(
+        settings=settings,
+        database=database,
+        files=files,
+        texts=_texts(),
+        templates=_templates(),
+        limiter=limiter_for(counts),
+        notices=notices,
+        peers=peers,
+        replays=replays,
+        figures=FigureProcess(),
+        reports=Reports(settings),
+        power=PowerRuns(settings),
+        doors=Doors(database, files),
+        monitoring=Monitoring(),
+        openid=OpenId(settings) if settings.openid_issuer else None,
+        presenter=Presenter(database, files, replays, listeners, notices),
+        listeners=listeners,
+        admission=Admission(settings, database, replays),
+    )
+
+
+def create_application(services: Services) -> Application:
+    """The pages and their API. Routes find everything they need in `dependencies.services_of`."""
+    from desirepath.web.analyst import routes
+    from desirepath.web.core import auth, monitoring, published
+    from desirepath.web.core.guard import Guard, trouble
+    from desirepath.web.lab import account_pages, learnt_pages, openid_pages, sign_in_pages, study_pages
+    from desirepath.web.participant import session_pages
+
+    application = Application(
+        services, title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None
+    )
+    application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
+    lab = (sign_in_pages, openid_pages, account_pages, study_pages, learnt_pages, routes)
+    for module in (session_pages, *lab, published, monitoring):
+        application.include_router(module.router)
+    application.include_router(openid_pages.behind)
+    for exception, handler in (auth.exception_handlers | {Refused: refusal_page}).items():
+        application.add_exception_handler(exception, handler)
+
+    @application.get("/", include_in_schema=False)
+    def home() -> Response:
+        return RedirectResponse("/lab/studies", status_code=303)
+
+    @application.get("/health", tags=["server"], response_model=Health, responses={200: {"content": {PAGE: {}}}})
+    def health(request: Request, response: Response, prepared: bool = False) -> Health | Response:
+        """For load balancers and containers, and as a page for browsers. 507: the disk is full, 503: the database does
+        not answer; in both no answer can be stored. What else is wrong stands in `problems` and stops nobody. With
+        `prepared` also 503 while what the first visitors would wait for is being loaded: whoever replaces a running
+        server asks so before it sends them here."""
+        found = health_of(services, prepared=prepared)
+        response.status_code = CODES.get(found.status, 200)
+        if PAGE in request.headers.get("accept", ""):
+            return lab_page(request, "lab/health.html", status=response.status_code, health=found, sign_in=None)
+        return found
+
+    @application.exception_handler(HTTPException)
+    def http(request: Request, problem: HTTPException) -> Response:
+        if problem.status_code == 404:
+            return trouble(request, 404, "not_found", "There is nothing at this address.")
+        if is_full(problem):  # an upload that found no room on its way in, which FastAPI calls the sender's fault
+            return no_room(request, problem)
+        return trouble(request, problem.status_code, "refused", str(problem.detail), headers=problem.headers)
+
+    @application.exception_handler(RequestValidationError)
+    def bad_value(request: Request, problem: RequestValidationError) -> Response:
+        found = trouble_in(problem.errors())
+        return trouble(request, 422, found.code, found.message, field=found.field, value=found.value)
+
+    @application.exception_handler(DataError)
+    def not_storable(request: Request, problem: Exception) -> Response:
+        log.warning("a value fits into no column", route=route_of(request), problem=str(problem)[:300])
+        return trouble(request, 422, "bad_value", "Something that was sent is too long or no text; nothing was stored.")
+
+    @application.exception_handler(Unstorable)
+    def too_deep(request: Request, problem: Exception) -> Response:
+        return trouble(request, 422, "bad_value", f"{problem}; nothing was stored", field="body")
+
+    @application.exception_handler(TooLarge)
+    def too_large(request: Request, problem: TooLarge) -> Response:
+        return trouble(request, 413, "too_large", problem.detail)
+
+    @application.exception_handler(DatabaseBusy)
+    def busy(request: Request, problem: Exception) -> Response:
+        log.warning("the database was busy", route=route_of(request), problem=str(problem))
+        response = trouble(request, 503, "busy", "Too much is going on here right now; nothing was stored. Try again.")
+        response.headers["Retry-After"] = str(RETRY_AFTER_S)
+        return response
+
+    @application.exception_handler(StoreAway)
+    def files_away(request: Request, problem: Exception) -> Response:
+        log.error("the artefact store does not answer", route=route_of(request), problem=str(problem)[:300])
+        said = "The server's store of files does not answer; nothing was stored. Try again."
+        return trouble(request, 503, "files_away", said, headers={"Retry-After": str(RETRY_AFTER_S)})
+
+    @application.exception_handler(OSError)
+    def disk_full(request: Request, problem: OSError) -> Response:
+        if not is_full(problem):
+            raise problem
+        return no_room(request, problem)
+
+    def no_room(request: Request, problem: Exception) -> Response:
+        log.error("the disk is full", route=route_of(request), problem=str(problem)[:300])
+        said = "The disk of the server is full; nothing was stored. Try again once there is room."
+        return trouble(request, 507, "disk_full", said, headers={"Retry-After": str(RETRY_AFTER_S)})
+
+    application.add_middleware(Guard)
+    application.add_middleware(BoundedHeads)
+    return application
+
+
+def create_stage_application(services: Services, *, inner: bool = False) -> ASGIApp:
+    """The door as an ASGI application of its own, for the stage's port. inner: for the other server processes of this
+    installation, which come for replays."""
+    server, admission = services.presenter.server, services.admission
+    if server is None:
+        raise RuntimeError("the stage server has to be started before its door")
+    door = StageDoor(
+        admit=admission.admit_peer if inner else admission.admit,
+        upstream_url=server.upstream_url,
+        origins=(lambda _host: INNER) if inner else admission.origins,
+        on_refused=admission.on_refused,
+    )
+    return door.asgi()

@@ -1,0 +1,67 @@
+"""Under which address people reach this server: what is set, else what a browser asked for where it can be ours.
+
+A request's `Host` is whatever its sender wrote. It may name the server back to that sender, but a link that is handed
+on carries no name that could be somebody else's.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+
+from fastapi import Request
+from starlette.requests import HTTPConnection
+
+from desirepath.settings import in_url
+from desirepath.web.core.dependencies import configured_url
+
+LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
+STRICT_TRANSPORT = ("Strict-Transport-Security", "max-age=31536000")
+"""A year; nothing about other names of the domain, which are not ours to promise for."""
+
+
+def public_url(request: Request) -> str:
+    """Address of the pages without a trailing slash, to be handed on: the setting, else the environment's, else as the
+    browser asked, where that is a name of this machine or an address in a private network; else the machine's own."""
+    return (configured_url(request) or _asked(request)).rstrip("/")
+
+
+def insists_on_tls(request: HTTPConnection) -> bool:
+    """Whether the browser is told to come by TLS only: where it did, and not at localhost, whose other ports serve
+    other things."""
+    name = request.url.hostname or ""
+    return request.url.scheme == "https" and name not in LOOPBACK_NAMES and not name.endswith(".localhost")
+
+
+def policy_source(origin: str) -> str:
+    """An origin in a Content-Security-Policy, whose grammar has no IPv6 addresses: for those any host on that port."""
+    scheme, bracket, rest = origin.partition("://[")
+    return f"{scheme}://*{rest.partition(']')[2]}" if bracket else origin
+
+
+def is_from_here(request: Request) -> bool:
+    """Whether this machine asks, not somebody for whom a trusted proxy on it does."""
+    try:
+        return request.client is not None and ipaddress.ip_address(request.client.host).is_loopback
+    except ValueError:
+        return False
+
+
+def _asked(request: Request) -> str:
+    asked = str(request.base_url)
+    host, port = request.scope.get("server") or (LOOPBACK_NAMES[1], None)
+    if _is_ours(request.base_url.hostname or "", host):
+        return asked
+    return f"{request.url.scheme}://{in_url(host)}:{port}" if port else f"{request.url.scheme}://{in_url(host)}"
+
+
+def _is_ours(name: str, listening: str) -> bool:
+    """Whether a host name can only be this machine: its own names, the address that was connected to, a private one."""
+    name = name.lower().rstrip(".")
+    own = socket.gethostname().lower()
+    if name in {*LOOPBACK_NAMES, listening.lower(), own, own.partition(".")[0], f"{own.partition('.')[0]}.local"}:
+        return True
+    try:
+        return ipaddress.ip_address(name).is_private
+    except ValueError:
+        return False

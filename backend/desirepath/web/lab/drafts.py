@@ -1,0 +1,163 @@
+"""Protocols that are being looked at before a study is opened: one folder per draft in the data folder, no database.
+
+A draft holds `protocol.yaml` with the texts and questionnaires it names, laid out as in `study_protocols/`.
+"""
+
+from __future__ import annotations
+
+import re
+import secrets
+import shutil
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from desirepath.grammar import text_files
+from desirepath.grammar.text_files import NotUtf8Error, as_text, read_text
+from desirepath.study.protocol.freezing import PROTOCOLS, FrozenProtocol, freeze_text, shipped_protocols
+
+LARGEST_FILE = 512 * 1024  # bytes; a protocol has a few kB
+MOST_FILES = 40
+DRAFTS_LAST_S = 7 * 86_400  # forgotten drafts go when the next one is made
+FOLDERS = {".md": "texts", ".yaml": "questionnaires"}  # where an uploaded file belongs, by its ending
+_ID = re.compile(r"[0-9a-f]{16}")
+_FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+
+
+class DraftError(ValueError):
+    """A draft that cannot be made; `code` is a key below `draft_errors` in lab.yaml."""
+
+    def __init__(self, code: str, **values: object) -> None:
+        self.code, self.values = code, values
+        super().__init__(f"{code}: {values}" if values else code)
+
+
+@dataclass(frozen=True)
+class Draft:
+    """One draft; `file` is its protocol."""
+
+    id: str
+    folder: Path
+
+    @property
+    def file(self) -> Path:
+        return self.folder / "protocol.yaml"
+
+    @property
+    def yaml(self) -> str:
+        return read_text(self.file)
+
+    def save(self, yaml: str) -> None:
+        """Replace the protocol. Raises DraftError if it is empty or too large."""
+        _write(self.file, _checked("protocol.yaml", as_text(yaml)))
+
+    def add(self, texts: Mapping[str, bytes]) -> None:
+        """Add texts (`.md`) and questionnaires (`.yaml`), or replace those of the same name. Raises DraftError."""
+        if len(texts) > MOST_FILES:
+            raise DraftError("too_many_files", most=MOST_FILES)
+        kept = {_file_name(name): decoded(name, content) for name, content in texts.items()}
+        for name, text in kept.items():
+            _write(self.folder / FOLDERS[Path(name).suffix] / name, text)
+
+    def freeze(self, query_sets: Mapping[str, str]) -> FrozenProtocol:
+        """The checked protocol. query_sets: what it may name by id. Raises ProtocolError with every problem."""
+        return freeze_text(self.yaml, file=self.file.name, folder=self.folder, query_sets=query_sets)
+
+    def discard(self) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def draft_from_shipped(data: Path, name: str) -> Draft:
+    """Copy a shipped protocol and all texts. Raises DraftError for an unknown name."""
+    known = {file.stem: file for file in shipped_protocols()}
+    if name not in known:
+        raise DraftError("unknown_protocol", name=name)
+    return draft_from_text(data, read_text(known[name]))
+
+
+def draft_from_text(
+    data: Path, yaml: str, texts: Mapping[str, bytes] | None = None, own: Mapping[str, str] | None = None
+) -> Draft:
+    """A draft of pasted or uploaded YAML, with the shipped texts and questionnaires beside it.
+
+    texts: file name -> bytes, `.md` are texts, `.yaml` questionnaires; they are added to the shipped or replace them.
+    own: a study's frozen files, path -> content, between the two.
+
+    Raises DraftError for an empty, too large or not readable file, a name that is no plain file name, or a frozen file
+    that would lie outside the draft (a data set from elsewhere may name anything).
+    """
+    _checked("protocol.yaml", yaml)
+    texts = texts or {}
+    if len(texts) > MOST_FILES:
+        raise DraftError("too_many_files", most=MOST_FILES)
+    sent = {_file_name(name): decoded(name, content) for name, content in texts.items()}
+    _sweep(data)
+    draft_id = secrets.token_hex(8)
+    draft = Draft(draft_id, data / "drafts" / draft_id)
+    try:
+        _fill(draft, own or {}, sent)
+        draft.save(yaml)
+    except Exception:
+        draft.discard()
+        raise
+    return draft
+
+
+def _fill(draft: Draft, kept: Mapping[str, str], sent: Mapping[str, str]) -> None:
+    for folder in FOLDERS.values():
+        shutil.copytree(PROTOCOLS / folder, draft.folder / folder)
+    places = {Path(path).name: path for path in kept}
+    uploaded = {places.get(name, f"{FOLDERS[Path(name).suffix]}/{name}"): text for name, text in sent.items()}
+    for path, text in {**kept, **uploaded}.items():
+        if not (draft.folder / path).resolve().is_relative_to(draft.folder.resolve()):
+            raise DraftError("file_name", name=path)
+        (draft.folder / path).parent.mkdir(parents=True, exist_ok=True)
+        _write(draft.folder / path, text)
+
+
+def find_draft(data: Path, draft_id: str) -> Draft | None:
+    """The draft with this id; None for one that never was or is gone."""
+    if not _ID.fullmatch(draft_id):
+        return None
+    draft = Draft(draft_id, data / "drafts" / draft_id)
+    return draft if draft.file.is_file() else None
+
+
+def _file_name(name: str) -> str:
+    plain = name.replace("\\", "/").rsplit("/", 1)[-1]
+    if not _FILE_NAME.fullmatch(plain) or Path(plain).suffix not in FOLDERS:
+        raise DraftError("file_name", name=name)
+    return plain
+
+
+def decoded(name: str, content: bytes) -> str:
+    """An uploaded file's text. Raises DraftError."""
+    try:
+        return _checked(name, text_files.decoded(content))
+    except NotUtf8Error as wrong:
+        raise DraftError("not_text", name=name, encoding=wrong.encoding) from None
+
+
+def _write(path: Path, text: str) -> None:
+    """All of it, or what was there stays: the disk may be full."""
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _checked(name: str, text: str) -> str:
+    if not text.strip():
+        raise DraftError("empty", name=name)
+    if len(text.encode()) > LARGEST_FILE:
+        raise DraftError("too_large", name=name, kb=LARGEST_FILE // 1024)
+    return text
+
+
+def _sweep(data: Path) -> None:
+    for folder in (data / "drafts").glob("*"):
+        if _ID.fullmatch(folder.name) and time.time() - folder.stat().st_mtime > DRAFTS_LAST_S:
+            shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,180 @@
+"""A new study in three steps: choose a protocol, check it, open the study. Drafts themselves live in `drafts.py`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, File, Form, Request, UploadFile
+from starlette.responses import RedirectResponse, Response
+
+from desirepath.store.query_sets import query_sets_here
+from desirepath.study.protocol.freezing import ProtocolError, freeze, shipped_protocols
+from desirepath.study.protocol.outline import describe_stages, expected_minutes
+from desirepath.study.studies import StudyError, create_study
+from desirepath.web.core.auditing import audit_details
+from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.dependencies import Db, Files, TheServices, services_of
+from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
+from desirepath.web.lab import drafts
+from desirepath.web.lab.drafts import Draft, DraftError, decoded
+from desirepath.web.lab.preview import first_steps
+
+LONGEST_NAME = 200
+
+router = APIRouter(prefix="/lab/new", dependencies=[Depends(checked_csrf)], tags=["new study"])
+
+
+def _draft(services: TheServices, draft_id: str) -> Draft:
+    found = drafts.find_draft(services.settings.data, draft_id)
+    if found is None:
+        raise LabRefusal(404, "no_draft")
+    return found
+
+
+TheDraft = Annotated[Draft, Depends(_draft)]
+
+
+@router.get("")
+def choose(request: Request) -> Response:
+    return _choose_page(request)
+
+
+def _choose_page(request: Request, *, status: int = 200, problem: DraftError | None = None, yaml: str = "") -> Response:
+    shipped = []
+    for file in shipped_protocols():
+        frozen = freeze(file)
+        shipped.append((file.stem, frozen, expected_minutes(frozen.protocol)))
+    return lab_page(request, "lab/new_choose.html", status=status, shipped=shipped, problem=problem, yaml=yaml)
+
+
+@router.post("")
+def make_draft(
+    request: Request,
+    services: TheServices,
+    source: Annotated[str, Form()] = "",
+    yaml: Annotated[str, Form()] = "",
+    protocol: Annotated[UploadFile | None, File()] = None,
+    texts: Annotated[list[UploadFile] | None, File()] = None,
+) -> Response:
+    """`source`: shipped:NAME, upload or paste."""
+    data = services.settings.data
+    try:
+        if source.startswith("shipped:"):
+            draft = drafts.draft_from_shipped(data, source.removeprefix("shipped:"))
+        elif source == "upload":
+            if protocol is None or not protocol.filename:
+                raise DraftError("no_file")
+            named = {one.filename: read_upload(one) for one in texts or [] if one.filename}
+            draft = drafts.draft_from_text(data, decoded(protocol.filename, read_upload(protocol)), named)
+        elif source == "paste":
+            draft = drafts.draft_from_text(data, yaml)
+        else:
+            raise DraftError("no_source")
+    except DraftError as problem:
+        return _choose_page(request, status=422, problem=problem, yaml=yaml)
+    return RedirectResponse(f"/lab/new/{draft.id}", status_code=303)
+
+
+def keep_edits(draft: Draft, yaml: str, texts: list[UploadFile] | None) -> None:
+    """Raises DraftError before anything is kept that cannot be."""
+    draft.add({one.filename: read_upload(one) for one in texts or [] if one.filename})
+    draft.save(yaml)
+
+
+def read_upload(file: UploadFile) -> bytes:
+    content = file.file.read(drafts.LARGEST_FILE + 1)
+    if len(content) > drafts.LARGEST_FILE:
+        raise DraftError("too_large", name=file.filename, kb=drafts.LARGEST_FILE // 1024)
+    return content
+
+
+@router.get("/{draft_id}")
+def check(request: Request, draft: TheDraft) -> Response:
+    return _check_page(request, draft)
+
+
+@router.post("/{draft_id}")
+def save(
+    request: Request,
+    draft: TheDraft,
+    user: CheckedCsrf,
+    yaml: Annotated[str, Form()] = "",
+    texts: Annotated[list[UploadFile] | None, File()] = None,
+) -> Response:
+    """Keep the edited YAML and what was uploaded with it, and check again. What cannot be kept stays in the form."""
+    try:
+        keep_edits(draft, yaml, texts)
+    except DraftError as problem:
+        return _check_page(request, draft, status=422, problem=problem, edited=yaml)
+    return RedirectResponse(f"/lab/new/{draft.id}", status_code=303)
+
+
+def _check_page(
+    request: Request,
+    draft: Draft,
+    *,
+    status: int = 200,
+    problem: DraftError | None = None,
+    name: str | None = None,
+    edited: str | None = None,
+    pilot: bool = True,
+) -> Response:
+    """The second and third step on one page: what is wrong, or what the study will be and the button that opens it."""
+    frozen, problems = None, []
+    try:
+        with services_of(request).database.session() as s:
+            frozen = draft.freeze(query_sets_here(s))
+    except ProtocolError as wrong:
+        problems = wrong.problems
+    return lab_page(
+        request,
+        "lab/new_check.html",
+        status=status,
+        draft=draft,
+        frozen=frozen,
+        stages=describe_stages(frozen.data, frozen.files) if frozen else [],
+        minutes=expected_minutes(frozen.protocol) if frozen else None,
+        first_steps=first_steps(frozen) if frozen else {},
+        problems=problems,
+        wrong_lines={one.line for one in problems if one.file == draft.file.name},
+        problem=problem,
+        veiled=None,
+        edited=edited,
+        pilot=pilot,
+        name=name if name is not None else (frozen.title(lab_language(request)) if frozen else ""),
+    )
+
+
+@router.post("/{draft_id}/open")
+def open_study(
+    request: Request,
+    draft: TheDraft,
+    database: Db,
+    files: Files,
+    user: CheckedCsrf,
+    name: Annotated[str, Form()] = "",
+    pilot: Annotated[bool, Form()] = False,
+) -> Response:
+    """Make the study: it keeps its own copy of the protocol, so later changes of files do not reach it. `pilot`: it
+    begins with a pilot phase."""
+    name = " ".join(name.split())[:LONGEST_NAME]
+    try:
+        with database.session() as s:
+            frozen = draft.freeze(query_sets_here(s))
+        if not name:
+            raise DraftError("no_name")
+        with database.transaction() as s:
+            study = create_study(s, files, frozen, name=name, created_by=user.id)
+            study.pilot = pilot
+            study_id = study.id
+    except StudyError as refused:
+        return _check_page(
+            request, draft, status=422, problem=DraftError("study", problem=refused), name=name, pilot=pilot
+        )
+    except ProtocolError:
+        return _check_page(request, draft, status=422)
+    except DraftError as problem:
+        return _check_page(request, draft, status=422, problem=problem, name=name, pilot=pilot)
+    draft.discard()
+    audit_details(request, study_id=study_id, pilot=pilot)
+    return RedirectResponse(f"/lab/studies/{study_id}/recruit?done=study_created", status_code=303)

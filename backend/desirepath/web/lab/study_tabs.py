@@ -1,0 +1,48 @@
+"""What every page of one study needs: the study, one of its participants, the frame with tabs. No route lives here."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from fastapi import Request
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
+from starlette.responses import Response
+
+from desirepath.store.models import Participant, Study
+from desirepath.web.core.lab_frame import LabRefusal, lab_page
+
+OPEN = re.compile(r"""\btype:\s*["']?text\b""")  # an open question, in a questionnaire's YAML
+TABS = ("now", "people", "protocol", "recruit", "data", "report", "team")
+
+
+def the_study(s: DatabaseSession, study_id: str) -> Study:
+    """The study with this id. Raises LabRefusal 404."""
+    study = s.get(Study, study_id)
+    if study is None:
+        raise LabRefusal(404, "no_study")
+    return study
+
+
+def the_participant(s: DatabaseSession, study: Study, code: str) -> Participant:
+    """The participant with this code. Raises LabRefusal 404."""
+    found = s.scalars(select(Participant).where(Participant.study_id == study.id, Participant.code == code)).first()
+    if found is None:
+        raise LabRefusal(404, "no_participant", code=code)
+    return found
+
+
+def study_tab(
+    request: Request, study: Study, tab: str, template: str | None = None, *, status: int = 200, **context: Any
+) -> Response:
+    """A page of a study; without a template, the tab's own."""
+    drawn = any(
+        entry.get("demonstrations") or "drawing" in (entry.get("methods") or {}).get("methods", ())
+        for entry in study.protocol.get("stages", [])
+    )
+    written = any(name.startswith("questionnaires/") and OPEN.search(text) for name, text in study.files.items())
+    beside = [name for name, there in (("paths", drawn), ("coding", written)) if there]
+    tabs = (*TABS[:2], *beside, *TABS[2:])
+    shown = template or f"lab/study_{tab}.html"
+    return lab_page(request, shown, status=status, study=study, tab=tab, tabs=tabs, **context)

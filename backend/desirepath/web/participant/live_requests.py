@@ -1,0 +1,123 @@
+"""The API of weights that are changed by hand: which way the robot would take from where it is, and in which place.
+
+Nothing is changed or stored here: the final weights with their history are the step's answer (`session_pages.py`). The
+rollouts are `study/personalising/live_rollouts.py`'s, what the stage shows `stage/live_scene.py`'s.
+"""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Request
+from sqlalchemy.orm import Session as DatabaseSession
+from starlette.responses import Response
+
+from desirepath.store.models import Session, utc_now
+from desirepath.study.kinds import kind_of
+from desirepath.study.kinds.base import Moment
+from desirepath.study.kinds.live import LiveKind, LiveStep, cleaned
+from desirepath.study.kinds.wire import BadValue
+from desirepath.study.kinds.words import MEANT, MOST_QUESTIONS, WordsStep, language_of, marked, understood
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.study.session.versions import protocol_of
+from desirepath.web.core.contract import reply_of
+from desirepath.web.core.dependencies import TheServices, services_of
+from desirepath.web.participant.replies import LivePaths, PlaceShown, WordsUnderstood
+from desirepath.web.participant.sent import LiveAsked, PlaceChosen, WordsRead
+from desirepath.web.participant.session_view import looking
+
+router = APIRouter()  # included in participant.router, which keeps guessers out
+
+
+@router.post("/api/session/{token}/live/{key}/paths", response_model=LivePaths)
+def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Response:
+    """The way of each robot of the step, in one of its places: at these weights, and of the usual robot beside it where
+    two are shown. Robots that are under way say where they are."""
+    from desirepath.simulation.scene import SceneError
+    from desirepath.study.personalising import live_rollouts as live
+
+    with looking(services, token) as (s, session):
+        step = _step(s, session, key)
+        kind = kind_of(step)
+        assert isinstance(kind, LiveKind)  # noqa: S101  its steps are of such kinds
+        place = _place(step, body.place)
+        policies = kind.policies(
+            step,
+            Moment(s, session, protocol_of(s, session), utc_now()),
+            services.files,
+            cleaned(body.weights, "weights") if body.weights is not None else None,
+        )
+    scene = live.scenes_of(step.setup)[place]  # outside the transaction: it computes
+    poses: list[list[float] | None] = list(body.poses) if body.poses else [None] * len(policies)
+    if len(poses) != len(policies):
+        raise BadValue("poses", len(poses), f"must be one per robot, which are {len(policies)}")
+    try:
+        trajectories = [live.rolled_out(policy, scene, pose) for policy, pose in zip(policies, poses, strict=True)]
+    except SceneError as wrong:  # it has arrived, or brushes past something between two steps
+        raise BadValue("poses", None, f"must be where a robot can go on from; {wrong}") from None
+    rolled_out = [live.path_of(one) for one in trajectories]
+    looks_at: list[list[str]] = [[] for _ in rolled_out]
+    if step.reasons and not body.poses:
+        looks_at = [live.looks_at(policy, one) for policy, one in zip(policies, trajectories, strict=True)]
+    return reply_of(
+        LivePaths,
+        {
+            "place": place,
+            "paths": [
+                {"track": one.track, "arrives": one.arrives, "looks_at": things}
+                for one, things in zip(rolled_out, looks_at, strict=True)
+            ],
+        },
+    )
+
+
+@router.post("/api/session/{token}/live/{key}/words", response_model=WordsUnderstood)
+def words(token: str, key: str, services: TheServices, body: WordsRead) -> Response:
+    """What a sentence is read as, in the session's language, or in the other one where it clearly is in that.
+    Nothing of it is stored or logged here."""
+    with looking(services, token) as (s, session):
+        step = _step(s, session, key)
+        language = language_of(session.language)
+        if not isinstance(step, WordsStep):
+            raise BadValue("key", key[:80], "must be a step at which a wish is written down")
+    got = understood(body.sentence, language)  # outside the transaction: it computes
+    questions = [
+        {"text": body.sentence[one.start : one.end], "offered": list(one.offered), "about": one.about}
+        for one in got.questions[:MOST_QUESTIONS]
+    ]
+    parts = marked(body.sentence, got)
+    said = {"parts": parts, "weights": got.weights, "questions": questions, "meant_weight": MEANT}
+    said |= {"language": got.language} if got.language != language else {}
+    return reply_of(WordsUnderstood, said)
+
+
+@router.post("/api/session/{token}/live/{key}/place", response_model=PlaceShown)
+def place(token: str, key: str, request: Request, body: PlaceChosen) -> Response:
+    """Show another of the step's places on the stage."""
+    services = services_of(request)
+    with looking(services, token) as (s, session):
+        step = _step(s, session, key)
+        chosen = _place(step, body.place)
+        session_id = session.id
+    services.presenter.show_place(session_id, chosen)
+    return reply_of(PlaceShown, {"place": chosen})
+
+
+def _place(step: LiveStep, place: int) -> int:
+    if place >= step.scenes:
+        raise BadValue("place", place, f"must be below {step.scenes}, the step's number of scenes")
+    return place
+
+
+def _step(s: DatabaseSession, session: Session, key: str) -> LiveStep:
+    """The session's current step, if it is that one and weights are changed at it."""
+    step = machine.step_of(session)
+    if session.state != "active" or step.key != key or not isinstance(step, LiveStep):
+        raise Refused(
+            409,
+            "not_current_step",
+            "The session is at another step.",
+            session_id=session.id,
+            study_id=session.study_id,
+            step=key[:80],
+        )
+    return step

@@ -1,0 +1,136 @@
+"""What participants' pages and bots are told in JSON. What a step tells is `steps.py`'s; words are the templates'."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import ConfigDict, Field
+
+from desirepath.web.core.contract import Reply
+from desirepath.web.participant.steps import StepNow
+
+SessionWord = Literal["active", "paused", "completed", "withdrawn", "expired", "screened_out"]
+
+
+class SessionState(Reply):
+    """Where a session stands: what `GET /api/session/{token}` answers, and every change beside its own things."""
+
+    state: SessionWord
+    step: StepNow
+    language: str
+    stage_url: str | None = Field(None, description="where something is shown on the stage")
+
+
+class Answered(SessionState):
+    """The acknowledgement of an answer: it is stored."""
+
+    accepted: Literal[True]
+    duplicate: bool = Field(description="whether the same request had stored it before")
+
+
+class StrokeProblemState(Reply):
+    """Why a drawn path cannot be driven. Beside these: numbers of the sentence, SI units in their names."""
+
+    model_config = ConfigDict(extra="allow")
+
+    code: str
+    message: str
+    thing: str | None = None
+    at: list[float] | None = None
+    after_s: float | None = None
+    distance_m: float | None = None
+    duration_s: float | None = None
+
+
+class DrawingReply(SessionState):
+    """Where a drawing stands after a change of it."""
+
+    problem: StrokeProblemState | None = None
+
+
+class LiveRollout(Reply):
+    """track: rows of [t s, x m, y m, yaw rad], yaw without jumps; arrives: whether it comes to the goal; looks_at: what
+    moved its turning most on this way, the most first, where the step says so."""
+
+    track: list[list[float]]
+    arrives: bool
+    looks_at: list[str] = []
+
+
+class LivePaths(Reply):
+    """The ways that the robots of a step would take, in the order in which they stand on the stage."""
+
+    place: int
+    paths: list[LiveRollout]
+
+
+class ReadPart(Reply):
+    """A stretch of a sentence. reading: plain; wanted, unwanted (less of it) or lesser, of an objective; asked, by
+    which question; missed."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    text: str
+    reading: Literal["plain", "wanted", "unwanted", "lesser", "asked", "missed"] = Field(alias="as")
+    objective: str | None = None
+    question: int | None = None
+
+
+class ReadQuestion(Reply):
+    """What is asked back, which objectives may have been meant, and why: unclear, or a contradiction, or slowness in
+    general, which cannot be had."""
+
+    text: str
+    offered: list[str]
+    about: Literal["unclear", "contradiction", "slowness"]
+
+
+class WordsUnderstood(Reply):
+    """What was read of a sentence: the whole of it in stretches, weights (objective -> above 0), what is asked back;
+    language: in which it was read, where that is not the page's."""
+
+    parts: list[ReadPart]
+    weights: dict[str, float]
+    questions: list[ReadQuestion]
+    meant_weight: float
+    language: str | None = None
+
+
+class PlaceShown(Reply):
+    """Which place the stage is told to show."""
+
+    place: int
+
+
+class TrialData(Reply):
+    """Both trajectories of the current trial as NPZ in base64."""
+
+    a: str
+    b: str
+
+
+class Joined(Reply):
+    """A bot's session."""
+
+    token: str
+    participant: str
+    simulated: bool
+
+
+class JobNews(Reply):
+    """The stream's event `job`: how long a participant waits for a training still. progress: share of the whole wait;
+    before: people whose training comes first; seconds: until theirs is ready, null where nobody knows; at_most: until
+    the session goes on without it."""
+
+    progress: float
+    before: int = 0
+    running: bool = False
+    seconds: int | None = None
+    at_most: int | None = None
+    done: bool
+
+
+class Moved(Reply):
+    """The stream's event `moved`: look anew, or another window of this session is the one in use now."""
+
+    reason: Literal["step", "other_window"]

@@ -1,0 +1,205 @@
+"""How long it takes from the last answer to a policy that can be shown, and how far that policy moved.
+
+Clocks live in this room of benchmarks, nowhere in learning.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.learning.alignment.conditioning_search import ConditioningSearchConfig, search_conditioning
+from desirepath.learning.alignment.fine_tuning import FineTuningConfig
+from desirepath.learning.alignment.relabelling import RelabellingConfig, align
+from desirepath.learning.alignment.thesis import ThesisConfig, thesis_config
+from desirepath.learning.errors import LearningError
+from desirepath.learning.people.asked_pairs import LONGEST_SHOWN_S
+from desirepath.learning.policies.conditioned import settings
+from desirepath.learning.policies.evaluate import compare_policies, evaluate_policy
+from desirepath.learning.policies.networks import use_one_thread
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
+from desirepath.learning.policies.steerability import steerability_of
+from desirepath.learning.preferences.objectives import NAMES
+from desirepath.learning.preferences.oracles import ORACLE_PREFERENCES, make_oracle
+from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.queries.queries import QueryConfig, generate_queries
+from desirepath.learning.rewards.linear import fit_linear
+from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
+from desirepath.learning.rewards.preference_weights import fit_weights
+from desirepath.learning.scene_sets import Purpose, scene_set
+
+Floats = NDArray[np.float32]
+Config = RelabellingConfig | ConditioningSearchConfig
+FIRST_REPORT_SEED = 400  # reporting scenes that no card uses and nothing was chosen on
+FIRST_QUERY_SEED = 1_000  # query scenes that no shipped set uses
+
+
+@dataclass(frozen=True)
+class AlignedPolicy:
+    """What followed the last answer. more: further keys of the result. search: the instant policy and what became
+    of it, whether that takes over or not.
+    """
+
+    policy: Policy
+    more: dict[str, Any] = field(default_factory=dict)
+    search: tuple[Policy, Policy] | None = None
+
+
+def instant(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
+    """Recipe A: the posterior after all answers, its weights folded into the conditioned policy."""
+    del config  # nothing is trained
+    weights = fit_weights(preferences).preference_weights()
+    return AlignedPolicy(load_conditioned(f"{setup}/conditioned").at(weights), {"preference_weights": _named(weights)})
+
+
+def searched(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
+    """Conditioning search from the instant policy on, which stays where that is not better on the gate's scenes."""
+    if not isinstance(config, ConditioningSearchConfig):
+        raise LearningError(f"config = {config}: mode conditioning_search needs a ConditioningSearchConfig")
+    weights = fit_weights(preferences).preference_weights()
+    conditioned = load_conditioned(f"{setup}/conditioned")
+    result = search_conditioning(conditioned, weights, load_policy(f"{setup}/base"), config)
+    more = {
+        "preference_weights": _named(weights),
+        "offsets": result.offsets.tolist(),
+        "takes_over": result.takes_over,
+        "preferred": result.preferred.as_dict(),
+        "score": result.score.as_dict(),
+        "gate": asdict(result.gate),
+        "chosen": result.chosen,
+    }
+    instantly = conditioned.at(weights)
+    return AlignedPolicy(result.policy if result.takes_over else instantly, more, (instantly, result.policy))
+
+
+def from_base(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
+    """Fine-tuning of the base policy with the nine-feature model, or the thesis's recipe with the neural one."""
+    if not isinstance(config, RelabellingConfig):
+        raise LearningError(f"config = {config}: modes fine_tuning and thesis need a RelabellingConfig")
+    use_one_thread()
+    neural = isinstance(config, ThesisConfig)
+    model = fit_mlp(preferences, MlpConfig(seed=config.seed)) if neural else fit_linear(preferences)
+    result = align(load_policy(f"{setup}/base"), model, config)
+    more = {
+        "gate": asdict(result.gate),
+        "preference_weight": result.reward_weight,
+        "chosen_checkpoint": result.chosen,
+    }
+    return AlignedPolicy(result.policy, more)
+
+
+@dataclass(frozen=True)
+class Mode:
+    """make: answers to policy. own_process: whether it is started as a job would be, imports included."""
+
+    make: Callable[[str, list[Preference], Config], AlignedPolicy]
+    config: Callable[[int], Config]
+    own_process: bool = True
+
+
+MODES = {
+    "instant": Mode(instant, lambda seed: FineTuningConfig(seed=seed), own_process=False),
+    "conditioning_search": Mode(searched, lambda seed: ConditioningSearchConfig(seed=seed)),
+    "fine_tuning": Mode(from_base, lambda seed: FineTuningConfig(seed=seed)),
+    "thesis": Mode(from_base, lambda seed: thesis_config(seed=seed)),
+}
+
+MODES_BEFORE = {"refine": "conditioning_search", "from_base": "fine_tuning"}
+"""Old names of modes, on old command lines."""
+
+
+def benchmark_align(
+    *,
+    setup: str = "open_field",
+    mode: str = "conditioning_search",
+    oracle: str = "min-human-distance",
+    queries: int = 15,
+    seed: int = 0,
+    noise: float = 0.0,
+    indifference: float = 0.0,
+    myopia_s: float | None = None,
+    n: int = 2_000,
+    config: Config | None = None,
+) -> dict[str, Any]:
+    """From the last answer to a policy ready to show, and what it gained.
+
+    `seconds` of mode instant: posterior from all answers, file, fold, in a process that runs already, as the server
+    does; of the others: a process of its own with its imports, model, training and gate. Queries are fresh ones of the
+    shipped ensemble. `base`, `neutral` (the conditioned policy at no weights) and `aligned` are as from
+    `evaluate`; `paired_gain` is the ratio of mean minimum human distances (aligned / base) over the scenes in which
+    both succeed, with its 95 % interval. `share_of_the_way` is of the oracle's foremost objective, from the base policy
+    to what is possible (`movement.best_possible`); null for an oracle outside the vocabulary. `against_instant` (mode
+    conditioning_search): what the search found compared with the instant policy, whether it takes over or not.
+    """
+    mode = MODES_BEFORE.get(mode, mode)
+    if mode not in MODES:
+        raise LearningError(f"mode = {mode!r}: known are {', '.join(MODES)}")
+    chosen = MODES[mode]
+    config = config or chosen.config(seed)
+    base, neutral = load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(settings()["neutral"])
+    query_config = QueryConfig(count=queries, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup])
+    asked = generate_queries(load_ensemble(setup), query_config)
+    preferences = make_oracle(oracle, lapse_rate=noise, seed=seed, indifference=indifference, myopia_s=myopia_s).answer(
+        asked.queries
+    )
+    seconds, made = _timed(chosen, setup, preferences, config)
+    report_seed = FIRST_REPORT_SEED + seed
+    compared = compare_policies(base, made.policy, n=n, seed=report_seed)
+    objective = (*(ORACLE_PREFERENCES[oracle].objectives if oracle in ORACLE_PREFERENCES else ()), None)[0]
+    aligned = evaluate_policy(made.policy, n=n, seed=report_seed)
+    return {
+        "setup": setup,
+        "mode": mode,
+        "oracle": oracle,
+        "noise": noise,
+        "indifference": indifference,
+        "myopia_s": myopia_s,
+        "queries": queries,
+        "seed": seed,
+        "seconds": seconds,
+        "base": evaluate_policy(base, n=n, seed=report_seed),
+        "neutral": evaluate_policy(neutral, n=n, seed=report_seed),
+        "aligned": aligned,
+        "self_intersections_per_episode": aligned["self_intersections"],
+        "paired_gain": compared["paired"]["min_human_distance_m"]["ratio"],
+        "paired": compared["paired"],
+        "success_difference": compared["success_difference"],
+        "both_succeed": compared["both_succeed"],
+        "ceiling_m": compared["ceiling_m"],
+        "objective": objective,
+        **_moved(objective, base, neutral, made.policy, n, report_seed),
+        **made.more,
+        **({"against_instant": compare_policies(*made.search, n=n, seed=report_seed)} if made.search else {}),
+    }
+
+
+def _timed(mode: Mode, setup: str, preferences: list[Preference], config: Config) -> tuple[float, AlignedPolicy]:
+    if not mode.own_process:
+        began = time.perf_counter()
+        made = mode.make(setup, preferences, config)
+        return time.perf_counter() - began, made
+    began = time.perf_counter()
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        made = pool.submit(mode.make, setup, preferences, config).result()
+    return time.perf_counter() - began, made
+
+
+def _moved(objective: str | None, base: Policy, neutral: Policy, aligned: Policy, n: int, seed: int) -> dict[str, Any]:
+    """`share_of_the_way` and, under `moved`, the objective's measure in detail."""
+    if objective is None:
+        return {"share_of_the_way": None, "moved": None}
+    scenes = scene_set(base.setup, n, purpose=Purpose.REPORT, seed=seed)
+    moved = steerability_of({objective: aligned, "neutral": neutral}, base, scenes).moved(objective)
+    return {"share_of_the_way": moved["share_of_the_way"], "moved": moved}
+
+
+def _named(weights: Floats) -> dict[str, float]:
+    return {name: float(weight) for name, weight in zip(NAMES, weights, strict=True) if weight > 0}

@@ -1,0 +1,228 @@
+"""The trainings that `base_training.py` compares: each runs until 94 % success is confirmed, or gives up.
+
+Nothing is compared here. Each goes on by a chunk when it is asked to, so that several can take turns.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
+
+from desirepath.analysis.metrics import success_rate
+from desirepath.learning.policies.networks import use_one_thread
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.sb3 import policy_of_sb3, sb3_td3
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.learning.td3.base import BaseConfig, BaseTraining
+from desirepath.learning.td3.td3 import Td3Config
+from desirepath.simulation.environments import FastVecEnv, NavigationEnv
+from desirepath.simulation.fast import evaluate
+from desirepath.simulation.setups import Setup, get_setup
+
+TARGET = 0.94
+CHECK_SCENES, CONFIRM_SCENES = 500, 2_000
+FIRST_CONFIRM_SEED, CONFIRM_SEEDS = 10_000, 500  # reporting scenes that no card uses: so many tries per training seed
+LAST, AVERAGED = "last", "averaged"
+
+
+@dataclass(frozen=True)
+class TrainBenchmarkConfig:
+    """How often a training is checked and when it gives up; how long PyBullet is measured."""
+
+    updates_per_check: int = 600
+    max_updates: int = 40_000
+    max_seconds: float = 240.0  # processor time of one training, so that the whole command ends
+    pybullet_steps: int = 600
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a training is: its policies by weights (`last`, `averaged`), its work and the processor seconds it took.
+
+    seconds: all of training; update_seconds: of it, in updates with their sampling; the rest is stepping environments.
+    """
+
+    policies: dict[str, Policy]
+    updates: int
+    transitions: int
+    seconds: float
+    wall_seconds: float
+    update_seconds: float
+
+
+@dataclass(frozen=True)
+class Reached:
+    """One training judged by one kind of weights: the work until the confirmed 94 %, or until it gave up (None).
+
+    seconds, seconds_to_94: processor time of training, checks not counted. wall_seconds: the same by the wall clock,
+    None where no clock ran.
+    """
+
+    arm: str
+    weights: str
+    seed: int
+    seconds_to_94: float | None
+    seconds: float
+    wall_seconds: float | None
+    updates: int
+    transitions: int
+    held_out_success: float | None
+    tries: int
+    ms_per_update: float
+    ms_per_transition: float
+
+
+class Spent(NamedTuple):
+    """Seconds by both clocks."""
+
+    seconds: float = 0.0
+    wall_seconds: float = 0.0
+
+
+class Stopwatch:
+    """Wraps a function and adds up the processor and wall-clock seconds spent in it."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.spent = Spent()
+        self._function = function
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        began, began_wall = time.process_time(), time.perf_counter()
+        try:
+            return self._function(*arguments, **named)
+        finally:
+            seconds, wall = time.process_time() - began, time.perf_counter() - began_wall
+            self.spent = Spent(self.spent.seconds + seconds, self.spent.wall_seconds + wall)
+
+
+Training = Generator[None, None, list[Reached]]
+"""Trains by one chunk whenever it is asked to go on; returns what it reached."""
+
+
+def taking_turns(trainings: Mapping[str, Training]) -> dict[str, list[Reached]]:
+    """Run them all, chunk by chunk in turns: what is slow on this machine for a while is slow for all of them."""
+    reached: dict[str, list[Reached]] = {}
+    while len(reached) < len(trainings):
+        for name, training in trainings.items():
+            if name not in reached:
+                try:
+                    next(training)
+                except StopIteration as ended:
+                    reached[name] = ended.value
+    return reached
+
+
+def train_until_target(
+    arm: str, setup: Setup, seed: int, chunk: Callable[[], Progress], config: TrainBenchmarkConfig
+) -> Training:
+    """Alternate training chunks and checks (not timed) until 94 % is confirmed for every kind of weights, or give up.
+
+    Every try to confirm takes 2,000 scenes that served nothing before.
+    """
+    check = scene_set(setup.name, CHECK_SCENES, purpose=Purpose.BENCHMARK, seed=seed)
+    reached: dict[str, Reached] = {}
+    tries = 0
+    while True:
+        now = chunk()
+        for weights, policy in now.policies.items():
+            if weights in reached or success_rate(evaluate(policy.act, setup, check).outcome) < TARGET:
+                continue
+            fresh = FIRST_CONFIRM_SEED + CONFIRM_SEEDS * seed + tries
+            tries += 1
+            scenes = scene_set(setup.name, CONFIRM_SCENES, purpose=Purpose.REPORT, seed=fresh)
+            confirmed = success_rate(evaluate(policy.act, setup, scenes).outcome)
+            if confirmed >= TARGET:
+                reached[weights] = _reached(arm, weights, seed, now, confirmed, tries)
+        given_up = now.updates >= config.max_updates or now.seconds >= config.max_seconds
+        if given_up or len(reached) == len(now.policies):
+            return [reached.get(w) or _reached(arm, w, seed, now, None, tries) for w in now.policies]
+        yield
+
+
+def _reached(arm: str, weights: str, seed: int, now: Progress, confirmed: float | None, tries: int) -> Reached:
+    return Reached(
+        arm=arm,
+        weights=weights,
+        seed=seed,
+        seconds_to_94=None if confirmed is None else now.seconds,
+        seconds=now.seconds,
+        wall_seconds=now.wall_seconds,
+        updates=now.updates,
+        transitions=now.transitions,
+        held_out_success=confirmed,
+        tries=tries,
+        ms_per_update=now.update_seconds / now.updates * 1e3,
+        ms_per_transition=(now.seconds - now.update_seconds) / now.transitions * 1e3,
+    )
+
+
+def train_ours(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Training:
+    """Base training, judged by its last and by its averaged weights: `train_base` considers both."""
+    training = BaseTraining(base)
+    whole = Stopwatch(training.vector_step)
+    stepping = Stopwatch(training.collector.step)
+    training.collector.step = stepping  # type: ignore[method-assign]
+
+    def chunk() -> Progress:
+        goal = training.agent.updates + config.updates_per_check
+        while training.agent.updates < goal:
+            whole()
+        policies = {AVERAGED: training.policy(averaged=True), LAST: training.policy()}
+        updating = whole.spent.seconds - stepping.spent.seconds
+        return Progress(policies, training.agent.updates, training.transitions, *whole.spent, updating)
+
+    return train_until_target(arm, training.setup, base.seed, chunk, config)
+
+
+def train_sb3(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Training:
+    """Stable-Baselines3 with the same network, shaping, environments, noise and updates per step."""
+    use_one_thread()
+    setup = get_setup(base.setup)
+    td3 = Td3Config(setup.gamma, base.batch_size, base.learning_rate, base.tau)
+    model = sb3_td3(
+        FastVecEnv(setup, base.n_envs, seed=base.seed, progress_weight=base.progress_weight),
+        setup,
+        td3,
+        heads=base.heads,
+        seed=base.seed,
+        buffer_size=base.buffer_size,
+        updates_per_step=base.updates_per_step,
+        learning_starts=base.random_transitions,
+    )
+    noise = VectorizedActionNoise(NormalActionNoise(np.zeros(2), np.ones(2)), base.n_envs)
+    noise.noises = [
+        NormalActionNoise(np.zeros(2), np.full(2, sigma)) for sigma in np.geomspace(*base.exploration, base.n_envs)
+    ]
+    model.action_noise = noise
+    updating, learning = Stopwatch(model.train), Stopwatch(model.learn)
+    model.train = updating  # type: ignore[method-assign]
+    vector_steps = -(-config.updates_per_check // base.updates_per_step)
+
+    def chunk() -> Progress:
+        first = model.num_timesteps == 0
+        steps = vector_steps * base.n_envs + (base.random_transitions if first else 0)
+        learning(steps, reset_num_timesteps=first)
+        policies = {LAST: policy_of_sb3(model, setup, base.heads)}
+        return Progress(policies, model._n_updates, model.num_timesteps, *learning.spent, updating.spent.seconds)
+
+    return train_until_target(arm, setup, base.seed, chunk, config)
+
+
+def pybullet_seconds_per_step(setup: Setup, steps: int) -> float:
+    """Wheel motors, restarts included: what a user's training would pay per step, without network and updates."""
+    env = NavigationEnv(setup, engine="pybullet", drive_mode="wheels", progress_weight=1.0, time_limit="terminated")
+    random = np.random.default_rng(0)
+    env.reset(seed=0)
+    began = time.process_time()
+    for _ in range(steps):
+        _, _, terminated, _, _ = env.step(random.uniform(-1, 1, 2).astype(np.float32))
+        if terminated:
+            env.reset()
+    seconds = (time.process_time() - began) / steps
+    env.close()
+    return seconds

@@ -1,0 +1,176 @@
+"""Speed and parity of simulation, training and evaluation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from desirepath.cli.output import IndifferenceOption, JsonFlag, MyopiaOption, NoiseOption, plain_errors, say
+from desirepath_experiments.cli.benchmark.group import OutOption, commands, say_and_write, seed_range, tell
+
+
+@commands.command()
+@plain_errors
+def simulate(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field", as_json: JsonFlag = False
+) -> None:
+    """Steps per second of the fast engine against PyBullet, one thread each."""
+    from desirepath_experiments.benchmarks.engines import benchmark_simulate
+
+    say(benchmark_simulate(setup=setup), as_json)
+
+
+@commands.command()
+@plain_errors
+def train(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
+    seeds: Annotated[int, typer.Option(min=1, help="Number of trainings per arm.")] = 1,
+    arms: Annotated[str, typer.Option(help="Any of fast,sb3_fast,sb3_pybullet.")] = "fast,sb3_fast,sb3_pybullet",
+    keep: Annotated[
+        Path | None, typer.Option(help="Keep finished trainings in this file; a broken run goes on from there.")
+    ] = None,
+    ablation_seeds: Annotated[
+        int, typer.Option(min=0, help="So many seeds of our training with one thing changed, to tell causes apart.")
+    ] = 0,
+    instructions: Annotated[
+        str, typer.Option(help="avx2, avx512 or both: ours and SB3 on the fast engine once for each, instead.")
+    ] = "",
+    beside: Annotated[
+        str, typer.Option(help="With --instructions: numbers of processes that multiply matrices meanwhile.")
+    ] = "0,1",
+    out: OutOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Seconds until a base policy reaches 94 % success, ours against Stable-Baselines3."""
+    if instructions:
+        from desirepath_experiments.benchmarks.training_cases import benchmark_cases
+
+        cases = benchmark_cases(
+            setup=setup,
+            seeds=seeds,
+            instructions=instructions.split(","),
+            beside=[int(number) for number in beside.split(",") if number.strip().isdecimal()],
+            tell=tell,
+        )
+        say_and_write(cases, out, as_json)
+        return
+    from desirepath_experiments.benchmarks.base_training import benchmark_train
+
+    result = benchmark_train(
+        setup=setup, seeds=seeds, arms=tuple(arms.split(",")), keep=keep, ablation_seeds=ablation_seeds
+    )
+    say_and_write(result, out, as_json)
+
+
+@commands.command()
+@plain_errors
+def limits(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field", as_json: JsonFlag = False
+) -> None:
+    """How far an update and the simulator are from the core's matrix products and memory."""
+    from desirepath_experiments.benchmarks.limits import benchmark_limits
+
+    say(benchmark_limits(setup=setup), as_json)
+
+
+@commands.command()
+@plain_errors
+def evaluate(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
+    episodes: Annotated[int, typer.Option(min=1)] = 2_000,
+    as_json: JsonFlag = False,
+) -> None:
+    """Seconds to roll out many episodes at once, and to make one flow-field plot."""
+    from desirepath_experiments.benchmarks.batched_evaluation import benchmark_evaluate
+
+    say(benchmark_evaluate(setup=setup, episodes=episodes), as_json)
+
+
+@commands.command()
+@plain_errors
+def parity(
+    policy: Annotated[str, typer.Option(help="A shipped name such as study_room/base, or a path.")] = "open_field/base",
+    scenes: Annotated[int, typer.Option(min=2)] = 1_000,
+    seed: Annotated[int, typer.Option()] = 0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Success on the fast engine against PyBullet with wheel motors, same scenes. Takes minutes."""
+    from desirepath_experiments.benchmarks.parity import benchmark_parity
+
+    say(benchmark_parity(policy=policy, scenes=scenes, seed=seed), as_json)
+
+
+@commands.command()
+@plain_errors
+def depth(
+    setup: Annotated[str, typer.Option(help="home, or another furnished setup.")] = "home",
+    frames: Annotated[int, typer.Option(min=5)] = 1_000,
+    seconds: Annotated[float, typer.Option(min=0.1, help="For both cameras together.")] = 6.0,
+    wide: Annotated[bool, typer.Option(help="120 degrees instead of 87.")] = False,
+    seed: Annotated[int, typer.Option()] = 0,
+    as_json: JsonFlag = False,
+) -> None:
+    """The depth camera against PyBullet's software renderer: errors in metres, frames per second."""
+    from desirepath_experiments.benchmarks.depth_camera import benchmark_depth
+
+    say(benchmark_depth(setup, frames=frames, seconds=seconds, wide=wide, seed=seed), as_json)
+
+
+@commands.command()
+@plain_errors
+def walking(
+    out: Annotated[Path, typer.Option(help="Folder of finished trainings; started again, it goes on.")],
+    seeds: Annotated[str, typer.Option(help="FIRST-LAST; each in both environments of chapter 2.")] = "0-5",
+    updates: Annotated[int, typer.Option(min=16)] = 8_000,
+    processes: Annotated[int, typer.Option(min=1)] = 1,
+    as_json: JsonFlag = False,
+) -> None:
+    """Chapter 2's controllers with walking against standing people in exploration: paired differences."""
+    from desirepath_experiments.benchmarks.walking_people import benchmark_walking
+
+    say(benchmark_walking(out, seeds=seed_range(seeds), updates=updates, processes=processes), as_json)
+
+
+@commands.command()
+@plain_errors
+def align(
+    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
+    mode: Annotated[
+        str, typer.Option(help="instant, conditioning_search, fine_tuning or thesis.")
+    ] = "conditioning_search",
+    oracle: Annotated[str, typer.Option(help="Who answers.")] = "min-human-distance",
+    queries: Annotated[int, typer.Option(min=2)] = 15,
+    seed: Annotated[int, typer.Option()] = 0,
+    noise: NoiseOption = 0.0,
+    indifference: IndifferenceOption = 0.0,
+    myopia: MyopiaOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Seconds from the last answer to a policy ready to show, and what it gained on fresh scenes."""
+    from desirepath_experiments.benchmarks.alignment import benchmark_align
+
+    result = benchmark_align(
+        setup=setup,
+        mode=mode,
+        oracle=oracle,
+        queries=queries,
+        seed=seed,
+        noise=noise,
+        indifference=indifference,
+        myopia_s=myopia,
+    )
+    say(result, as_json)
+
+
+@commands.command()
+@plain_errors
+def crowds(
+    pedestrians: Annotated[int, typer.Option(min=1, max=18, help="Moving ones in every scene.")] = 8,
+    as_json: JsonFlag = False,
+) -> None:
+    """Steps per second among pedestrians against PyBullet, one thread each."""
+    from desirepath_experiments.benchmarks.crowds import benchmark_crowds
+
+    say(benchmark_crowds(pedestrians=pedestrians), as_json)

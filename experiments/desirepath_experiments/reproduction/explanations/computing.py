@@ -1,0 +1,158 @@
+"""What each task of chapter 8 computes: the policy, what it explains in the 48 scenarios, simulated people who rank.
+
+Rankers see what a person would: with outlines the scores, through their own noise, and in any case what lies near and
+ahead. How far they go by either is put in (`published_numbers.py`); what comes of it is the study's own analysis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import permutations, product
+from typing import Any
+
+import numpy as np
+
+from desirepath.analysis.metrics import collision_rate, success_rate, timeout_rate
+from desirepath.explain.ranking_sets import RankingSet, ranking_set
+from desirepath.explain.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
+from desirepath.explain.shown_explanation import simulated_ranking
+from desirepath.explain.slowing import slowing
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.shipped import load_policy
+from desirepath.learning.policies.torch_actor import actor_of
+from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.learning.td3.base import base_config, train_base
+from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.explanation_findings import Explained, explained
+from desirepath.report.made_up_rankers import RankerCohort, condition_name, item_texts, made_up_ratings
+from desirepath.report.rating_findings import measures
+from desirepath.report.study_data import ImportanceRanking, ParticipantRow, StudyData
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.setups import EXPLAINED_ROOM
+from desirepath_experiments.reproduction.explanations.published_numbers import NOISE_PLACES, RATED, TRUST
+from desirepath_experiments.reproduction.tasks import Function, TaskResult
+
+SHIPPED = f"{EXPLAINED_ROOM.name}/base"
+CELLS = tuple(product((False, True), repeat=2))  # outline, lidar
+ORDERS = tuple(permutations(range(len(CELLS))))  # all 24
+SLOWING_SCENES = 100
+
+
+def policy(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """The policy, trained anew (seed) or as shipped (None), in fresh report scenes. meta: rates, how often it slows
+    down and for what. arrays: content, its bytes."""
+    del needs
+    if params["seed"] is None:
+        chosen, selection = load_policy(SHIPPED), None
+    else:
+        made = train_base(base_config(EXPLAINED_ROOM.name, params["seed"]))
+        chosen, selection = made.policy.without_critic(), made.selection_success
+    drawn = scene_set(EXPLAINED_ROOM.name, params["scenes"], purpose=Purpose.REPORT, seed=1)
+    rolled_out = rollout(EXPLAINED_ROOM, chosen.rollout_policy, drawn)
+    outcomes = [one.outcome for one in rolled_out]
+    meta = {
+        "success": success_rate(outcomes),
+        "collision": collision_rate(outcomes),
+        "timeout": timeout_rate(outcomes),
+        "selection_success": selection,
+        "slowing": slowing(actor_of(chosen), rolled_out[:SLOWING_SCENES]),
+    }
+    return TaskResult(meta, {"content": np.frombuffer(chosen.to_bytes(), dtype=np.uint8)})
+
+
+def explained_scenarios(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """What the policy is explained by in the 48 scenarios and in practice, up to the halt. arrays: content, a ranking
+    set. meta: scores of 0 and ties."""
+    chosen = Policy.from_bytes(needs[0].arrays["content"].tobytes())
+    made = ranking_set(
+        actor_of(chosen), chosen.rollout_policy, rooms(), practice_rooms(), count=SCENARIOS, practised=PRACTICE,
+        policy=SHIPPED, method=params["method"], command="speed",
+    )  # fmt: skip
+    regular = [one.at_halt for one in made.rollouts if not one.practice]
+    meta = {
+        "scenarios": len(regular),
+        "with_tied_scores": sum(len(set(scores.values())) < len(scores) for scores in regular),
+        "objects_without_score": sum(score == 0 for scores in regular for score in scores.values()),
+    }
+    return TaskResult(meta, {"content": np.frombuffer(made.to_bytes(), dtype=np.uint8)})
+
+
+def rankers(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """Studies of `participants` simulated people; the first one's tables, and how often each effect is found in all of
+    them. meta: tau, tables, found (effect -> share of `studies`)."""
+    shown = RankingSet.from_bytes(needs[0].arrays["content"].tobytes())
+    plan = AnalysisPlan()
+    studies = [
+        analysed(simulated_study(shown, params["participants"], params["seed"], k), plan)
+        for k in range(params["studies"])
+    ]
+    names = [test.about for test in studies[0].tests]
+    hits = [[test.p <= plan.alpha for test in one.tests] for one in studies]
+    meta = {
+        "tests": {test.about: {"F": test.statistic, "p": test.p, "effect": test.effect} for test in studies[0].tests},
+        "means": {one.key: {name: [m.mean, m.sd] for name, m in one.means.items()} for one in studies[0].outcomes},
+        "tau": {str(on): _tau(studies[0], on) for on in (True, False)},
+        "found": dict(zip(names, np.mean(hits, axis=0).tolist(), strict=True)),
+        "studies": len(studies),
+        "rankings": len(studies[0].trials),
+    }
+    return TaskResult(meta, {})
+
+
+def simulated_study(shown: RankingSet, participants: int, seed: int, number: int) -> StudyData:
+    """One study as chapter 8's: within subjects, all 24 orders in turn, 12 scenarios in each of four blocks, every
+    scenario once per person."""
+    regular = [one for one in shown.rollouts if not one.practice]
+    people, rankings, ratings = [], [], []
+    names = [condition_name(outline=outline, lidar=lidar) for outline, lidar in CELLS]
+    for k in range(participants):
+        code = f"S{k + 1:03d}"
+        random = np.random.default_rng([seed, number, k])
+        order = ORDERS[k % len(ORDERS)]
+        people.append(ParticipantRow(code, True, None, False, "completed", tuple(names[cell] for cell in order)))
+        noise, trust = random.uniform(*NOISE_PLACES), random.uniform(*TRUST)
+        blocks = np.array_split(random.permutation(len(regular)), len(CELLS))
+        for cell, block in zip(order, blocks, strict=True):
+            outline, lidar = CELLS[cell]
+            for scenario in block:
+                one = regular[scenario]
+                seen = one.at_halt if outline else None  # nobody else has access to what outlines say
+                order_given = simulated_ranking(
+                    one.trajectory, one.things, seen, random, noise=float(noise), trust=float(trust)
+                )
+                rankings.append(
+                    ImportanceRanking(
+                        code, names[cell], f"scenario-{scenario}", "regular", ranking=tuple(order_given),
+                        scores=one.at_halt, outline=outline, lidar=lidar,
+                    )
+                )  # fmt: skip
+        cohort = RankerCohort(ratings=RATED, seed=seed + 1000 * number)
+        ratings += made_up_ratings(cohort, code, k)
+    protocol = {"protocol": "reproduced", "version": 1}
+    return StudyData(
+        "chapter 8", "simulated", protocol, "", item_texts(), people, [], ratings, [], importance=rankings
+    )  # fmt: skip
+
+
+def analysed(data: StudyData, plan: AnalysisPlan) -> Explained:
+    """The report's own analysis."""
+    found = explained(data.importance, measures(data, plan, []), plan, intervals=False)
+    assert found is not None  # noqa: S101 - everybody ranked
+    return found
+
+
+def _tau(study: Explained, outline: bool) -> list[float]:
+    """Mean and standard deviation over people of tau with or without outlines."""
+    own: dict[str, list[float]] = {}
+    for trial in study.trials:
+        if trial.of.outline == outline and np.isfinite(trial.tau):
+            own.setdefault(trial.of.person, []).append(trial.tau)
+    means = [float(np.mean(taus)) for taus in own.values()]
+    return [float(np.mean(means)), float(np.std(means, ddof=1))]
+
+
+FUNCTIONS: dict[str, Function] = {
+    "policy": policy,
+    "explained_scenarios": explained_scenarios,
+    "rankers": rankers,
+}

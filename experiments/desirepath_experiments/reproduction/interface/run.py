@@ -1,0 +1,197 @@
+"""`desirepath reproduce interface`, without the command line: work, tables 7.1-7.3 beside the printed ones, report."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from desirepath.explain.printed import Section, Table
+from desirepath_experiments.reproduction.chapter_report import RESULTS, facts, said, write_report
+from desirepath_experiments.reproduction.interface.computing import FUNCTIONS, LAMBDA, PER_VIEW, SETUP
+from desirepath_experiments.reproduction.interface.published_numbers import (
+    AGREEMENT,
+    FIRST,
+    PAIRS,
+    PRINTED,
+    RANKINGS,
+    RESPONSE_MODELS,
+    ROLLOUTS,
+    VIEWS,
+)
+from desirepath_experiments.reproduction.running import Tell, compute, write_results
+from desirepath_experiments.reproduction.tasks import Task, TaskResult, Work
+
+BASE = "baseline"
+PRINTED_WITH_BASE = (*(PRINTED[view] for view in VIEWS), "baseline")
+
+
+@dataclass(frozen=True)
+class InterfaceBudget:
+    """How much is computed. participants: 31, as there; updates: of each view's alignment; scenes: 1,000, as there."""
+
+    name: str
+    participants: int = 31
+    epochs: int = 200
+    updates: int = 4_000
+    transitions: int = 60_000
+    scenes: int = 1_000
+
+
+BUDGETS = {
+    budget.name: budget
+    for budget in (InterfaceBudget("small"), InterfaceBudget("full", updates=30_000, transitions=150_000))
+}
+
+
+@dataclass(frozen=True)
+class InterfacePlan:
+    """answers: of everybody; rolled_out: by view, and of the base policy."""
+
+    answers: Task
+    aligned: dict[str, Task]
+    rolled_out: dict[str, Task]
+
+
+def make_plan(budget: InterfaceBudget, seed: int) -> InterfacePlan:
+    """Which tasks a budget has."""
+    answers = Task("answers", {"participants": budget.participants, "seed": seed}, seconds=20)
+    learned = {"seed": seed, "updates": budget.updates, "transitions": budget.transitions, "epochs": budget.epochs}
+    aligned = {
+        view: Task("aligned", {"view": view, **learned}, (answers,), 30 + 0.004 * budget.updates) for view in VIEWS
+    }
+    measured = {"scenes": budget.scenes, "seed": seed}
+    rolled_out = {view: Task("rolled_out", measured, (aligned[view],), 2) for view in VIEWS}
+    return InterfacePlan(answers, aligned, {**rolled_out, BASE: Task("rolled_out", measured, (), 2)})
+
+
+def reproduce_interface(
+    out: Path,
+    budget: InterfaceBudget,
+    *,
+    seed: int = 0,
+    processes: int = 2,
+    command: str = "",
+    tell: Tell = lambda words: None,
+) -> dict[str, Any]:
+    """Compute what is missing under `out`/work, then write results.json and report.html. Stopped in any way and started
+    again, it goes on. Raises RuntimeError if another run works in the same folder."""
+    plan, work = make_plan(budget, seed), Work(out / "work")
+    with work.claimed():
+        wanted = [plan.answers, *plan.aligned.values(), *plan.rolled_out.values()]
+        run = compute(wanted, FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
+        answers = work.load(plan.answers.key)
+        rows = {name: work.load(task.key).meta for name, task in plan.rolled_out.items()}
+        accuracies = {view: work.load(task.key).meta["training_accuracy"] for view, task in plan.aligned.items()}
+        found = {
+            "table_7_1": first_choices(answers),
+            "table_7_2": agreements(answers),
+            "table_7_3": {name: {key: of[key] for key in ("values", "standard_errors")} for name, of in rows.items()},
+            "training_accuracy": accuracies,
+            "people": answers.meta["people"],
+        }
+        summary = write_results(out / RESULTS, run, budget, **found)
+        write_report(
+            out,
+            "interface",
+            run,
+            head={"budget": budget.name, "seed": seed, "participants": budget.participants},
+            sections=_sections(found, budget),
+            facts=facts(run, ("Setup", SETUP)),
+        )
+    return {
+        **said(out, summary, ("budget", "seconds", "computed", "commit", "table_7_1", "table_7_2")),
+        "table_7_3": {name: of["values"] for name, of in found["table_7_3"].items()},
+    }
+
+
+def first_choices(answers: TaskResult) -> dict[str, dict[str, float]]:
+    """By ranking and view, share of people (%) who put it first."""
+    return {
+        ranking: {view: 100 * float(np.mean([one == view for one in given])) for view in VIEWS}
+        for ranking, given in answers.meta["first_choice"].items()
+    }
+
+
+def agreements(answers: TaskResult) -> dict[str, dict[str, float]]:
+    """By pair of views, mean and standard deviation over people (%), and how alike one view's answers are when asked
+    again, mean of the two views."""
+    found = {}
+    for pair in PAIRS:
+        shares = 100 * np.array(answers.meta["agreement"]["/".join(pair)])
+        again = 50 * sum(float(np.mean(answers.meta["consistency"][view])) for view in pair)
+        found["/".join(pair)] = {"mean": float(shares.mean()), "sd": float(shares.std(ddof=1)), "asked_again": again}
+    return found
+
+
+def _sections(found: dict[str, Any], budget: InterfaceBudget) -> list[Section]:
+    printed_first = [
+        [RANKINGS[ranking], *(_both(found["table_7_1"][ranking][view], FIRST[ranking].get(view)) for view in VIEWS)]
+        for ranking in RANKINGS
+    ]
+    alike = [
+        [
+            " - ".join(PRINTED[view] for view in pair),
+            f"{of['mean']:.1f} ± {of['sd']:.1f}",
+            f"{AGREEMENT[pair][0]} ± {AGREEMENT[pair][1]}",
+            f"{of['asked_again']:.1f}",
+        ]
+        for pair in PAIRS
+        for of in [found["table_7_2"]["/".join(pair)]]
+    ]
+    rolled_out = [
+        [
+            name,
+            *(
+                _both(found["table_7_3"][who]["values"][name], printed[k], digits=2)
+                for k, who in enumerate((*VIEWS, BASE))
+            ),
+        ]
+        for name, printed in ROLLOUTS.items()
+    ]
+    noise = ", ".join(
+        f"{PRINTED[view]}: {100 * of.lapse_rate:.0f} % lapses, differences below {of.indifference} typical ones unseen"
+        for view, of in RESPONSE_MODELS.items()
+    )
+    accuracies = ", ".join(f"{PRINTED[view]} {100 * of:.0f} %" for view, of in found["training_accuracy"].items())
+    heads = [f"{name}: here (printed)" for name in PRINTED_WITH_BASE]
+    return [
+        Section(
+            "Table 7.1: rankings",
+            ["What is put in stands near what was printed; so this shows the way through, and finds nothing out."],
+            [Table("First choices, %: here (printed)", ["ranked by", *heads[:3]], printed_first)],
+        ),
+        Section(
+            "Table 7.2: agreement between views",
+            [
+                f"Everybody prefers the same in all views; views differ in how answers stray ({noise}). Agreement is "
+                "what these let through, beside how alike answers are when the same view asks again."
+            ],
+            [Table("Agreement over people, %", ["views", "here", "printed", "asked again, here"], alike)],
+        ),
+        Section(
+            "Table 7.3: policies",
+            [
+                f"One reward model per view (chapter 7's network, {budget.participants * PER_VIEW} answers of "
+                f"{budget.participants} people; right on its own answers: {accuracies}), one policy each, "
+                f"lambda {LAMBDA}."
+            ],
+            [Table(f"{budget.scenes:,} fresh scenes, the same for all", ["measure", *heads], rolled_out)],
+            [
+                "Trained on from the shipped base policy for "
+                f"{budget.updates:,} updates, half of each batch new experience; there 500,000 steps from scratch.",
+                "The learned reward is normalised over the buffer; there it lies between -1 and 1.",
+                "Scenes, robot and base policy are ours; so numbers are compared across a row, not down a column.",
+            ],
+        ),
+    ]
+
+
+def _both(here: float, printed: float | None, digits: int = 1) -> str:
+    return f"{here:.{digits}f} ({'-' if printed is None else printed})"
+
+
+def _name(task: Task) -> str:
+    return f"{task.kind.replace('_', ' ')} {task.params.get('view', '')}".strip()

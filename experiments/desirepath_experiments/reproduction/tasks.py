@@ -1,0 +1,258 @@
+"""Work that survives being killed: tasks, each stored in one file named by the hash of all that its result depends on.
+
+What the tasks of a chapter compute lives in that chapter's module; here live storing, ordering and running them.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import multiprocessing
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from multiprocessing.connection import wait as wait_for
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from numpy.typing import NDArray
+
+from desirepath.learning.cards import source_commit
+from desirepath.simulation.npz import from_npz, to_npz
+
+FORMAT = "desirepath-piece-1"
+PARTIAL = ".partial"
+
+
+@dataclass(frozen=True)
+class Task:
+    """One task. kind: the name of its function. params: JSON-ready, everything else its result depends on.
+
+    needs: tasks whose results the function is given. seconds: about how long it takes, only for telling and for
+    starting the longest first; no part of its identity.
+    """
+
+    kind: str
+    params: dict[str, Any]
+    needs: tuple[Task, ...] = ()
+    seconds: float = 0.0
+
+    @property
+    def key(self) -> str:
+        """Kind and hash: the name of its file."""
+        identity = {
+            "format": FORMAT,
+            "kind": self.kind,
+            "params": self.params,
+            "needs": [need.key for need in self.needs],
+        }
+        digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
+        return f"{self.kind}-{digest[:20]}"
+
+
+@dataclass(frozen=True)
+class TaskResult:
+    """What a task came to: plain values and arrays. `meta` gets `made` (seconds, commit, date) when stored."""
+
+    meta: dict[str, Any]
+    arrays: dict[str, NDArray[Any]]
+
+
+Function = Callable[[dict[str, Any], Sequence[TaskResult]], TaskResult]
+"""(params, results of the needs) -> result; runs in any process, so it must be a module's function."""
+
+
+def to_bytes(made: TaskResult) -> bytes:
+    """The content of a task's file."""
+    return to_npz(made.meta, made.arrays)
+
+
+def from_bytes(content: bytes) -> TaskResult:
+    """Never unpickles."""
+    return TaskResult(*from_npz(content))
+
+
+class Work:
+    """The folder of finished tasks. A file that is there is whole: it is written beside and renamed."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def path(self, task_key: str) -> Path:
+        return self.folder / f"{task_key}.npz"
+
+    def has(self, task: Task) -> bool:
+        return self.path(task.key).is_file()
+
+    def load(self, task_key: str) -> TaskResult:
+        return from_bytes(self.path(task_key).read_bytes())
+
+    def store(self, task_key: str, made: TaskResult) -> None:
+        self.store_bytes(task_key, to_bytes(made))
+
+    def store_bytes(self, task_key: str, content: bytes) -> None:
+        """Store what `to_bytes` made, perhaps on another machine."""
+        partial = self.folder / f"{task_key}.{os.getpid()}{PARTIAL}"
+        with partial.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(self.path(task_key))
+
+    @contextmanager
+    def claimed(self) -> Iterator[None]:
+        """This process alone works here; the claim ends with the process, however it ends. Raises RuntimeError."""
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with (self.folder / "claim").open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise RuntimeError(
+                    f"{self.folder.parent}: another run works there; wait for it or use another --out"
+                ) from None
+            for left in self.folder.glob(f"*{PARTIAL}"):
+                left.unlink()
+            yield
+
+
+def computed(
+    functions: Mapping[str, Function], kind: str, params: dict[str, Any], needs: Sequence[TaskResult]
+) -> TaskResult:
+    """What a task comes to, as it is stored: with what it was and how long it took. Runs in any process."""
+    began, cpu = time.perf_counter(), time.process_time()
+    made = functions[kind](params, needs)
+    about = {
+        "seconds": time.perf_counter() - began,
+        "cpu_seconds": time.process_time() - cpu,
+        "commit": source_commit(),
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+    return TaskResult({**made.meta, "kind": kind, "params": params, "made": about}, made.arrays)
+
+
+def finish_task(functions: Mapping[str, Function], folder: Path, task: Task) -> float:
+    """Compute and store one task whose needs are stored; returns its seconds. Runs in any process."""
+    work = Work(folder)
+    made = computed(functions, task.kind, task.params, [work.load(need.key) for need in task.needs])
+    work.store(task.key, made)
+    return float(made.meta["made"]["seconds"])
+
+
+@dataclass(frozen=True)
+class Run:
+    """The run that made a report. made: what `tasks` stored about each task (seconds, commit, date), by key."""
+
+    command: str
+    commit: str
+    processes: int
+    seconds: float
+    computed: int
+    made: Mapping[str, Mapping[str, Any]]
+
+    @property
+    def core_seconds(self) -> float:
+        """Of one core, for all tasks, whenever they were computed."""
+        return sum(float(about["cpu_seconds"]) for about in self.made.values())
+
+
+def in_order(tasks: Sequence[Task]) -> list[Task]:
+    """These tasks and all they need, each once, needs first."""
+    found: dict[str, Task] = {}
+
+    def take(task: Task) -> None:
+        for need in task.needs:
+            take(need)
+        found.setdefault(task.key, task)
+
+    for task in tasks:
+        take(task)
+    return list(found.values())
+
+
+OnTask = Callable[[Task, int, int, float], None]
+"""(task just finished, finished so far, all to do, seconds that the rest will take, about)."""
+
+
+def results_of(
+    tasks: Sequence[Task], functions: Mapping[str, Function], folder: Path | None = None, *, processes: int = 1
+) -> list[TaskResult]:
+    """These tasks' results, computed here where they are not stored in `folder`; None: all of them, and none is kept.
+
+    Raises RuntimeError if another process works there, and what a task raised.
+    """
+    with TemporaryDirectory() as made_here:
+        work = Work(folder or Path(made_here))
+        with work.claimed():
+            finish(tasks, functions, work, processes=processes, on_task=lambda *_: None)
+            return [work.load(task.key) for task in tasks]
+
+
+def finish(
+    tasks: Sequence[Task],
+    functions: Mapping[str, Function],
+    work: Work,
+    *,
+    processes: int,
+    on_task: OnTask,
+) -> int:
+    """Compute what is not stored yet, in `processes` processes of one thread each; returns how many were computed.
+
+    One process means this one. Raises what a task raised; finished tasks stay.
+    """
+    if processes < 1:
+        raise ValueError(f"processes = {processes}: at least 1")
+    missing = [task for task in in_order(tasks) if not work.has(task)]
+    progress = Countdown(missing, processes, on_task)
+    if processes == 1:
+        for task in missing:
+            progress.count(task, finish_task(functions, work.folder, task))
+        return len(missing)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, mp_context=context, initializer=_end_with_parent) as pool:
+        waiting, running = list(missing), dict[Future[float], Task]()
+        while waiting or running:
+            ready = [task for task in waiting if all(work.has(need) for need in task.needs)]
+            for task in sorted(ready, key=lambda p: -p.seconds)[: processes - len(running)]:
+                waiting.remove(task)
+                running[pool.submit(finish_task, functions, work.folder, task)] = task
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                progress.count(running.pop(future), future.result())
+    return len(missing)
+
+
+class Countdown:
+    """Corrects the estimate of what is left by how long the finished tasks took."""
+
+    def __init__(self, tasks: Sequence[Task], processes: int, on_task: OnTask) -> None:
+        self._todo, self._processes, self._on_task = len(tasks), processes, on_task
+        self._left = sum(task.seconds for task in tasks)
+        # As if a tenth of the work had been done in the time estimated: the first, small tasks say little.
+        self._done, self._estimated, self._took = 0, self._left / 10, self._left / 10
+
+    def count(self, task: Task, seconds: float) -> None:
+        self._done += 1
+        self._left -= task.seconds
+        self._estimated += task.seconds
+        self._took += seconds
+        slower = self._took / self._estimated if self._estimated else 1.0
+        self._on_task(task, self._done, self._todo, max(0.0, self._left) * slower / self._processes)
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would wait for work for ever; this one ends instead."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None  # noqa: S101 - only ever called in a child
+
+    def watch() -> None:
+        wait_for([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

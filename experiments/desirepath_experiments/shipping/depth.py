@@ -1,0 +1,157 @@
+"""The shipped encoder, predictor and controllers of chapter 3, and queries by these, each with its card.
+
+All are tasks of the reproduction (`reproduction/depth/computing.py`); a folder in which it ran gives them at once.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from desirepath.demonstrations.depth.controller import DepthController
+from desirepath.demonstrations.depth.queries import SHOWN, generate_depth_queries
+from desirepath.demonstrations.depth.training import DEPARTURES, DepthTrainingConfig
+from desirepath.learning.cards import Card, card_path, file_sha256, source_commit
+from desirepath.learning.queries.queries import QueryConfig
+from desirepath.learning.scene_sets import Purpose, describe
+from desirepath.learning.shipped_files import DATASETS
+from desirepath.perception import SHIPPED_ENCODER
+from desirepath.perception.beta_vae import DepthEncoder, VaeConfig
+from desirepath.perception.predictor import PredictorConfig
+from desirepath.simulation.setups import HOME
+from desirepath_experiments.reproduction.depth.computing import (
+    EXPLORED_SEED,
+    FUNCTIONS,
+    HELD_OUT_HOMES,
+    RECORDED_SEED,
+)
+from desirepath_experiments.reproduction.depth.plan import BUDGETS, make_plan
+from desirepath_experiments.reproduction.tasks import Task, Work, in_order, results_of
+from desirepath_experiments.shipping.query_sets import describe_queries
+
+ENCODER, PREDICTOR, QUERIES = SHIPPED_ENCODER, "home/depth_predictor", "home/queries_depth_12"
+SHIPPED = {"VAE-HA": "home/depth", "VAE-ND": "home/depth_nd"}
+"""Configuration -> name: who learned from demonstrations, and who did not."""
+PERCEPTION_DEPARTURES = [
+    "Homes are drawn by rules and people are mannequins (no iGibson); a stereo camera's noise beside 5 % dropout.",
+    "The thesis does not say how reconstruction and divergence are scaled: here pixels have a standard deviation of "
+    "0.05 of the range, and count more where something is near, on the person and on thin things.",
+]
+
+
+def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") -> list[Card]:
+    """Encoder and predictor; work: the folder of finished tasks, in which what is missing is computed."""
+    task, batches = make_plan(BUDGETS[budget]).encoder, BUDGETS[budget].encoder_batches
+    (made,), params = results_of([task], FUNCTIONS, work), task.params
+    homes = {
+        "recorded": {"first_scene_seed": RECORDED_SEED, "last_scene_seed": RECORDED_SEED + params["homes"] - 1},
+        "report": describe(Purpose.REPORT, HELD_OUT_HOMES, 1),
+    }
+    encoder = VaeConfig(batches=batches).as_dict()
+    predictor = PredictorConfig(batches=params["predictor_batches"]).as_dict()
+    first = _store(
+        "depth_encoder",
+        ENCODER,
+        made.arrays["encoder"].tobytes(),
+        folder,
+        budget,
+        config=encoder,
+        scenes=homes,
+        results={key: made.meta[key] for key in ("reconstruction", "last_training_rms_m")}
+        | {"core_seconds": round(_core_seconds(task, work))},
+        departures=PERCEPTION_DEPARTURES,
+        notes=["Pictures of both cameras (87 and 120 degrees) in turn; recorded by an obstacle avoider (plain TD3)."],
+    )
+    second = _store(
+        "depth_predictor",
+        PREDICTOR,
+        made.arrays["predictor"].tobytes(),
+        folder,
+        budget,
+        config=predictor,
+        scenes=homes,
+        results=made.meta["prediction"],
+        departures=PERCEPTION_DEPARTURES,
+        parents={ENCODER: first.sha256},
+        notes=["It also reads how much the person's place has changed, ten times as large (ours)."],
+    )
+    return [first, second]
+
+
+def ship_controllers(work: Path, folder: Path = DATASETS, budget: str = "small") -> list[Card]:
+    """The controllers of the first seed as the reproduction judges them, and queries; after `ship_perception`."""
+    cards = [_ship_controller(name, work, folder, budget) for name in SHIPPED]
+    return [*cards, ship_queries(folder, budget)]
+
+
+def _ship_controller(configuration: str, work: Path, folder: Path, budget: str) -> Card:
+    plan = make_plan(BUDGETS[budget])
+    seed = plan.budget.seeds[0]
+    trained, judged = plan.trained[configuration, seed], plan.judged[configuration, seed]
+    made, found = results_of([trained, judged], FUNCTIONS, work)
+    first = EXPLORED_SEED + 10_000 * seed
+    return _store(
+        "depth_controller",
+        SHIPPED[configuration],
+        made.arrays["policy"].tobytes(),
+        folder,
+        budget,
+        config=DepthTrainingConfig(seed=seed, updates=trained.params["updates"]).as_dict()
+        | {"configuration": configuration},
+        scenes={
+            "explored": {"first_scene_seed": first, "last_scene_seed": first + trained.params["homes"] - 1},
+            "report": describe(Purpose.REPORT, judged.params["unseen"], 2),
+        },
+        results={key: found.meta[key] for key in ("unseen", "demonstrated")},
+        parents={ENCODER: file_sha256(folder / f"{ENCODER}.npz")},
+        notes=["Simulated: people and demonstrators are programmed."],
+    )
+
+
+def ship_queries(folder: Path, budget: str = "small", config: QueryConfig = SHOWN) -> Card:
+    """Queries by the controllers in the same folder, which `budget` trained. Raises LearningError for too few."""
+    files = {configuration: folder / f"{name}.npz" for configuration, name in SHIPPED.items()}
+    controllers = [DepthController.from_bytes(file.read_bytes()) for file in files.values()]
+    encoder = DepthEncoder.from_bytes((folder / f"{ENCODER}.npz").read_bytes())
+    queries = generate_depth_queries(controllers, encoder, config=config)
+    return _store(
+        "query_set",
+        QUERIES,
+        queries.to_bytes(),
+        folder,
+        budget,
+        config=config.as_dict() | {"controllers": {one: file_sha256(file) for one, file in files.items()}},
+        scenes={"drawn": describe(Purpose.QUERIES, queries.filtered["scenes"], config.seed)},
+        results=describe_queries(queries),
+        parents={ENCODER: file_sha256(folder / f"{ENCODER}.npz")},
+        notes=[
+            "The controllers are made again by the same command; they need not lie beside.",
+            "The person stands, walks towards the robot, or walks elsewhere, scene by scene; simulated.",
+        ],
+    )
+
+
+def _core_seconds(task: Task, work: Path) -> float:
+    """Of one core: this task and all that it needs."""
+    kept = Work(work)
+    return sum(float(kept.load(one.key).meta["made"]["cpu_seconds"]) for one in in_order([task]))
+
+
+def _store(kind: str, name: str, content: bytes, folder: Path, budget: str, **fields: Any) -> Card:
+    path = folder / f"{name}.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+    card = Card(
+        kind=kind,
+        name=name,
+        setup=HOME.name,
+        file=path.name,
+        sha256=file_sha256(path),
+        command=f"desirepath reproduce depth --out DIR --budget {budget} && "
+        "python -m desirepath_experiments.ship depth home --work DIR/work",
+        seed=0,
+        commit=source_commit(),
+        **{"departures": DEPARTURES, **fields},
+    )
+    card.save(card_path(path))
+    return card

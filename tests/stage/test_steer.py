@@ -1,0 +1,90 @@
+"""Paths that the page sends are drawn at once, and a robot under way goes on along a new one without starting anew."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from desirepath.simulation.trajectory import Trajectory
+from desirepath_stage.stage import Stage
+from tests.stage.stage_rig import StageRig, Visitor, drive, study_room
+
+SCENE = study_room()
+Visit = Callable[..., Visitor]
+RENDERS = """() => {
+  const mutable = window.__viserMutable;
+  const render = mutable.requestRender;
+  window.renders = 0;
+  mutable.requestRender = (...given) => { window.renders += 1; return render(...given); };
+}"""
+
+
+def steer(visitor: Visitor, **message: Any) -> None:
+    """What the page orders."""
+    visitor.page.evaluate(
+        "([message, origin]) => document.getElementById('stage').contentWindow.postMessage(message, origin)",
+        [{"type": "steer", **message}, visitor.rig.stage_origin],
+    )
+
+
+def path(rollout: Trajectory) -> dict[str, Any]:
+    rows = np.column_stack([np.arange(len(rollout.poses)) * 0.2, rollout.poses]).round(4)
+    return {"track": rows.tolist(), "arrives": True, "colour": [47, 106, 61], "hollow": False}
+
+
+def test_a_robot_under_way_changes_its_style_without_restarting(rig: StageRig, visit: Visit) -> None:
+    visitor = visit(width=640, height=400)
+    visitor.wait_until(lambda: rig.server.stage("amber") is not None, "the stage connects", timeout_s=60)
+    stage = rig.server.stage("amber")
+    assert isinstance(stage, Stage)
+    first = drive(SCENE, duration_s=8.0, bend_m=0.4)
+    stage.live(SCENE, "top_down", trajectories=(first,))
+    visitor.wait_for("ready")
+    steer(visitor, do="paths", id="1", onward=False, paths=[path(first)], legend=[])
+    visitor.wait_for("drawn", id="1")
+    visitor.frame.evaluate(RENDERS)
+    shorter = path(first)
+    shorter["track"] = shorter["track"][:-5]
+    steer(visitor, do="paths", id="2", onward=False, paths=[shorter], legend=[])
+    visitor.wait_for("drawn", id="2")
+    assert visitor.frame.evaluate("window.renders") == 0  # the room is not drawn anew for a robot that stands
+
+    steer(visitor, do="drive")
+    visitor.wait_until(lambda: any(event["seconds"] > 1.5 for event in visitor.events("moved")), "it drives")
+    here = visitor.events("moved")[-1]["poses"][0]
+    start = replace(SCENE.start, x=here[0], y=here[1], yaw=here[2])
+    steer(visitor, do="paths", id="3", onward=True, paths=[path(drive(replace(SCENE, start=start), duration_s=2.0))])
+    visitor.wait_for("drawn", id="3")
+    after = visitor.wait_for("moved", count=len(visitor.events("moved")) + 1)
+    assert after["driving"]
+    begun = (SCENE.start.x, SCENE.start.y)
+    assert math.dist(after["poses"][0][:2], begun) > 0.5 * math.dist(here[:2], begun)
+    end = visitor.wait_for("moved", over=True)["poses"][0]
+    assert math.dist(end[:2], (SCENE.goal.x, SCENE.goal.y)) < 0.05
+
+
+INK = """([x, y]) => {
+  const canvas = document.getElementById("desire-path-ribbon");
+  const [px, py] = window.desirePath.viser.projector()(x, y, 0.2);
+  const scale = canvas.width / window.innerWidth;
+  return canvas.getContext("2d").getImageData(Math.round(px * scale), Math.round(py * scale), 1, 1).data[3];
+}"""
+
+
+def test_a_way_is_painted_under_the_robot(rig: StageRig, visit: Visit) -> None:
+    visitor = visit(width=640, height=400)
+    visitor.wait_until(lambda: rig.server.stage("amber") is not None, "the stage connects", timeout_s=60)
+    stage = rig.server.stage("amber")
+    assert isinstance(stage, Stage)
+    rollout = drive(SCENE, duration_s=8.0, bend_m=0.4)
+    stage.live(SCENE, "top_down", trajectories=(rollout,))
+    visitor.wait_for("ready")
+    steer(visitor, do="paths", id="1", onward=False, paths=[path(rollout)], legend=[])
+    visitor.wait_for("drawn", id="1")
+    middle = [float(value) for value in rollout.poses[20, :2]]
+    assert visitor.frame.evaluate(INK, middle) == 255
+    assert visitor.frame.evaluate(INK, [SCENE.start.x, SCENE.start.y]) == 0, "there the robot stands"

@@ -1,0 +1,136 @@
+"""An analyst's own fitted reward is asked like a participant from the page: taken in, asked by a job, told in words."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+import torch
+from sqlalchemy import select
+from torch import nn
+
+from desirepath.jobs.asking_person import ask_person
+from desirepath.jobs.context import JobContext, Progress
+from desirepath.jobs.kinds import get_kind
+from desirepath.jobs.process import finish
+from desirepath.learning.errors import LearningError
+from desirepath.learning.people.asked_people import PeopleConfig
+from desirepath.learning.people.reward_manifest import FILE_BYTES
+from desirepath.simulation.setups import STUDY_ROOM
+from desirepath.store.models import Artefact, Job
+from tests.web.lab_services import csrf
+
+INPUTS = [{"of": "observation", "form": "export"}, {"of": "action", "form": "export"}]
+MANIFEST = {"format": "desirepath-reward-2", "setup": "study_room", "file": "net.pt", "inputs": INPUTS}
+SMALL = {"pool": 30, "test": 20, "scenes": (6, 6, 8), "queries": "policies"}
+
+
+def network(inputs: int = STUDY_ROOM.observation_size + 2) -> bytes:
+    torch.manual_seed(1)
+    content = io.BytesIO()
+    torch.save(nn.Linear(inputs, 1).state_dict(), content)
+    return content.getvalue()
+
+
+def take_in(lab, manifest: object = MANIFEST, content: bytes = b"", name: str = "net.pt"):
+    files = {
+        "manifest": ("somebody.json", json.dumps(manifest).encode(), "application/json"),
+        "network": (name, content or network(), "application/octet-stream"),
+    }
+    form = {"csrf": csrf(lab, "/lab/jobs/new/ask_person")}
+    return lab.post("/lab/reward-files", data=form, files=files, follow_redirects=False)
+
+
+def done(services, monkeypatch) -> str:
+    """Do the newest job here and now, with few pairs, as its process would; returns its id."""
+    monkeypatch.setattr(
+        "desirepath.jobs.asking_person.PeopleConfig", lambda **given: PeopleConfig(**{**given, **SMALL})
+    )
+    with services.database.session() as s:
+        job = s.scalars(select(Job).where(Job.kind == "ask_person").order_by(Job.created_at.desc())).first()
+    context = JobContext(services.settings, services.database, services.files, job, Progress(services.database, job.id))
+    result = ask_person(context, get_kind("ask_person").read(job.params))
+    with services.database.transaction() as s:
+        row = s.get_one(Job, job.id)
+        row.result = json.loads(json.dumps(result))
+        finish(row, "succeeded")
+    return job.id
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_a_reward_of_ones_own_is_taken_in_asked_and_told_in_words(lab, lab_services, monkeypatch, language):
+    lab.headers["Accept-Language"] = language
+    taken = take_in(lab)
+    assert taken.status_code == 303, taken.text
+    form = lab.get(taken.headers["location"]).text
+    reward = taken.headers["location"].partition("reward=")[2]
+    assert f'value="{reward}" data-setup="study_room" selected' in form
+    asked = {"csrf": csrf(lab, "/lab/jobs/new/ask_person"), "reward": reward, "answers": "9"}
+    started = lab.post("/lab/jobs/new/ask_person", data=asked, follow_redirects=False)
+    assert started.status_code == 303, started.text
+    page = lab.get(f"/lab/jobs/{done(lab_services, monkeypatch)}").text
+    words = {
+        "en": ("How well it is foretold", "20 pairs in other scenes", "Calibration error", "typical differences"),
+        "de": ("Wie gut es vorhergesagt wird", "20 Paare in anderen Szenen", "Kalibrierungsfehler", "Unterschiede"),
+    }[language]
+    assert all(one in page for one in words)
+    assert "answers = 9" not in page
+    assert "desirepath jobs start ask_person" in page
+    assert {"en": "taken in from a file", "de": "aus einer Datei aufgenommen"}[language] in page
+
+
+def test_a_reward_model_that_was_learned_here_is_asked_in_the_same_way(lab, two_studies, lab_services, monkeypatch):
+    from desirepath.learning.policies.shipped import load_queries
+    from desirepath.learning.preferences.oracles import make_oracle
+    from desirepath.learning.rewards.linear import fit_linear
+    from desirepath.learning.rewards.storage import reward_model_to_bytes
+    from desirepath.store.artefacts import save_artefact
+
+    learned = fit_linear(make_oracle("shortest").answer(load_queries("study_room/queries_200").queries[:12]))
+    with lab_services.database.transaction() as s:
+        made = save_artefact(
+            s, lab_services.files, kind="reward_model", name="learned", setup="study_room",
+            content=reward_model_to_bytes(learned), card={},
+        ).id  # fmt: skip
+    asked = {"csrf": csrf(lab, "/lab/jobs/new/ask_person"), "reward": made, "answers": "8"}
+    assert lab.post("/lab/jobs/new/ask_person", data=asked, follow_redirects=False).status_code == 303
+    page = lab.get(f"/api/lab/jobs/{done(lab_services, monkeypatch)}").json()
+    assert page["result"]["persons"][0]["person"] == "learned"
+    assert 0 <= page["result"]["accuracy"]["8"] <= 1
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"manifest": [1]}, "manifest"),
+        ({"manifest": MANIFEST | {"setup": "the moon"}}, "the moon"),
+        ({"manifest": MANIFEST | {"inputs": ["camera"]}}, "inputs"),
+        ({"manifest": {name: MANIFEST[name] for name in ("format", "setup", "file")}}, "inputs"),
+        ({"manifest": MANIFEST | {"inputs": [{"of": "observation", "form": "si"}]}}, "state the order of the scan"),
+        ({"manifest": MANIFEST | {"file": "../net.pt"}}, "file"),
+        ({"name": "other.pt"}, "other.pt"),
+        ({"content": b"x" * 2_000_001}, ""),
+    ],
+)
+def test_what_cannot_be_taken_in_says_why_and_nothing_is_kept(lab, lab_services, given, why):
+    refused = take_in(lab, **given)
+    assert refused.status_code in (413, 422)
+    assert why in refused.text
+    with lab_services.database.session() as s:
+        assert s.scalars(select(Artefact).where(Artefact.name.startswith("uploaded"))).all() == []
+
+
+def test_a_network_that_does_not_fit_fails_in_the_job_and_says_what_would(lab, lab_services, monkeypatch):
+    reward = take_in(lab, content=network(inputs=5)).headers["location"].partition("reward=")[2]
+    asked = {"csrf": csrf(lab, "/lab/jobs/new/ask_person"), "reward": reward}
+    lab.post("/lab/jobs/new/ask_person", data=asked)
+    with pytest.raises(LearningError, match=f"needed is \\(outputs, {STUDY_ROOM.observation_size + 2}\\)"):
+        done(lab_services, monkeypatch)
+
+
+def test_who_may_start_no_jobs_takes_nothing_in(lab_services, colleague):
+    assert FILE_BYTES > 2_000_000
+    viewer = colleague("viewer")
+    refused = viewer.post("/lab/reward-files", data={"csrf": csrf(viewer)}, follow_redirects=False)
+    assert refused.status_code == 403
