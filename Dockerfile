@@ -6,6 +6,7 @@ COPY requirements.lock pyproject.toml Makefile README.md ./
 COPY scripts scripts
 COPY app app
 COPY backend backend
+COPY experiments experiments
 # PyBullet has wheels for amd64 only; elsewhere it is compiled.
 ARG DESIREPATH_TORCH_INDEX
 # Backups need pg_dump of the database's own version; Debian's is older, so PostgreSQL's own packages (as its site says).
@@ -14,7 +15,7 @@ RUN apt-get update && apt-get install -y --no-install-recommends postgresql-comm
  && apt-get install -y --no-install-recommends postgresql-client-17 && rm -rf /var/lib/apt/lists/*
 RUN apt-get update && apt-get install -y --no-install-recommends make g++ \
  && scripts/setup.sh \
- && .venv/bin/python -m compileall -q app backend \
+ && .venv/bin/python -m compileall -q app backend experiments \
  && apt-get purge -y g++ && apt-get autoremove -y && rm -rf /var/lib/apt/lists/* /root/.cache
 COPY frontend frontend
 COPY docs docs

@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Many tests wait for servers and browsers: more processes than cores may be quicker.
 TEST_PROCESSES ?= 2
 
-.PHONY: compose-here image-here rehearse-upgrade mutation run test soak setup setup-test lint lock secrets clean
+.PHONY: compose-here image-here rehearse-upgrade run test soak setup setup-test lint lock secrets clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
@@ -15,8 +15,8 @@ test: setup setup-test lint
 	$(BIN)/python -m pytest -n $(TEST_PROCESSES) --dist loadfile
 
 lint: setup node_modules/.ready
-	$(BIN)/ruff check app backend tests
-	$(BIN)/ruff format --check app backend tests
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/python -m desirepath.web.core.published
@@ -44,7 +44,7 @@ $(VENV)/.tools-ready: $(VENV)/.ready scripts/tools.lock scripts/setup_tools.sh
 lock:
 	$(BIN)/pip install -q uv
 	printf 'torch ; python_version < "3"\n' > $(VENV)/without-torch.txt
-	$(BIN)/python -m uv pip compile pyproject.toml --extra dev --override $(VENV)/without-torch.txt \
+	$(BIN)/python -m uv pip compile pyproject.toml --all-extras --override $(VENV)/without-torch.txt \
 	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o requirements.lock
 	$(BIN)/python -m uv pip compile scripts/tools.in -c requirements.lock --override $(VENV)/without-torch.txt \
 	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o scripts/tools.lock \
@@ -69,11 +69,6 @@ image-here: setup
 
 clean:
 	rm -rf $(VENV) .venv-tools node_modules .pytest_cache .mypy_cache .ruff_cache
-
-# Changes put into the statistics and the report, a sample by lot, and whether the tests notice: docs/numbers.md.
-mutation: setup
-	nice $(BIN)/python scripts/mutation.py --named
-	nice $(BIN)/python scripts/mutation.py --sample 150
 
 # Half an hour of 50 participants against two server processes on a PostgreSQL of its own: memory, open files and threads
 # stay flat.

@@ -27,5 +27,5 @@ echo "Installing torch ..."
 "${pip[@]}" "${torch_index[@]}" torch==2.13.0
 echo "Installing the rest ..."
 "${pip[@]}" --no-deps --require-hashes -r requirements.lock
-"${pip[@]}" --no-deps --no-build-isolation --editable .
+"${pip[@]}" --no-deps --no-build-isolation --editable . --editable ./experiments
 .venv/bin/pip check >/dev/null || { .venv/bin/pip check; exit 1; }

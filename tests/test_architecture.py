@@ -23,6 +23,24 @@ def test_imports_only_go_downwards():
     assert checked.returncode == 0, checked.stdout
 
 
+def test_the_product_names_the_laboratory_in_no_string():
+    """Imports are import-linter's; what is imported by a name in a string would pass it."""
+    named = re.compile(r"""["'.]desirepath_experiments|import_module\((?!"pybullet"|f"\{__name__\}\.)""")
+    found = [
+        f"{file.relative_to(ROOT)}: {match.group()}"
+        for room in ("backend", "app")
+        for file in (ROOT / room).rglob("*.py")
+        for match in named.finditer(file.read_text(encoding="utf-8"))
+    ]
+    assert not found
+
+
+def test_every_room_says_what_lives_in_it() -> None:
+    rooms = [one for top in ("backend", "app", "experiments") for one in (ROOT / top).rglob("__init__.py")]
+    assert len(rooms) > 40
+    assert [one for one in rooms if not one.read_text(encoding="utf-8").startswith('"""')] == []
+
+
 def test_no_registry_address_machine_path_or_private_address_in_any_file():
     # Written in pieces so that this file does not find itself.
     leaks = re.compile(

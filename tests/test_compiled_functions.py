@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+OURS = {"desirepath", "desirepath_stage"}
 GEOMETRY = """
 import numba
 REACH = 2
@@ -22,16 +23,16 @@ def twice(x):
 
 
 def our_modules(root: Path) -> dict[str, ast.Module]:
-    files = [*(root / "backend").rglob("*.py"), *(root / "app").rglob("*.py")]
     found = {}
-    for file in files:
-        parts = file.relative_to(root).with_suffix("").parts
-        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = ast.parse(file.read_text())
+    for folder in ("backend", "app"):
+        for file in (root / folder).rglob("*.py"):
+            parts = file.relative_to(root / folder).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = ast.parse(file.read_text())
     return found
 
 
 def imported_names(module: str, tree: ast.Module) -> dict[str, str]:
-    """Names of one file -> what they stand for in another: `backend.a.b` or `backend.a.b.name`."""
+    """Names of one file -> what they stand for in another: `desirepath.a.b` or `desirepath.a.b.name`."""
     names = {}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -100,7 +101,7 @@ def used_from_elsewhere(modules: dict[str, ast.Module]) -> list[str]:
         names = imported_names(module, modules[module])
         for statement in function.body:
             for node in ast.walk(statement):
-                if isinstance(node, ast.Name) and names.get(node.id, "").split(".")[0] in {"backend", "app"}:
+                if isinstance(node, ast.Name) and names.get(node.id, "").split(".")[0] in OURS:
                     found.append(f"{module}.{function.name} uses {names[node.id]} (line {node.lineno})")
     return found
 
@@ -114,17 +115,18 @@ def test_no_compiled_function_uses_anything_of_another_file():
 @pytest.mark.parametrize(
     ("imports", "decorator", "body"),
     [
-        ("import numba\nfrom backend import geometry as g", "@numba.njit(cache=True)", "return g.twice(x)"),
-        ("from numba import njit\nfrom backend.geometry import twice", "@njit(cache=True)", "return twice(x)"),
+        ("import numba\nfrom desirepath import geometry as g", "@numba.njit(cache=True)", "return g.twice(x)"),
+        ("from numba import njit\nfrom desirepath.geometry import twice", "@njit(cache=True)", "return twice(x)"),
         ("from desirepath import geometry as g", "@g.compiled", "return g.twice(x)"),
-        ("from backend.geometry import compiled, twice as double", "@compiled", "return double(x)"),
+        ("from desirepath.geometry import compiled, twice as double", "@compiled", "return double(x)"),
         ("from desirepath import geometry as g", "@g.compiled", "return x + g.REACH"),
     ],
 )
 def test_the_search_finds_every_way_to_write_it(tmp_path, imports, decorator, body):
-    (tmp_path / "backend").mkdir()
-    (tmp_path / "backend" / "geometry.py").write_text(GEOMETRY)
-    (tmp_path / "backend" / "caller.py").write_text(f"{imports}\n\n{decorator}\ndef caller(x):\n    {body}\n")
+    package = tmp_path / "backend" / "desirepath"
+    package.mkdir(parents=True)
+    (package / "geometry.py").write_text(GEOMETRY)
+    (package / "caller.py").write_text(f"{imports}\n\n{decorator}\ndef caller(x):\n    {body}\n")
     assert len(used_from_elsewhere(our_modules(tmp_path))) == 1
 
 

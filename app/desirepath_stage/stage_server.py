@@ -1,6 +1,6 @@
 """The one viser server: which connection belongs to which stage key, and who is told when one comes or goes.
 
-It listens on the loopback address only; browsers reach it through the door in `backend/desirepath/web/stage/stage_proxy.py`.
+It listens on the loopback address only; browsers reach it through the door, `web/stage/stage_proxy.py`.
 """
 
 from __future__ import annotations

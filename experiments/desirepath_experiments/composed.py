@@ -22,8 +22,8 @@ from typing import Any
 
 from sqlalchemy import create_engine, text
 
+from desirepath.cli.loopback import free_port_pair
 from desirepath.grammar.source import Source
-from desirepath_experiments.loopback import free_port_pair
 from desirepath_experiments.own_postgres import own_postgres
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -21,8 +21,8 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from desirepath.cli.loopback import free_port_pair
 from desirepath_experiments.image_surroundings import TRUSTED, certificates, passed_on, places_of_packages, sites_of_apt
-from desirepath_experiments.loopback import free_port_pair
 
 ROOT = Path(__file__).resolve().parents[2]
 DIFFERENT = (

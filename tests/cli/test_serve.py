@@ -10,10 +10,10 @@ import pytest
 from fastapi.testclient import TestClient
 from typer.testing import CliRunner
 
+from desirepath.cli.loopback import free_port_pair
 from desirepath.cli.main import app
 from desirepath.web.application import create_application
 from desirepath.web.core.dependencies import Services
-from desirepath_experiments.loopback import free_port_pair
 
 
 def start(data: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, Services]:

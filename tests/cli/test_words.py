@@ -13,10 +13,10 @@ from typer.testing import CliRunner
 from desirepath.cli.jobs import JOB_KINDS
 from desirepath.cli.main import app
 from desirepath.cli.study import open_store
+from desirepath.installed import PROTOCOLS
 from desirepath.jobs.kinds import ALIGNMENTS, KINDS
 from desirepath.settings import get_settings
 from desirepath.store.models import Participant
-from desirepath.study.protocol.freezing import PROTOCOLS
 
 RUN = CliRunner()
 

@@ -13,10 +13,11 @@ from sqlalchemy import select
 from desirepath.demonstrations.depth.controller import DepthController
 from desirepath.demonstrations.depth.queries import SHOWN
 from desirepath.demonstrations.depth.states import CONFIGURATIONS
+from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, file_sha256
 from desirepath.learning.preferences.measures import MEASURES, measures
 from desirepath.learning.queries.queries import QuerySet, look_alike
-from desirepath.learning.shipped_files import DATASETS, load_card, resolve
+from desirepath.learning.shipped_files import load_card, resolve
 from desirepath.simulation.trajectory import Outcome
 from desirepath.store.artefacts import ArtefactStore, load_trajectory
 from desirepath.store.database import Database

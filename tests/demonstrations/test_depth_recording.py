@@ -8,8 +8,9 @@ import pytest
 from desirepath.demonstrations.depth.encoding import EncoderTraining, pixel_weights, train_encoder
 from desirepath.demonstrations.depth.episodes import MODES, EpisodePool, Episodes, home_episodes, people_of
 from desirepath.demonstrations.depth.recording import Recording, record
+from desirepath.installed import DATASETS
 from desirepath.learning.cards import file_sha256
-from desirepath.learning.shipped_files import DATASETS, load_card
+from desirepath.learning.shipped_files import load_card
 from desirepath.perception.beta_vae import LATENTS, DepthEncoder, VaeConfig
 from desirepath.perception.predictor import INPUTS, STEPS, PersonPredictor, PredictorConfig, fit_predictor
 from desirepath.simulation.depth_camera import DEPTH_CAMERA, CameraNoise

@@ -19,6 +19,7 @@ from sqlalchemy import select
 from websockets.sync.client import ClientConnection
 from websockets.sync.client import connect as connect_websocket
 
+from desirepath.cli.loopback import loopback_server
 from desirepath.settings import Settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
@@ -30,7 +31,6 @@ from desirepath.study.simulated.participant import any_answer
 from desirepath.study.studies import create_study
 from desirepath.web.core.auth import ensure_first_user
 from desirepath_experiments.benchmarks.open_browser import CAMERA
-from desirepath_experiments.loopback import loopback_server
 from desirepath_stage.viser_hooks import SUBPROTOCOL, readable_part
 from tests.study.walking import QUICK, VALUES, twenty_queries
 

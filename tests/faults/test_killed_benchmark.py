@@ -12,7 +12,7 @@ from pathlib import Path
 BRINGS_A_SERVER = """
     import sys, time
     from pathlib import Path
-    from desirepath_experiments.loopback import loopback_server
+    from desirepath.cli.loopback import loopback_server
     from desirepath.settings import Settings
 
     settings = Settings(data=Path(sys.argv[1]), database_url=None, artefacts_url=None)

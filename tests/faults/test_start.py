@@ -14,9 +14,9 @@ from pathlib import Path
 import httpx
 import pytest
 
+from desirepath.cli.loopback import free_port_pair
 from desirepath.settings import Settings
 from desirepath.web.replicas.only_server import running_server
-from desirepath_experiments.loopback import free_port_pair
 from tests.faults.installation import run_command
 
 

@@ -19,6 +19,7 @@ import uvicorn
 from playwright.sync_api import expect
 from sqlalchemy import select
 
+from desirepath.cli.loopback import free_port_pair
 from desirepath.settings import Settings
 from desirepath.store.models import Event, ProblemReport, Response, Session
 from desirepath.study.protocol.freezing import freeze
@@ -26,7 +27,6 @@ from desirepath.study.session.finding import token_hash
 from desirepath.study.studies import create_study
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
-from desirepath_experiments.loopback import free_port_pair
 from tests.frontend.empty_room import empty_rooms, room_says
 
 if TYPE_CHECKING:

@@ -19,15 +19,16 @@ import uvicorn
 from playwright.sync_api import expect
 from sqlalchemy import select
 
+from desirepath.cli.loopback import free_port_pair
+from desirepath.installed import PROTOCOLS
 from desirepath.learning.policies.shipped import load_queries
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.settings import Settings
 from desirepath.store.models import Event, Response, Session, Trial
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.studies import create_study
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
-from desirepath_experiments.loopback import free_port_pair
 from tests.frontend.empty_room import empty_rooms, room_says
 from tests.frontend.test_participant_pages import COLOURS, violations
 

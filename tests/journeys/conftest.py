@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page
 
+from desirepath.cli.loopback import loopback_server
 from desirepath.settings import Settings
-from desirepath_experiments.loopback import loopback_server
 
 # Everything in the page that measures time runs `speed` times as fast; animation frames still come when they come.
 FASTER_CLOCK = """(speed) => {

@@ -20,6 +20,7 @@ from playwright.sync_api import Page, expect
 from sqlalchemy import select
 
 from desirepath.analysis.metrics import measure
+from desirepath.installed import PROTOCOLS
 from desirepath.learning.policies.shipped import load_queries
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.settings import Settings
@@ -27,7 +28,7 @@ from desirepath.store.artefacts import ArtefactStore, load_trajectory
 from desirepath.store.database import Database
 from desirepath.store.models import Response, Session, Trial
 from desirepath.study.links import token_hash
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.simulated.participant import Character
 from desirepath.study.studies import create_study
 from desirepath_experiments.browser.client import walk_with_browser

@@ -153,7 +153,7 @@ def test_sb3_zip_opens_where_our_package_is_missing(policy: Policy, tmp_path: Pa
     observations = seen_by(policy, 5)
     np.save(tmp_path / "observations.npy", observations)
     program = (
-        "import sys; sys.modules['backend'] = None\n"
+        "import sys; sys.modules['desirepath'] = None\n"
         "import numpy as np\n"
         "from stable_baselines3 import TD3\n"
         "model = TD3.load('policy.zip', device='cpu')\n"

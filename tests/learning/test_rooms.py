@@ -35,7 +35,7 @@ def circles(of: dict[str, set[str]]) -> list[list[str]]:
 @pytest.mark.parametrize("room", ["desirepath.learning", "desirepath.jobs"])
 def test_no_circle_of_imports(room: str) -> None:
     """Imports inside functions count, too: they only hide a circle."""
-    graph = grimp.build_graph("backend", cache_dir=None)
+    graph = grimp.build_graph("desirepath", cache_dir=None)
     modules = {module for module in graph.modules if module.startswith(f"{room}.")}
     of = {module: graph.find_modules_directly_imported_by(module) & modules for module in modules}
     assert circles(of) == []

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from desirepath.installed import DATASETS
 from desirepath.learning.adaptable.policy import AdaptablePolicy
 from desirepath.learning.alignment.policy_library import PolicyLibrary
 from desirepath.learning.cards import Card, card_path, file_sha256
@@ -22,7 +23,7 @@ from desirepath.learning.policies.steerability import steerability_of
 from desirepath.learning.preferences.objectives import NAMES
 from desirepath.learning.queries.queries import QueryConfig, QuerySet, flaw, look_alike
 from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
-from desirepath.learning.shipped_files import DATASETS, load_card, resolve, shipped_names
+from desirepath.learning.shipped_files import load_card, resolve, shipped_names
 from desirepath.learning.td3.conditioned_training import CONFIGS
 from desirepath.simulation.scenes import check_scene, draw_scene
 
@@ -62,7 +63,7 @@ def test_file_and_card_agree_and_the_card_is_complete(name: str) -> None:
     assert card.name == name
     assert card.sha256 == file_sha256(resolve(name))
     assert card.command.startswith(
-        ("python -m desirepath_experiments.ship ", "python -m desirepath.learning.ship ")
+        ("desirepath ship ", "python -m backend.experiments.ship ", "python -m backend.learning.ship ")
     )  # its room before
     assert card.command.endswith(f"--seed {card.seed}")
     assert len(card.commit.removesuffix("-dirty")) == 40

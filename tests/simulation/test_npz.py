@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from desirepath.installed import DATASETS
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import Policy, PolicyError
 from desirepath.learning.queries.queries import QuerySet
-from desirepath.learning.shipped_files import DATASETS
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.npz import Bounds, NpzError, from_npz, npz_header, to_npz
 from desirepath.simulation.scenes import draw_scenes

@@ -175,7 +175,5 @@ def test_what_a_set_does_not_have_can_be_no_condition(tmp_path, database, files,
 
 
 def test_without_the_policy_the_command_says_which_one_makes_it(tmp_path) -> None:
-    with pytest.raises(
-        LearningError, match=r"is missing: make it first with `python -m desirepath_experiments.ship attent"
-    ):
+    with pytest.raises(LearningError, match=r"is missing: make it first with `desirepath ship attent"):
         ship_attended(tmp_path)

@@ -8,12 +8,13 @@ from itertools import combinations, pairwise
 import pytest
 from sqlalchemy import select
 
+from desirepath.installed import PROTOCOLS
 from desirepath.learning.preferences.from_paths import as_bytes, read_weights_of_paths, shipped_weights_of_paths
 from desirepath.simulation.demonstration_scenes import demonstration_scene
 from desirepath.store.models import Response, StrokeRow, Trial
 from desirepath.study.personalising.method_robots import METHODS
 from desirepath.study.plan.counterbalancing import design_of
-from desirepath.study.protocol.freezing import PROTOCOLS, ProtocolError, freeze, validate_protocol_file
+from desirepath.study.protocol.freezing import ProtocolError, freeze, validate_protocol_file
 from desirepath.study.protocol.planning import example_queries, make_plan
 from desirepath.study.refusals import Refused
 from desirepath.study.simulated.in_process import walk_in_process

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from desirepath.installed import PROTOCOLS
 from desirepath.study.kinds import stored
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.protocol.planning import PlanError, make_plan, session_seed
 
 TEXT = (PROTOCOLS / "quick_preference_study.yaml").read_text().replace("choose: information", "choose: random")

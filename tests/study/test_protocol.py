@@ -17,11 +17,11 @@ from desirepath.analysis.scales import frozen_scale
 from desirepath.grammar.error_words import example_of, parsed
 from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.source import Source
+from desirepath.installed import PROTOCOLS
 from desirepath.study.kinds import kind_of, read_step
 from desirepath.study.kinds.base import Page
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.protocol.freezing import (
-    PROTOCOLS,
     ProtocolError,
     freeze,
     freeze_text,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from desirepath.grammar.source import ProtocolError, Source
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.installed import PROTOCOLS
+from desirepath.study.protocol.freezing import freeze_text
 
 QUICK = (PROTOCOLS / "quick_preference_study.yaml").read_text()
 PAGE = "  - instruction: {text: texts/instruction.md}\n"

@@ -8,10 +8,11 @@ from dataclasses import asdict
 import pytest
 from sqlalchemy import select
 
+from desirepath.installed import DATASETS
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.store.models import Artefact, Event, Participant, RecruitingId, Session, Study, utc_now
 from desirepath.store.query_sets import query_sets_here, save_query_set
-from desirepath.study.protocol.freezing import DATASETS, freeze, freeze_text, thaw
+from desirepath.study.protocol.freezing import freeze, freeze_text, thaw
 from desirepath.study.refusals import Refused
 from desirepath.study.session.joining import join_study
 from desirepath.study.studies import StudyError, create_study, queries_of_study, study_by_link

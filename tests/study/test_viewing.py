@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
+from desirepath.installed import PROTOCOLS
 from desirepath.store.models import Trial
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze
+from desirepath.study.protocol.freezing import freeze
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
 from desirepath.web.lab.preview import preview_steps

@@ -12,10 +12,11 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
+from desirepath.installed import PROTOCOLS
 from desirepath.store.events import log_event
 from desirepath.store.models import Response, Session, StrokeRow, Study, Trial, new_id
 from desirepath.store.shipped_policies import policy_artefact, register_shipped
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.studies import create_study
 from desirepath.web.core.dependencies import Services

@@ -10,6 +10,7 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
+from desirepath.installed import PROTOCOLS
 from desirepath.learning.preferences.oracles import ResponseModel
 from desirepath.report.findings import analyse
 from desirepath.report.made_up_cohorts import Cohort, made_up_study
@@ -20,7 +21,7 @@ from desirepath.settings import Settings
 from desirepath.store.dataset.writing import answers_of, export_study
 from desirepath.store.models import Study, utc_now
 from desirepath.study.planned_power import plan_power
-from desirepath.study.protocol.freezing import PROTOCOLS, FrozenProtocol, freeze_text
+from desirepath.study.protocol.freezing import FrozenProtocol, freeze_text
 from desirepath.study.simulated.http import simulate_study
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.simulated.participant import Character

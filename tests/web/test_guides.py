@@ -6,8 +6,9 @@ import re
 
 import pytest
 
+from desirepath.installed import DOCS
 from desirepath.web.application import create_application
-from desirepath.web.core.guides import DOCS, FITTING, GUIDES, HERE, fitting_guide, guide
+from desirepath.web.core.guides import FITTING, GUIDES, HERE, fitting_guide, guide
 from tests.web.lab_services import Walked
 
 

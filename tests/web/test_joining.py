@@ -6,8 +6,9 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
+from desirepath.installed import PROTOCOLS
 from desirepath.store.models import Event, Participant, RecruitingId, Session, Study
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze, freeze_text
+from desirepath.study.protocol.freezing import freeze, freeze_text
 from desirepath.study.session.joining import UNFILLED
 from desirepath.study.studies import create_study
 from tests.web.participant_services import logged, to_first_trial

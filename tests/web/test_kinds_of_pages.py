@@ -10,9 +10,10 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
+from desirepath.installed import PROTOCOLS
 from desirepath.settings import Settings
 from desirepath.store.models import Session
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.protocol.planning import example_queries, make_plan
 from desirepath.study.studies import create_study
 from desirepath.web.application import build_services, create_application

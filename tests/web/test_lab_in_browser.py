@@ -12,11 +12,11 @@ import uvicorn
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 
+from desirepath.cli.loopback import free_port_pair
 from desirepath.store.models import Study
 from desirepath.study.session.joining import join_study
 from desirepath.web.application import create_application
 from desirepath.web.core.dependencies import Services
-from desirepath_experiments.loopback import free_port_pair
 from tests.web.lab_services import NAME, PASSWORD, Walked
 
 

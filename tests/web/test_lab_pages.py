@@ -13,12 +13,13 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import func, select, true, update
 
+from desirepath.installed import PROTOCOLS
 from desirepath.learning.policies.shipped import load_queries
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.store.artefacts import load_trajectory
 from desirepath.store.models import Base, Event, Participant, Response, Session, Study, Trial
 from desirepath.store.query_sets import save_query_set
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze, freeze_text
+from desirepath.study.protocol.freezing import freeze, freeze_text
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.studies import create_study
 from desirepath.web.application import create_application

@@ -8,9 +8,10 @@ from collections import OrderedDict
 
 import pytest
 
+from desirepath.installed import PROTOCOLS
 from desirepath.learning.preferences.objectives import NAMES
 from desirepath.store.models import Participant
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.session.joining import join_study
 from desirepath.study.studies import create_study
 

@@ -12,9 +12,10 @@ from pathlib import Path
 
 from fastapi.testclient import TestClient
 
+from desirepath.installed import PROTOCOLS
 from desirepath.jobs.process import ONE_THREAD
 from desirepath.study.planned_power import plan_power
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.study.protocol.freezing import freeze_text
 from desirepath.web.core.dependencies import Services
 from desirepath.web.lab.power_runs import PowerAsked
 from tests.web.lab_services import Walked, csrf

@@ -9,9 +9,10 @@ import pytest
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 
+from desirepath.installed import PROTOCOLS
 from desirepath.store.models import Participant, Response, Session, Study
 from desirepath.study.kinds.consent import POINT
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze
+from desirepath.study.protocol.freezing import freeze
 from desirepath.web.participant.sent import DEVICE_FIELDS
 from tests.web.lab_services import VALUES
 

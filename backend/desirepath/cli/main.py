@@ -1,9 +1,10 @@
-"""The `desirepath` command: assembles the groups in `backend/desirepath/cli`. Imports stay lazy so that `--help` is quick."""
+"""The `desirepath` command: assembles the groups beside it. Imports stay lazy so that `--help` is quick."""
 
 from __future__ import annotations
 
 import os
 import sys
+from importlib.metadata import entry_points
 from importlib.metadata import version as version_of
 from typing import Annotated
 
@@ -13,12 +14,10 @@ with ended_by_interrupt(), without_collecting():
     import typer
 
     from desirepath.cli import (
-        benchmark,
         data,
         jobs,
         plots,
         report,
-        reproduce,
         science,
         serve,
         study,
@@ -59,9 +58,13 @@ with ended_by_interrupt():
     study_protocols.register()
     app.add_typer(study.commands, name="study")
     app.add_typer(jobs.commands, name="jobs")
-    app.add_typer(benchmark.commands, name="benchmark")
-    app.add_typer(reproduce.commands, name="reproduce")
     app.add_typer(words.commands, name="words")
+    for further in entry_points(group="desirepath.commands"):
+        found = further.load()
+        if isinstance(found, typer.Typer):
+            app.add_typer(found, name=further.name)
+        else:
+            app.command(further.name)(found)
 
 
 def main() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -10,12 +9,13 @@ from rich.console import Console
 
 from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say
 from desirepath.collecting import without_collecting
+from desirepath.installed import PROTOCOLS
 from desirepath.settings import Settings, get_settings
 
 if TYPE_CHECKING:
     from desirepath.web.core.dependencies import Services
 
-DEMO_PROTOCOL = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
+DEMO_PROTOCOL = PROTOCOLS / "quick_preference_study.yaml"
 DEMO_NAME = "Demo: how should the robot pass you?"
 
 

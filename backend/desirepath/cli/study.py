@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable
 from functools import partial
+from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
 import typer
 
+from desirepath.cli.loopback import loopback_server
 from desirepath.cli.output import (
     COMMAND_LINE,
     IndifferenceOption,
@@ -25,7 +28,6 @@ from desirepath.settings import get_settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.web.replicas.only_server import running_server
-from desirepath_experiments.loopback import loopback_server
 
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
@@ -211,6 +213,8 @@ def simulate(
         seed,
         read_cohort(cohort) if cohort is not None else None,
     )
+    if browser:
+        in_browser = _browser_walker()
     database, _ = open_store()
     with database.session() as s:
         row = s.get(Study, study)
@@ -222,13 +226,8 @@ def simulate(
         if not browser:
             say(simulate_study(base_url, token, participants, character), as_json)
             return
-        from desirepath_experiments.browser.client import walk_with_browser
-
         aside = partial(typer.echo, err=True)
-        say(
-            walk_with_browser(base_url, token, participants, browser, character, language, pictures, aside),
-            as_json,
-        )
+        say(in_browser(base_url, token, participants, browser, character, language, pictures, aside), as_json)
 
     if url:
         walk(url.rstrip("/"))
@@ -236,6 +235,14 @@ def simulate(
         running = running_server(get_settings())
         with contextlib.nullcontext((running, None)) if running else loopback_server(get_settings()) as (own, _):
             walk(own)
+
+
+def _browser_walker() -> Callable[..., dict[str, Any]]:
+    """Raises LookupError where the laboratory's package, which drives a browser, is not installed."""
+    for found in entry_points(group="desirepath.walkers", name="browser"):
+        walker: Callable[..., dict[str, Any]] = found.load()
+        return walker
+    raise LookupError("--browser needs desirepath-experiments: pip install ./experiments (in a checkout)")
 
 
 @commands.command("power")

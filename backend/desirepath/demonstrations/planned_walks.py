@@ -1,7 +1,7 @@
 """People who walk planned ways through a demonstration's scene (the person modes of chapter 3). Simulated.
 
-Walks of participants come as recordings (`desirepath.simulation.walks`); both are kept and replayed alike. Programs that
-stand in for participants record theirs with `record_walk`.
+Walks of participants come as recordings (`desirepath.simulation.walks`); both are kept and replayed alike. Programs
+that stand in for participants record theirs with `record_walk`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`python -m desirepath.jobs.heartbeat`: does a worker of this data folder live? Exit code 0 or 1, for containers' checks.
+"""`python -m desirepath.jobs.heartbeat`: does a worker of this data folder live? Exit code 0 or 1, for containers.
 
 The worker touches a file while its loop goes round; looking at it loads nothing else.
 """

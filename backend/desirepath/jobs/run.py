@@ -16,7 +16,7 @@ import time
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,7 @@ from desirepath.store.outbox import Queue, enqueue_job, queue_of
 from desirepath.store.places import StoreAway
 
 ORPHAN_POLL_S = 0.5
-SWEEP_TASKS = "desirepath_experiments.reproduction.on_workers"
+TASKS = "desirepath.tasks"  # the group of entry points that do tasks of a sweep
 MEASURED_KINDS = ("align", "train_base")
 MEASURING_PRIORITY = 20  # after everything that somebody started
 # whoever waits goes first; the server goes before all
@@ -144,12 +144,19 @@ def _log_into(file: Path) -> None:
 def _work(context: JobContext) -> dict[str, object]:
     params = get_kind(context.job.kind).read(context.job.params)
     # Imported late, so that its failure is written to the row, too.
-    if isinstance(params, TaskParams):  # what a task needs stands above this room, and is found by name
-        done: dict[str, object] = import_module(SWEEP_TASKS).do_task(context, params)
-        return done
+    if isinstance(params, TaskParams):
+        return _do_task(context, params)
     from desirepath.jobs.runners import run_kind
 
     return run_kind(context, params)
+
+
+def _do_task(context: JobContext, params: TaskParams) -> dict[str, object]:
+    """A task of a sweep, done by whoever plugs in. Raises LookupError where nobody does."""
+    for found in entry_points(group=TASKS):
+        done: dict[str, object] = found.load()(context, params)
+        return done
+    raise LookupError("tasks of a sweep are done by desirepath-experiments, which this worker has not installed")
 
 
 def _measure_later(s: DatabaseSession, job: Job) -> None:

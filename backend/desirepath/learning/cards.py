@@ -10,10 +10,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from desirepath.installed import ROOT
 from desirepath.learning.errors import LearningError
 from desirepath.simulation.social_metrics import COLUMNS
-
-ROOT = Path(__file__).resolve().parents[2]
 
 SOCIAL = tuple(COLUMNS)
 """Of the numbers of an episode on cards, the field's social metrics (`simulation/social_metrics.py`)."""

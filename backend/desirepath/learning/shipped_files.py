@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from desirepath.learning.cards import ROOT, Card, card_path
+from desirepath.installed import DATASETS
+from desirepath.learning.cards import Card, card_path
 from desirepath.learning.errors import LearningError
-
-DATASETS = ROOT / "datasets"
 
 
 def shipped_names() -> list[str]:

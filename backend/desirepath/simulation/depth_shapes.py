@@ -1,6 +1,6 @@
 """What a depth camera sees of furniture and people: boxes, cylinders and capsules inside what the robot collides with.
 
-The sizes are those of the looks on the stage (`app/desirepath_stage/furniture.py`, `app/desirepath_stage/bodies.py`), without ornament.
+The sizes are those of the looks on the stage (`desirepath_stage/furniture.py`, `bodies.py`), without ornament.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ def _require_shown(artefact: Artefact, frozen: FrozenProtocol) -> None:
     if "attention" in factors and not attended:
         raise ArtefactError(
             f"the factor attention needs a policy's attention, {artefact.name} has none; use a set such as "
-            "crowd_corridor/scenarios_24 (`python -m desirepath_experiments.ship ranking-set crowd_corridor`)"
+            "crowd_corridor/scenarios_24 (`desirepath ship ranking-set crowd_corridor`)"
         )
     if "outline" in factors and attended:
         raise ArtefactError(f"the factor outline is of things, {artefact.name} ranks people; use the factor attention")

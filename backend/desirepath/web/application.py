@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 
 import structlog
 from fastapi import Request
@@ -15,6 +14,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp
 
+from desirepath.installed import FRONTEND
 from desirepath.settings import Settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database, DatabaseBusy, check_writable, is_full
@@ -46,7 +46,6 @@ from desirepath.web.stage.presenting import Presenter
 from desirepath.web.stage.replay_stages import ReplayStages
 from desirepath.web.stage.stage_proxy import INNER, StageDoor
 
-FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
 RETRY_AFTER_S = 2  # ours: sent with a 503; the pages, bots and benchmarks wait as long and ask again
 log = structlog.get_logger("desirepath.web")
 

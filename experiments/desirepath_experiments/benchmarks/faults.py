@@ -22,6 +22,7 @@ import numpy as np
 import structlog
 from sqlalchemy import func, select, text
 
+from desirepath.cli.loopback import loopback_server
 from desirepath.jobs.heartbeat import FILE as HEARTBEAT
 from desirepath.settings import Settings
 from desirepath.store.artefacts import ArtefactStore
@@ -35,7 +36,6 @@ from desirepath_experiments.benchmarks.open_browser import ServeBenchmarkError
 from desirepath_experiments.benchmarks.persistent import Persistent
 from desirepath_experiments.benchmarks.processes import children_of, command_of
 from desirepath_experiments.benchmarks.serving import QUICK_STUDY, await_processes
-from desirepath_experiments.loopback import loopback_server
 from desirepath_experiments.own_postgres import own_postgres, own_postgres_pid
 
 Fault = Literal["server", "worker", "connections", "database", "disk"]

@@ -16,6 +16,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from desirepath.cli.loopback import loopback_server
+from desirepath.installed import PROTOCOLS
 from desirepath.report.findings import Findings, analyse
 from desirepath.report.made_up_cohorts import VIEWS_DIFFER, Cohort
 from desirepath.report.study_report import write_study_report
@@ -28,11 +30,10 @@ from desirepath.store.dataset.importing import import_dataset
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.models import Study
 from desirepath.store.shipped_policies import register_shipped
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze
+from desirepath.study.protocol.freezing import freeze
 from desirepath.study.simulated.http import simulate_study
 from desirepath.study.simulated.participant import Character
 from desirepath.study.studies import create_study
-from desirepath_experiments.loopback import loopback_server
 
 PROTOCOL = PROTOCOLS / "interface_study.yaml"
 

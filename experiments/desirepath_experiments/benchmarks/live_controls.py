@@ -16,18 +16,19 @@ import httpx
 import numpy as np
 import yaml
 
+from desirepath.cli.loopback import loopback_server
+from desirepath.installed import PROTOCOLS
 from desirepath.settings import Settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.models import Study
 from desirepath.store.shipped_policies import register_shipped
 from desirepath.study.kinds.live import OBJECTIVES
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze_text
+from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.simulated.http import HttpSessionClient
 from desirepath.study.simulated.participant import any_answer
 from desirepath.study.studies import create_study
 from desirepath_experiments.browser.client import PATIENCE_MS, WINDOW, chromium
-from desirepath_experiments.loopback import loopback_server
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Frame, Page

@@ -13,13 +13,14 @@ from typing import Any
 from sqlalchemy import Table, false, func, insert, or_, select, update
 from sqlalchemy.orm import Session as DatabaseSession
 
+from desirepath.installed import PROTOCOLS
 from desirepath.report.made_up_cohorts import VIEWS_DIFFER
 from desirepath.settings import Settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.models import Base, Participant, Study, new_id
 from desirepath.store.shipped_policies import register_shipped
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze
+from desirepath.study.protocol.freezing import freeze
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.simulated.participant import Character
 from desirepath.study.studies import create_study

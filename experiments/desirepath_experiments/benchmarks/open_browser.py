@@ -1,7 +1,7 @@
 """One simulated participant of `benchmark serve`: an HTTP client with everything that a browser holds open beside it.
 
 That is its event stream, and a real websocket through the stage's door that hears the trajectories it is to watch. What
-simulated participants answer lives in `backend/desirepath/study/simulated/participant.py`; who walks when, and what was stored, in
+simulated participants answer lives in `study/simulated/participant.py`; who walks when, and what was stored, in
 `serving.py`.
 """
 

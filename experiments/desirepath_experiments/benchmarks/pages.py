@@ -21,13 +21,13 @@ import httpx
 import numpy as np
 from sqlalchemy import func, select, update
 
+from desirepath.cli.loopback import loopback_server
 from desirepath.settings import Settings
 from desirepath.store.database import Database
 from desirepath.store.models import Participant, Study, User
 from desirepath.web.core.auth import FIRST_USER, change_password, ensure_first_user, reset_password
 from desirepath_experiments.benchmarks.many_studies import PROTOCOL, make_studies
 from desirepath_experiments.benchmarks.processes import processor_s
-from desirepath_experiments.loopback import loopback_server
 
 RESTART_BAR_S, LAB_BAR_MS, JOIN_BAR_MS = 3.0, 300.0, 500.0
 PASSWORD = "benchmark of all pages"  # noqa: S105  of an account on loopback, in a folder of the benchmark's own

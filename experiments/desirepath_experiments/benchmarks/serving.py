@@ -20,6 +20,8 @@ import httpx
 import numpy as np
 from sqlalchemy import func, select, text
 
+from desirepath.cli.loopback import loopback_server
+from desirepath.installed import PROTOCOLS
 from desirepath.settings import Settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
@@ -27,11 +29,10 @@ from desirepath.store.models import Base, Job, Response, ServerProcess, Session,
 from desirepath.store.outbox import PARTICIPANT_WAITS, enqueue_job
 from desirepath.store.shipped_policies import register_shipped
 from desirepath.store.snapshots import take_snapshot
-from desirepath.study.protocol.freezing import PROTOCOLS, freeze
+from desirepath.study.protocol.freezing import freeze
 from desirepath.study.studies import create_study
 from desirepath_experiments.benchmarks.open_browser import OpenBrowser, ServeBenchmarkError, Tally, beside
 from desirepath_experiments.benchmarks.processes import family_mb, family_s
-from desirepath_experiments.loopback import loopback_server
 from desirepath_experiments.own_postgres import own_postgres, own_postgres_pid
 
 QUICK_STUDY = PROTOCOLS / "quick_preference_study.yaml"

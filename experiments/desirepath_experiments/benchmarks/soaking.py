@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from desirepath.cli.loopback import loopback_server
 from desirepath_experiments.benchmarks.processes import family, family_mb, open_files, threads_of
 from desirepath_experiments.benchmarks.serving import MOST_ANSWERS, PACE_S, installation, walk_everybody
-from desirepath_experiments.loopback import loopback_server
 
 LOOK_EVERY_S = 5.0
 LOG_NAME = "server.log"

@@ -1,6 +1,6 @@
 """The hand and feet of a simulated participant at the stage: real mouse moves and keys in a real browser.
 
-Where things are is asked of the stage's own page (`app/desirepath_stage/client`); what to draw and where to walk is the bot's.
+Where things are is asked of the stage's own page; what to draw and where to walk is the bot's.
 """
 
 from __future__ import annotations

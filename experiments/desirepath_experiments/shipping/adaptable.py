@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, card_path, file_sha256
 from desirepath.learning.scene_sets import Purpose, describe
-from desirepath.learning.shipped_files import DATASETS
 from desirepath.simulation.setups import ADAPTABLE
 from desirepath_experiments.reproduction.adaptable.computing import FUNCTIONS
 from desirepath_experiments.reproduction.adaptable.departures import DEPARTURES
@@ -84,7 +84,7 @@ def _store(
         setup=ADAPTABLE.name,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m desirepath_experiments.ship adaptable {ADAPTABLE.name} --seed {seed}",
+        command=f"desirepath ship adaptable {ADAPTABLE.name} --seed {seed}",
         seed=seed,
         commit=made["commit"],
         departures=DEPARTURES,

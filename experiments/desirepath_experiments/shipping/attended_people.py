@@ -14,13 +14,13 @@ import torch
 from desirepath.explain.in_sight import halts_in_sight
 from desirepath.explain.ranking_sets import DRIVE_S, ExplainedRollout, RankingSet
 from desirepath.explain.shown_explanation import people_of
+from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, card_path
 from desirepath.learning.errors import LearningError
 from desirepath.learning.pedestrians.attended import as_trajectory, given_to_people, until
 from desirepath.learning.pedestrians.attention_policy import AttentionPolicy
 from desirepath.learning.pedestrians.crowd_networks import attention_weights
 from desirepath.learning.scene_sets import Purpose, first_seed
-from desirepath.learning.shipped_files import DATASETS
 from desirepath.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CONTROL_DT_S, CROWD_CORRIDOR
@@ -72,7 +72,7 @@ def ship_attended(folder: Path = DATASETS, scenarios: int = SCENARIOS) -> Card:
     """Roll the shipped policy with attention out and store whom it attends to. Raises LearningError without it."""
     path = folder / f"{POLICY}.npz"
     if not path.is_file():
-        made = f"python -m desirepath_experiments.ship attention {CROWD_CORRIDOR.name}"
+        made = f"desirepath ship attention {CROWD_CORRIDOR.name}"
         raise LearningError(f"{path.name} of {CROWD_CORRIDOR.name} is missing: make it first with `{made}`")
     made_of, left_out = attended_set(AttentionPolicy.load(path), POLICY, scenarios, PRACTICE)
     return store_ranking_set(

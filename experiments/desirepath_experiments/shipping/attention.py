@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, card_path, file_sha256
 from desirepath.learning.pedestrians.attention_policy import VARIANT, AttentionPolicy
 from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
@@ -16,7 +17,6 @@ from desirepath.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
 from desirepath.learning.pedestrians.crowd_planners import PLANNERS
 from desirepath.learning.pedestrians.imitation import ImitationConfig
 from desirepath.learning.scene_sets import Purpose, describe
-from desirepath.learning.shipped_files import DATASETS
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from desirepath_experiments.reproduction.pedestrians.computing import FUNCTIONS, Floats, actor_of
@@ -42,7 +42,7 @@ def ship_attention(seed: int = 0, folder: Path = DATASETS, work: Path | None = N
         setup=policy.setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m desirepath_experiments.ship {NAME} {policy.setup} --seed {seed}",
+        command=f"desirepath ship {NAME} {policy.setup} --seed {seed}",
         seed=seed,
         commit=made.meta["made"]["commit"],
         config=ImitationConfig(**training.params["config"]).as_dict(),

@@ -11,10 +11,10 @@ from typing import Any
 from desirepath.demonstrations.depth.controller import DepthController
 from desirepath.demonstrations.depth.queries import SHOWN, generate_depth_queries
 from desirepath.demonstrations.depth.training import DEPARTURES, DepthTrainingConfig
+from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, card_path, file_sha256, source_commit
 from desirepath.learning.queries.queries import QueryConfig
 from desirepath.learning.scene_sets import Purpose, describe
-from desirepath.learning.shipped_files import DATASETS
 from desirepath.perception import SHIPPED_ENCODER
 from desirepath.perception.beta_vae import DepthEncoder, VaeConfig
 from desirepath.perception.predictor import PredictorConfig
@@ -147,8 +147,7 @@ def _store(kind: str, name: str, content: bytes, folder: Path, budget: str, **fi
         setup=HOME.name,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"desirepath reproduce depth --out DIR --budget {budget} && "
-        "python -m desirepath_experiments.ship depth home --work DIR/work",
+        command=f"desirepath reproduce depth --out DIR --budget {budget} && desirepath ship depth home --work DIR/work",
         seed=0,
         commit=source_commit(),
         **{"departures": DEPARTURES, **fields},

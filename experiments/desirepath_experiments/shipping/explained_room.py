@@ -11,11 +11,11 @@ from desirepath.explain.methods import Command, Method
 from desirepath.explain.ranking_sets import ranking_set
 from desirepath.explain.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
 from desirepath.explain.slowing import slowing
+from desirepath.installed import DATASETS
 from desirepath.learning.cards import DEPARTURES, Card
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.torch_actor import actor_of
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath.learning.shipped_files import DATASETS
 from desirepath.learning.td3.base import OnProgress, base_config, no_progress, train_base
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import EXPLAINED_ROOM

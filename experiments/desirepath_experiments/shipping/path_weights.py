@@ -45,7 +45,7 @@ def ship_path_weights(setup: str, seed: int, folder: Path, on_progress: OnProgre
         setup=setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m desirepath_experiments.ship path-weights {setup} --seed {seed}",
+        command=f"desirepath ship path-weights {setup} --seed {seed}",
         seed=seed,
         commit=source_commit(),
         config={"candidates": count, "noise": NOISE},

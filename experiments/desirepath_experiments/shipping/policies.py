@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from desirepath.installed import DATASETS
 from desirepath.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.after_training import ADDED, FIRST_ADDED_SEED, add_after_training
@@ -16,7 +17,6 @@ from desirepath.learning.policies.evaluate import evaluate_policy
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.steerability import steerability_of
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
-from desirepath.learning.shipped_files import DATASETS
 from desirepath.learning.td3.base import BaseConfig, OnProgress, base_config, no_progress, train_base
 from desirepath.learning.td3.conditioned_training import (
     CONFIGS,
@@ -62,7 +62,7 @@ def store_policy(
         setup=setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m desirepath_experiments.ship {what} {setup} --seed {config.seed}",
+        command=f"desirepath ship {what} {setup} --seed {config.seed}",
         seed=config.seed,
         commit=source_commit(),
         config=config.as_dict(),
@@ -139,7 +139,7 @@ def ship_added(setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: 
     scenes = scene_set(setup, REPORT_SCENES, purpose=Purpose.REPORT, seed=FIRST_CONDITIONED_REPORT_SEED + card.seed)
     conditioned = {name: added.policy.at(weights) for name, weights in settings(setup=setup).items()}
     of_training = {key: value for key, value in card.results.items() if key in ("selection", "strength")}
-    command = f"python -m desirepath_experiments.ship added {setup} --seed {seed}"
+    command = f"desirepath ship added {setup} --seed {seed}"
     notes = [
         *(note for note in card.notes if not note.startswith("Added after training")),
         f"Added after training, by `{command}` at {source_commit()}; as trained its sha256 was {trained.digest()}.",
@@ -174,7 +174,7 @@ def store_conditioned(result: ConditionedResult, config: ConditionedConfig, base
         setup=config.setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m desirepath_experiments.ship conditioned {config.setup} --seed {config.seed}",
+        command=f"desirepath ship conditioned {config.setup} --seed {config.seed}",
         seed=config.seed,
         commit=source_commit(),
         config=config.as_dict(),
@@ -213,7 +213,7 @@ def ship_sharpened(setup: str, seed: int = 0, folder: Path = DATASETS, on_progre
         setup=setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m desirepath_experiments.ship sharpened {setup} --seed {seed}",
+        command=f"desirepath ship sharpened {setup} --seed {seed}",
         seed=seed,
         commit=source_commit(),
         config=config.as_dict(),

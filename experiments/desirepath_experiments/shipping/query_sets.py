@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from desirepath.installed import DATASETS
 from desirepath.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.policy import Policy
@@ -14,7 +15,6 @@ from desirepath.learning.queries.manner_queries import MannerConfig, generate_ma
 from desirepath.learning.queries.queries import QueryConfig, QuerySet, generate_queries, path_gap_m
 from desirepath.learning.queries.varied_queries import VariedConfig, describe_differences, generate_varied_queries
 from desirepath.learning.scene_sets import Purpose, describe
-from desirepath.learning.shipped_files import DATASETS
 from desirepath.learning.td3.base import OnProgress, no_progress
 
 SHIPPED_QUERIES = 200
@@ -121,7 +121,7 @@ def _store_queries(
         setup=queries.setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m desirepath_experiments.ship {what} {queries.setup} --count {count} --seed {seed}",
+        command=f"desirepath ship {what} {queries.setup} --count {count} --seed {seed}",
         seed=seed,
         commit=source_commit(),
         config=config.as_dict(),

@@ -33,7 +33,7 @@ def store_ranking_set(
         setup=made.setup,
         file=out.name,
         sha256=file_sha256(out),
-        command=f"python -m desirepath_experiments.ship ranking-set {made.setup}",
+        command=f"desirepath ship ranking-set {made.setup}",
         seed=0,
         commit=source_commit(),
         config=config,

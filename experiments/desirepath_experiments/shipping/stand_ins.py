@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from desirepath.installed import DATASETS
 from desirepath.learning.alignment.gate import GateRule, at_gate
 from desirepath.learning.cards import file_sha256, source_commit
 from desirepath.learning.policies.conditioned import ConditionedPolicy
@@ -18,7 +19,6 @@ from desirepath.learning.preferences.objectives import NAMES
 from desirepath.learning.preferences.posterior import Posterior
 from desirepath.learning.preferences.spans import seen_in
 from desirepath.learning.queries.queries import QuerySet
-from desirepath.learning.shipped_files import DATASETS
 from desirepath.learning.td3.base import OnProgress, no_progress
 
 PEOPLE = 24  # as many can finish together before anybody's policy is ready
@@ -64,7 +64,7 @@ def ship_stand_ins(
             break
     card = StandInCard(
         setup=setup,
-        command=f"python -m desirepath_experiments.ship stand-ins {setup} --seed {seed}",
+        command=f"desirepath ship stand-ins {setup} --seed {seed}",
         seed=seed,
         commit=source_commit(),
         query_set=f"{setup}/{QUERY_SET}",

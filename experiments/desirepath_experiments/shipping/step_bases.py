@@ -45,7 +45,7 @@ def ship_step_basis(setup: str, seed: int, folder: Path, on_progress: OnProgress
         setup=setup,
         file=path.name,
         sha256=file_sha256(path),
-        command=f"python -m desirepath_experiments.ship step-basis {setup} --seed {seed}",
+        command=f"desirepath ship step-basis {setup} --seed {seed}",
         seed=seed,
         commit=source_commit(),
         config=asdict(config),

@@ -7,14 +7,13 @@ import json
 import numpy as np
 import pytest
 
-from desirepath.learning.cards import ROOT
+from desirepath.installed import ROOT
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.shipped import load_policy
 from desirepath.learning.policies.steerability import Course
 from desirepath.learning.preferences.measures import MEASURES, typical_differences
 from desirepath.learning.preferences.objectives import NAMES, best_possible, gains
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath.learning.shipped_files import DATASETS
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import PREFERENCE_SETUPS, get_setup
 from desirepath_experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, attained
@@ -122,7 +121,7 @@ def test_readme_and_numbers_lead_with_the_median_and_the_worst_of_the_stored_run
     headline = numbers.split("## ")[1]
     first = next(line for line in readme.splitlines() if "15 answers of a simulated person" in line)
     for setup in PREFERENCE_SETUPS:
-        stored = json.loads((DATASETS / setup / "results" / "headline.json").read_text(encoding="utf-8"))
+        stored = json.loads((ROOT / "experiments" / "results" / setup / "headline.json").read_text(encoding="utf-8"))
         assert stored["command"].startswith(f"desirepath benchmark headline --setup {setup}")
         always_right = stored["summary"][0]
         assert always_right == {**always_right, "lapse_rate": 0.0, "runs": len(stored["config"]["seeds"]) * 13}

@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from desirepath.learning.cards import ROOT
+from desirepath.installed import ROOT
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.learning.policies.steerability import Course
 from desirepath.learning.preferences.measures import MEASURES
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath.learning.shipped_files import DATASETS
 from desirepath.learning.through_simulation.experts import (
     Candidate,
     ExpertConfig,
@@ -167,7 +166,9 @@ def test_the_worst_preference_is_by_its_median() -> None:
 def test_numbers_say_what_the_stored_runs_say_and_no_expert_is_called_better_than_it_arrives() -> None:
     readme, numbers = ((ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/numbers.md"))
     for setup in PREFERENCE_SETUPS:
-        stored = json.loads((DATASETS / setup / "results" / "policy_ceiling.json").read_text(encoding="utf-8"))
+        stored = json.loads(
+            (ROOT / "experiments" / "results" / setup / "policy_ceiling.json").read_text(encoding="utf-8")
+        )
         assert stored["command"].startswith(f"desirepath benchmark ceiling --setup {setup} --seeds 0-2")
         assert len(stored["rows"]) == 3 * 13
         for which in ("expert", "conditioned", "sharpened"):

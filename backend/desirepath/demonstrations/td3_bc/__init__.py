@@ -2,5 +2,5 @@
 
 One controller per participant and environment. `loss.py` states what is learned and holds the three parts that make it
 more than TD3, `configuration.py` every number with its source; then where episodes begin, returns of several steps, and
-the training loop with its choice of a checkpoint. How a controller is judged lives in `desirepath.demonstrations.judging`.
+the training loop with its choice of a checkpoint. How a controller is judged: `demonstrations/judging.py`.
 """

@@ -11,11 +11,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from desirepath.installed import DATASETS
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_conditioned
 from desirepath.learning.preferences.objectives import preference_weights
-from desirepath.learning.shipped_files import DATASETS
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A policy as a differentiable function, for who asks what moved it (`backend/desirepath/explain`): ours, Stable-Baselines3's."""
+"""A policy as a differentiable function, for who asks what moved it (`explain`): ours, Stable-Baselines3's."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 each foretold every answer before it was given.
 
 The ways: the particle posterior over the nine (`posterior.py`), and Gaussian processes (`advantage_process.py`), over
-the named measures, over the embedding of trajectories (`backend/desirepath/learning/measures`), and over both with a prior from
+the named measures, over the embedding of trajectories (`learning/measures`), and over both with a prior from
 other people (`population_prior.py`), each at several strengths of preference. Pure and deterministic. All ours.
 """
 

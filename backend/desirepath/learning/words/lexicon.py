@@ -11,12 +11,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import product
-from pathlib import Path
 from typing import Literal, get_args
+
+from desirepath.installed import DATASETS
 
 Language = Literal["en", "de"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
-FOLDER = Path(__file__).parents[3] / "datasets" / "words"
+FOLDER = DATASETS / "words"
 LONGEST = 300  # ours: characters of a sentence that is read; a long spoken wish has about 200
 MOST_WORDS = 80
 MOST_BETWEEN = 9  # words of a clause that a separable verb's particle is looked for in

@@ -2,7 +2,7 @@
 
 Every stroke is stored, whatever comes of it. One that can be driven is rolled out on the stage, watched by the server's
 clock, and then kept (the step's answer) or drawn again. How a stroke becomes a trajectory is
-`desirepath.demonstrations`'s; how the person walks meanwhile `walks.py`'s; how all that is read again `paths.py`'s; which
+`demonstrations`'s; how the person walks meanwhile `walks.py`'s; how all that is read again `paths.py`'s; which
 step comes next is `machine.py`'s, which calls `keep` when the answer is stored.
 """
 

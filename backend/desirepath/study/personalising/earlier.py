@@ -1,5 +1,5 @@
 """By the light of whose answers a participant's own may be read: earlier participants of the same study who consented
-to training. Only the list is made here, anew each time; what is learned from it is the job's (`backend/desirepath/jobs`).
+to training. Only the list is made here, anew each time; what is learned from it is the job's (`jobs`).
 """
 
 from __future__ import annotations

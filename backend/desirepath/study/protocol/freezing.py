@@ -17,6 +17,7 @@ from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.source import Problem, ProtocolError, Source, file_text
 from desirepath.grammar.text_files import as_text, read_text
 from desirepath.grammar.texts import local, variant
+from desirepath.installed import DATASETS, PROTOCOLS
 from desirepath.store.models import ProtocolVersion, Study, protocol_digest
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.consent import ConsentStage
@@ -32,8 +33,6 @@ from desirepath.study.protocol.reading import Read, Reader, checked_size, too_lo
 from desirepath.study.protocol.schema import Protocol
 from desirepath.study.protocol.stages import T, stage_keys
 
-PROTOCOLS = Path(__file__).resolve().parents[3] / "study_protocols"
-DATASETS = PROTOCOLS.parent / "datasets"
 Content = tuple[str, tuple[tuple[str, Any], ...]]
 """YAML and the files that it names."""
 Sets = tuple[Path, Mapping[str, str]]

@@ -79,7 +79,7 @@ class Character:
     """What all bots of a study are like. oracle, response_model: their preference and how answers stray from it; of
     several preferences with commas each bot takes the next one, of a family outside the list its next member. seed: of
     their random streams, every bot its own. cohort: what they rate, rank, and how conditions change their answers;
-    None: they have no opinion on anything but trajectories. style: of drawing (backend/desirepath/demonstrations); default each
+    None: they have no opinion on anything but trajectories. style: of drawing (`demonstrations`); default each
     bot the next one.
     """
 

@@ -1,6 +1,6 @@
 """The analysts' pages about jobs: list, launch forms, one job with its curves and log; cancel, retry, run again.
 
-What a kind of job may be asked stands in `backend/desirepath/jobs/kinds.py`; the forms are made from that in `job_forms.py`.
+What a kind of job may be asked stands in `jobs/kinds.py`; the forms are made from that in `job_forms.py`.
 """
 
 from __future__ import annotations

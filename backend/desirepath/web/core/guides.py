@@ -9,13 +9,13 @@ import itertools
 import re
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
 
-DOCS = Path(__file__).resolve().parents[3] / "docs"
+from desirepath.installed import DOCS
+
 HERE = "/lab/guides"
 GUIDES = (
     "experimenters-guide",

@@ -7,7 +7,6 @@ before it checks the modules. They name every kind of step, so the file is not k
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -17,6 +16,7 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import models_json_schema
 from starlette.responses import JSONResponse, Response
 
+from desirepath.installed import FRONTEND
 from desirepath.web.core.auth import SignedIn
 from desirepath.web.core.contract import Refusal
 from desirepath.web.core.lab_frame import lab_page
@@ -24,7 +24,7 @@ from desirepath.web.core.media import media_of
 from desirepath_stage import orders
 
 router = APIRouter(tags=["contract"])
-TYPES = Path(__file__).resolve().parents[3] / "frontend" / "static" / "js" / "contract.d.ts"
+TYPES = FRONTEND / "static" / "js" / "contract.d.ts"
 ABOUT = "Every route of this server. Participants' routes need a session's link, all under /lab and /api/lab a sign-in."
 HEAD = "// Made by `python -m desirepath.web.core.published` from the server's models; not to be edited.\n"
 METHODS = ("get", "post", "put", "delete", "patch")

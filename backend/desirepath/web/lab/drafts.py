@@ -15,7 +15,8 @@ from pathlib import Path
 
 from desirepath.grammar import text_files
 from desirepath.grammar.text_files import NotUtf8Error, as_text, read_text
-from desirepath.study.protocol.freezing import PROTOCOLS, FrozenProtocol, freeze_text, shipped_protocols
+from desirepath.installed import PROTOCOLS
+from desirepath.study.protocol.freezing import FrozenProtocol, freeze_text, shipped_protocols
 
 LARGEST_FILE = 512 * 1024  # bytes; a protocol has a few kB
 MOST_FILES = 40

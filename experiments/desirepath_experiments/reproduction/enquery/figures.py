@@ -1,6 +1,6 @@
 """Chapter 6 in pictures, each beside a CSV with exactly what is drawn.
 
-Scenes with trajectories and flow fields are drawn by `backend/desirepath/explain/scene_plots.py`, whose colours and type
+Scenes with trajectories and flow fields are drawn by `explain/scene_plots.py`, whose colours and type
 are used here, too. Importing this loads matplotlib, which is slow.
 """
 
