@@ -7,6 +7,7 @@ is imported when first needed. Training belongs on the fast engine.
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import math
 import os
 import sys
@@ -40,7 +41,15 @@ _URDF = Path(__file__).with_name("turtlebot.urdf")
 
 @cache
 def pybullet() -> Any:
-    """PyBullet, imported late; what it prints while loading goes to stderr, where logs belong."""
+    """PyBullet, imported late; what it prints while loading goes to stderr, where logs belong.
+
+    Raises LookupError where it is not installed.
+    """
+    if importlib.util.find_spec("pybullet") is None:
+        raise LookupError(
+            "engine = pybullet: PyBullet is not installed (pip install 'desirepath[reference]', Python 3.11); "
+            "fast works without it"
+        )
     sys.stdout.flush()
     kept = os.dup(1)
     try:

@@ -10,18 +10,16 @@ import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote_plus, urlsplit
 
 import httpx
-from authlib.common.urls import add_params_to_uri
-from authlib.oauth2.rfc7636 import create_s256_code_challenge
-from authlib.oidc.core import CodeIDToken
-from joserfc import jwt
-from joserfc.errors import JoseError
-from joserfc.jwk import KeySet
 
 from desirepath.settings import Settings
+
+if TYPE_CHECKING:
+    from joserfc.jwk import KeySet
 
 ALGORITHMS = ["RS256", "PS256", "ES256", "Ed25519", "EdDSA"]  # never `none`, never one with the client's own secret
 SCOPES = "openid email profile"
@@ -67,9 +65,11 @@ class Someone:
 
 
 class OpenId:
-    """The provider of this installation."""
+    """The provider of this installation. Raises RuntimeError where the libraries that it needs are not installed."""
 
     def __init__(self, settings: Settings) -> None:
+        if find_spec("authlib") is None or find_spec("joserfc") is None:
+            raise RuntimeError("DESIREPATH_OPENID_ISSUER needs more packages: pip install 'desirepath[openid]'")
         self.name = settings.openid_name
         self._issuer = settings.openid_issuer.rstrip("/")
         self._client_id = settings.openid_client_id
@@ -81,6 +81,9 @@ class OpenId:
 
     def address(self, redirect: str, *, state: str, nonce: str, verifier: str) -> str:
         """Where the browser is sent. Raises OpenIdError."""
+        from authlib.common.urls import add_params_to_uri
+        from authlib.oauth2.rfc7636 import create_s256_code_challenge
+
         asked = {
             "response_type": "code",
             "client_id": self._client_id,
@@ -118,6 +121,10 @@ class OpenId:
         return self._someone(self._claims(id_token, nonce, answered.get("access_token")))
 
     def _claims(self, id_token: str, nonce: str, access_token: object) -> Mapping[str, Any]:
+        from authlib.oidc.core import CodeIDToken
+        from joserfc import jwt
+        from joserfc.errors import JoseError
+
         provider, keys = self._provider()
         try:
             try:
@@ -166,6 +173,9 @@ class OpenId:
             return self._known[1:]
 
     def _asked(self) -> tuple[Provider, KeySet]:
+        from joserfc.errors import JoseError
+        from joserfc.jwk import KeySet
+
         document = _json_of("GET", f"{self._issuer}/.well-known/openid-configuration")
         if str(document.get("issuer", "")).rstrip("/") != self._issuer:
             raise OpenIdError("away", f"the provider calls itself {document.get('issuer')!r}, not {self._issuer}")
