@@ -1,23 +1,23 @@
 // For `tsc --checkJs`: what our scripts share, each made by the file of its name, and viser's window into itself.
 type Orders = {
-  camera: import("../../frontend/static/js/contract.js").CameraOrder;
-  show: import("../../frontend/static/js/contract.js").ShowOrder;
-  draw: import("../../frontend/static/js/contract.js").PaperOrder;
-  play: import("../../frontend/static/js/contract.js").PlayOrder;
-  replay: import("../../frontend/static/js/contract.js").ReplayOrder;
+  camera: import("../../../frontend/static/js/contract.js").CameraOrder;
+  show: import("../../../frontend/static/js/contract.js").ShowOrder;
+  draw: import("../../../frontend/static/js/contract.js").PaperOrder;
+  play: import("../../../frontend/static/js/contract.js").PlayOrder;
+  replay: import("../../../frontend/static/js/contract.js").ReplayOrder;
   any:
-    | import("../../frontend/static/js/contract.js").ShowOrder
-    | import("../../frontend/static/js/contract.js").DrawOrder
-    | import("../../frontend/static/js/contract.js").PlayOrder
-    | import("../../frontend/static/js/contract.js").ReplayOrder
-    | import("../../frontend/static/js/contract.js").PlainOrder;
+    | import("../../../frontend/static/js/contract.js").ShowOrder
+    | import("../../../frontend/static/js/contract.js").DrawOrder
+    | import("../../../frontend/static/js/contract.js").PlayOrder
+    | import("../../../frontend/static/js/contract.js").ReplayOrder
+    | import("../../../frontend/static/js/contract.js").PlainOrder;
 };
-type Solid = import("../../frontend/static/js/contract.js").Solid;
-type Round = import("../../frontend/static/js/contract.js").Round;
-type Surroundings = import("../../frontend/static/js/contract.js").Surroundings;
-type DrawnStroke = import("../../frontend/static/js/contract.js").Drawn;
-type LivePath = import("../../frontend/static/js/contract.js").LivePath;
-type PenState = import("../../frontend/static/js/contract.js").PenState;
+type Solid = import("../../../frontend/static/js/contract.js").Solid;
+type Round = import("../../../frontend/static/js/contract.js").Round;
+type Surroundings = import("../../../frontend/static/js/contract.js").Surroundings;
+type DrawnStroke = import("../../../frontend/static/js/contract.js").Drawn;
+type LivePath = import("../../../frontend/static/js/contract.js").LivePath;
+type PenState = import("../../../frontend/static/js/contract.js").PenState;
 /** Rows of [t, x, y, yaw], s, m and radians. */
 type Track = number[][];
 /** The nearest thing, how far the robot's edge is from it (negative: inside), and the nearest point of it. */
@@ -178,7 +178,7 @@ interface DesirePath {
     hide(on: boolean): void;
     follow(): void;
     sign(): { x: number; foot: number; width: number; height: number }[];
-    objects(): import("../../frontend/static/js/contract.js").ExplainedObject[];
+    objects(): import("../../../frontend/static/js/contract.js").ExplainedObject[];
     obey(message: any): void;
   };
   picking: { stop(): void; obey(message: any): void };
