@@ -1,8 +1,10 @@
-"""An empty database comes to the newest revision, on SQLite and PostgreSQL, and then is what the models say."""
+"""An empty database comes to the newest revision, on SQLite and PostgreSQL, and then is what the models say.
+
+There is one revision. The next one brings the test of how rows of this one fare.
+"""
 
 from __future__ import annotations
 
-import json
 import shutil
 import subprocess
 import sys
@@ -13,7 +15,7 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import Column, Connection, String, delete, insert, inspect, select, text, update
+from sqlalchemy import Column, String, delete, insert, inspect, select, text, update
 from sqlalchemy.exc import DBAPIError
 
 from desirepath.store.artefacts import ArtefactStore
@@ -29,7 +31,6 @@ from desirepath.store.models import (
     Participant,
     Response,
     Session,
-    SignIn,
     StrokeRow,
     Study,
     StudyRole,
@@ -155,6 +156,55 @@ def test_a_person_cannot_get_a_session_that_may_skip(either: Database, files: Ar
         s.add(Session(**{**copied, "id": "0" * 32, "token_hash": "other", "simulated": True}))
 
 
+def test_what_was_drawn_never_changes_and_a_walk_once(either: Database, files: ArtefactStore, tmp_path: Path):
+    either.migrate()
+    person, session = SmallStudy(either, files).participant("P1")
+    drawn = {"points": [[0.0, 0.0], [1.0, 0.0]], "speeds": [0.2, 0.2], "times_s": [0.0, 1.0]}
+    walk = {"source": "walked", "times_s": [0.0], "poses": [[0.0, 0.0, 0.0]], "beside": None}
+    with either.transaction() as s:
+        s.add(
+            StrokeRow(
+                session_id=session,
+                step_key="demonstrations.1.1",
+                attempt=1,
+                pair=0,
+                environment="corridor",
+                view="top_down",
+                pointer="mouse",
+                drawn=drawn,
+                state="drawn",
+                request_id="r1",
+            )
+        )
+    with either.transaction() as s:  # a walk comes with the news that the trajectory was watched
+        s.scalars(select(StrokeRow)).one().walk = walk
+    with pytest.raises(DBAPIError, match="a walk is never changed"), either.transaction() as s:
+        s.execute(update(StrokeRow).values(walk={}))
+    with pytest.raises(DBAPIError, match="what was drawn is never changed"), either.transaction() as s:
+        s.execute(update(StrokeRow).values(drawn={}))
+    with pytest.raises(DBAPIError, match="a stroke is never deleted"), either.transaction() as s:
+        s.execute(delete(StrokeRow))
+    with either.transaction() as s:  # what becomes of it may change
+        s.execute(update(StrokeRow).values(state="kept"))
+        assert s.execute(select(StrokeRow.drawn, StrokeRow.walk)).one() == (drawn, walk)
+    assert erase_participant(either, files, person, "tester", data=tmp_path)["counts"]["strokes"] == 1
+
+
+def test_nobody_has_a_role_twice_and_an_identity_opens_one_account(either: Database, files: ArtefactStore):
+    either.migrate()
+    study = SmallStudy(either, files)
+    with either.transaction() as s:
+        s.add(User(id="bob", name="bob", password_hash="x"))
+        s.flush()
+        s.add(StudyRole(user_id="bob", study_id=study.id, role="analyst", given_by="ada"))
+        s.add(Identity(user_id="bob", issuer="https://uni.example", subject="1"))
+        assert s.scalars(select(User.role)).all() == ["viewer"]
+    with pytest.raises(DBAPIError), either.transaction() as s:
+        s.execute(insert(StudyRole).values(user_id="bob", study_id=study.id, role="analyst", given_by="ada"))
+    with pytest.raises(DBAPIError), either.transaction() as s:
+        s.add(Identity(user_id="bob", issuer="https://uni.example", subject="1"))
+
+
 def test_the_key_of_an_erasure_opens_only_what_belongs_to_the_participant(either: Database, files: ArtefactStore):
     either.migrate()
     study = SmallStudy(either, files)
@@ -186,194 +236,3 @@ def test_a_participant_can_be_erased_on_either_database(either: Database, files:
     with either.session() as s:
         assert s.get(Participant, person) is None
         assert s.scalars(text("SELECT code FROM participant")).all() == ["P2"]
-
-
-def test_who_had_an_account_before_there_were_roles_may_still_do_everything(either: Database, files: ArtefactStore):
-    with either.engine.begin() as connection:
-        command.upgrade(migration_config(connection), "0002")
-        for name in ("experimenter", "ada"):
-            connection.execute(
-                text(
-                    'INSERT INTO "user" (id, name, password_hash, must_change_password, created_at) '
-                    "VALUES (:name, :name, 'x', false, '2026-11-01 10:00:00')"
-                ),
-                {"name": name},
-            )
-    either.migrate()
-    SmallStudy(either, files).participant("P1")
-    with either.transaction() as s:
-        assert s.scalars(select(User.role)).all() == ["owner", "owner"]
-        s.add(User(name="new", password_hash="x"))
-        s.flush()
-        assert s.scalars(select(User.role).where(User.name == "new")).one() == "viewer"
-        assert s.scalars(select(Participant.pilot)).all() == [False]
-
-
-def test_accounts_of_before_there_were_roles_in_studies_keep_theirs_and_can_be_given_more(
-    either: Database, files: ArtefactStore
-):
-    with either.engine.begin() as connection:
-        command.upgrade(migration_config(connection), "0007")
-        for name, role in (("ada", "analyst"), ("bob", "viewer")):
-            connection.execute(
-                text(
-                    'INSERT INTO "user" (id, name, password_hash, must_change_password, role, created_at) '
-                    "VALUES (:name, :name, 'x', false, :role, '2026-11-01 10:00:00')"
-                ),
-                {"name": name, "role": role},
-            )
-    either.migrate()
-    study = SmallStudy(either, files)
-    with either.transaction() as s:
-        assert {one.name: one.role for one in s.scalars(select(User))} == {"ada": "analyst", "bob": "viewer"}
-        assert s.scalars(select(StudyRole)).all() == []
-        for role in ("experimenter", "analyst"):
-            s.add(StudyRole(user_id="bob", study_id=study.id, role=role, given_by="ada"))
-    with pytest.raises(DBAPIError), either.transaction() as s:  # nobody has a role twice
-        s.execute(insert(StudyRole).values(user_id="bob", study_id=study.id, role="analyst", given_by="ada"))
-    with pytest.raises(DBAPIError), either.transaction() as s:  # or in a study that is not there
-        s.add(StudyRole(user_id="bob", study_id="none", role="viewer", given_by="ada"))
-
-
-def test_who_was_signed_in_before_sign_ins_were_listed_stays_so(either: Database):
-    """And a server of the version before, still running during a rolling upgrade, may go on writing such rows."""
-    insert_one = text(
-        "INSERT INTO sign_in (token_hash, user_id, csrf, created_at, expires_at) "
-        "VALUES (:token, 'ada', 'c', '2026-11-01 10:00:00', '2036-11-01 10:00:00')"
-    )
-    with either.engine.begin() as connection:
-        command.upgrade(migration_config(connection), "0011")
-        connection.execute(
-            text(
-                'INSERT INTO "user" (id, name, password_hash, must_change_password, role, created_at) '
-                "VALUES ('ada', 'ada', 'x', false, 'owner', '2026-11-01 10:00:00')"
-            )
-        )
-        connection.execute(insert_one, {"token": b"before"})
-    either.migrate()
-    with either.engine.begin() as connection:
-        connection.execute(insert_one, {"token": b"beside"})
-    with either.transaction() as s:
-        found = s.scalars(select(SignIn).order_by(SignIn.token_hash)).all()
-        assert [(one.token_hash, one.method, one.seen_at, one.address) for one in found] == [
-            (b"before", "password", None, None),
-            (b"beside", "password", None, None),
-        ]
-        s.add(Identity(user_id="ada", issuer="https://uni.example", subject="1"))
-    with pytest.raises(DBAPIError), either.transaction() as s:  # one person there opens one account here
-        s.add(Identity(user_id="ada", issuer="https://uni.example", subject="1"))
-
-
-def test_sessions_of_before_there_were_appointments_are_kept_and_may_end_in_new_ways(
-    either: Database, files: ArtefactStore, tmp_path: Path
-):
-    with either.engine.begin() as connection:
-        command.upgrade(migration_config(connection), "0001")
-        _fill_first_tables(connection)
-    either.migrate()
-    with either.transaction() as s:
-        session = s.scalars(select(Session)).one()
-        assert (session.appointment, session.protocol_number, session.assignment, session.opens_at) == (
-            1,
-            1,
-            None,
-            None,
-        )
-        assert s.scalars(select(Response.value)).all() == [{"given": True}]
-        assert s.scalars(select(Response.consent_id)).all() == [None]
-        assert s.scalars(select(Participant.consents)).all() == [None]
-        session.state, session.ended_because = "screened_out", "quota"
-    with pytest.raises(DBAPIError, match="state"), either.transaction() as s:
-        s.execute(update(Session).values(state="elsewhere"))
-    with pytest.raises(DBAPIError, match=r"session\.simulated"), either.transaction() as s:  # triggers are still there
-        s.execute(update(Session).values(simulated=True))
-    person = "1" * 32
-    erase_participant(either, files, person, "tester", data=tmp_path)
-
-
-def test_sessions_of_before_there_were_strokes_can_draw_and_nothing_that_was_drawn_changes(
-    either: Database, files: ArtefactStore, tmp_path: Path
-):
-    with either.engine.begin() as connection:
-        command.upgrade(migration_config(connection), "0001")
-        _fill_first_tables(connection)
-        command.upgrade(migration_config(connection), "0003")
-        command.upgrade(migration_config(connection), "0004")
-        session = connection.execute(text("SELECT id FROM session")).scalar_one()
-        drawn = {"points": [[0.0, 0.0], [1.0, 0.0]], "speeds": [0.2, 0.2], "times_s": [0.0, 1.0]}
-        row = {
-            "id": "d",
-            "session_id": session,
-            "step_key": "demonstrations.1.1",
-            "attempt": 1,
-            "pair": 0,
-            "environment": "corridor",
-            "view": "top_down",
-            "pointer": "mouse",
-            "drawn": json.dumps(drawn),
-            "state": "drawn",
-            "request_id": "r1",
-            "created_at": "2026-11-01 10:00:00",
-        }
-        connection.execute(text(f"INSERT INTO stroke ({', '.join(row)}) VALUES (:{', :'.join(row)})"), row)
-    either.migrate()
-    walk = {"source": "walked", "times_s": [0.0], "poses": [[0.0, 0.0, 0.0]], "beside": None}
-    with either.transaction() as s:
-        stroke = s.scalars(select(StrokeRow)).one()
-        assert (stroke.drawn, stroke.walk) == (drawn, None)  # who drew before stood still
-        stroke.walk = walk
-    with pytest.raises(DBAPIError, match="a walk is never changed"), either.transaction() as s:
-        s.execute(update(StrokeRow).values(walk={}))
-    with pytest.raises(DBAPIError, match="what was drawn is never changed"), either.transaction() as s:
-        s.execute(update(StrokeRow).values(drawn={}))
-    with pytest.raises(DBAPIError, match="a stroke is never deleted"), either.transaction() as s:
-        s.execute(delete(StrokeRow))
-    with either.transaction() as s:  # what becomes of it may change
-        s.execute(update(StrokeRow).values(state="kept"))
-        assert s.execute(select(StrokeRow.drawn, StrokeRow.walk)).one() == (drawn, walk)
-    assert erase_participant(either, files, "1" * 32, "tester", data=tmp_path)["counts"]["strokes"] == 1
-
-
-def _fill_first_tables(connection: Connection) -> None:
-    """One row in each of the tables that the second revision changes, as the first one had them."""
-    at = "2026-11-01 10:00:00"
-    rows = {
-        "study": {
-            **dict.fromkeys(("id", "name", "protocol_name", "protocol_yaml", "protocol_hash"), "s"),
-            "protocol_version": 1,
-            "protocol": "{}",
-            "files": "{}",
-            "state": "open",
-            "recruiting_token": "r",
-            "seed": 1,
-            "created_at": at,
-        },
-        "participant": {"id": "1" * 32, "study_id": "s", "code": "P1", "simulated": False, "created_at": at},
-        "session": {
-            "id": "x",
-            "participant_id": "1" * 32,
-            "study_id": "s",
-            "token_hash": "t",
-            "state": "active",
-            "language": "en",
-            "simulated": False,
-            "seed": 1,
-            "plan": "[]",
-            "position": 0,
-            "device": "{}",
-            "created_at": at,
-            "expires_at": at,
-        },
-        "response": {
-            "id": "a",
-            "session_id": "x",
-            "step_key": "consent",
-            "kind": "consent",
-            "value": '{"given": true}',
-            "request_id": "q",
-            "created_at": at,
-        },
-    }
-    for table, row in rows.items():
-        names, values = ", ".join(row), ", ".join(f":{name}" for name in row)
-        connection.execute(text(f"INSERT INTO {table} ({names}) VALUES ({values})"), row)

@@ -56,7 +56,8 @@ ERASING_STUDY = (
     "EXISTS (SELECT 1 FROM erasing JOIN participant ON participant.id = erasing.participant_id "
     "WHERE participant.study_id = OLD.study_id)"
 )
-FIRST_REFUSALS = (
+ERASING_ABOUT = "EXISTS (SELECT 1 FROM erasing WHERE erasing.participant_id = OLD.participant_id)"
+REFUSALS = (
     Refusal("event_never_updated", "event", "UPDATE", "events are append-only"),
     Refusal(
         "event_never_deleted", "event", "DELETE", "events are append-only", f"{ERASING_SESSION} OR {ERASING_STUDY}"
@@ -93,13 +94,8 @@ FIRST_REFUSALS = (
     ),
     Refusal("tombstone_never_updated", "tombstone", "UPDATE", "tombstones stay"),
     Refusal("tombstone_never_deleted", "tombstone", "DELETE", "tombstones stay"),
-)
-SECOND_REFUSALS = (
     Refusal("protocol_version_never_updated", "protocol_version", "UPDATE", "a protocol version is frozen"),
     Refusal("protocol_version_never_deleted", "protocol_version", "DELETE", "protocol versions stay"),
-)
-ERASING_ABOUT = "EXISTS (SELECT 1 FROM erasing WHERE erasing.participant_id = OLD.participant_id)"
-THIRD_REFUSALS = (
     Refusal("audit_never_updated", "audit", "UPDATE", "the audit log is append-only"),
     Refusal(
         "audit_never_deleted",
@@ -115,11 +111,7 @@ THIRD_REFUSALS = (
         "participant.pilot is set at creation",
         "OLD.pilot = NEW.pilot",
     ),
-)
-FOURTH_REFUSALS = (
     Refusal("stroke_drawn_never_updated", "stroke", "UPDATE OF drawn", "what was drawn is never changed"),
     Refusal("stroke_never_deleted", "stroke", "DELETE", "a stroke is never deleted", ERASING_SESSION),
-)
-FIFTH_REFUSALS = (
     Refusal("stroke_walk_never_updated", "stroke", "UPDATE OF walk", "a walk is never changed", "OLD.walk IS NULL"),
 )
