@@ -329,7 +329,7 @@ def test_a_slow_device_gets_a_simpler_picture_before_it_gets_a_refusal(opened: O
     expect(simpler.get_by_text("you will see a simpler picture")).to_be_visible(timeout=MEASURED_MS)
     expect(simpler.locator("#begin")).to_be_enabled()
     refused = opened("/join", gate="light_below=1000&min_frame_rate=1000")
-    told = refused.get_by_role("alert").get_by_text("The room moves too slowly on this device")
+    told = refused.get_by_role("alert").get_by_text("The pictures move too slowly on this device")
     expect(told).to_be_visible(timeout=MEASURED_MS)
     expect(refused.locator("#begin")).to_be_disabled()
 
@@ -413,6 +413,39 @@ def test_on_a_phone_the_bar_is_one_line_and_the_room_keeps_its_size(
         ["ready", "playing", "choosing", "sending"],
     )
     assert len(set(heights)) == 1
+
+
+@pytest.mark.parametrize("height", [844, 664])
+def test_on_a_phone_the_one_main_button_is_always_in_sight(opened: Open, pages: str, height: int) -> None:
+    page = opened("/join", width=390, height=height, touch=True)
+    for address in ("/join", *(f"/step/{kind}" for kind in STEPS)):
+        page.goto(f"{pages}{address}?language=de")
+        for part in page.locator(".bottombar .main:visible, .bottombar > .next:visible").all():
+            box = part.bounding_box()
+            assert box is not None
+            assert 0 <= box["y"] <= box["y"] + box["height"] <= height, address
+            assert abs(box["x"] + box["width"] / 2 - 195) <= 8, address
+
+
+def test_on_a_phone_the_words_of_a_scale_stand_below_its_points(opened: Open) -> None:
+    page = opened("/step/questionnaire", width=390, height=844, touch=True)
+    page.evaluate("document.querySelectorAll('.scale-point:nth-of-type(n + 6)').forEach((point) => point.remove())")
+    scale = page.locator(".scale").first
+    assert scale.locator(".scale-point").count() == 5
+    points = [point.bounding_box() for point in scale.locator(".scale-point").all()]
+    assert all(box["width"] >= 44 for box in points)
+    for words in (".scale-low", ".scale-high"):
+        assert scale.locator(words).bounding_box()["y"] >= points[0]["y"] + points[0]["height"]
+
+
+@pytest.mark.parametrize("kind", ["tuning", "triangle", "words", "meet_your_robot"])
+def test_a_finger_hits_what_sets_the_weights(opened: Open, kind: str) -> None:
+    page = opened(f"/step/{kind}", width=390, height=844, touch=True)
+    page.evaluate("document.getElementById('words-found')?.removeAttribute('hidden')")
+    for part in page.locator("#live-panel :is(button:not(.triangle-handle), input[type=range]):visible").all():
+        box = part.bounding_box()
+        assert box is not None
+        assert box["height"] >= 44, part.evaluate("part => part.outerHTML")
 
 
 def test_the_menu_of_a_phone_gives_the_focus_back(opened: Open) -> None:
