@@ -287,6 +287,19 @@ def test_consent_wants_every_point_ticked(opened: Open) -> None:
     assert request.value.post_data_json["value"] == {"given": True, "version": "1", "purposes": purposes}
 
 
+def test_the_waiting_page_promises_no_beginning_where_no_worker_lives(opened: Open) -> None:
+    page = opened("/step/wait")
+    told = page.evaluate(
+        """async () => {
+          const { readyWait } = await import("/static/js/wait.js");
+          const news = readyWait(document.querySelector(".step"), (key) => key);
+          return [null, 12].map((seconds) => {
+            news({ progress: 0, before: 0, running: false, seconds, at_most: 600, done: false });
+            return document.getElementById("wait-now").textContent; }); }"""
+    )
+    assert told == ["wait.silent", "wait.queued"]
+
+
 def test_a_break_rests_as_long_as_the_protocol_says(opened: Open) -> None:
     page = opened("/step/break")
     assert page.get_by_role("button", name="Continue").is_disabled()

@@ -101,6 +101,11 @@ def test_a_new_protocol_that_finds_no_room_is_refused_plainly_and_leaves_nothing
     uploaded = lab.post("/lab/new", data={"csrf": token, "source": "upload"}, files=big)
     assert (chosen.status_code, uploaded.status_code) == (507, 507)
     assert "no room" in chosen.text
+    assert "Free some space on the server" in chosen.text, "what they can do, in their own frame"
+    assert "Go to the studies" in uploaded.text
+    german = {"Accept-Language": "de"}
+    again = lab.post("/lab/new", data={"csrf": token, "source": "shipped:quick_preference_study"}, headers=german)
+    assert "Schaffen Sie Platz" in again.text
     assert [one.name for one in small_disk.iterdir()] == ["filler"]
 
 

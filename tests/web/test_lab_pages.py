@@ -295,6 +295,13 @@ def _sessions_of_people():
     return select(Session.id).join(Participant).where(~Participant.simulated)
 
 
+def test_stored_values_read_the_same_in_every_language(lab, walked: Walked):
+    page = f"/lab/studies/{walked.id}/people/{walked.finished}"
+    for language in ("en", "de"):
+        told = lab.get(page, headers={"Accept-Language": language}).text
+        assert re.search(r'<span lang="en" translate="no"><span class="soft">given</span> true; ', told)
+
+
 def test_excluding_needs_a_reason_is_marked_and_can_be_undone(lab, lab_services, walked: Walked):
     here = f"/lab/studies/{walked.id}/people/{walked.half_way}"
     token = csrf(lab)
@@ -314,7 +321,9 @@ def test_excluding_needs_a_reason_is_marked_and_can_be_undone(lab, lab_services,
 def test_erasing_asks_for_the_studys_name_and_leaves_only_a_note(lab, lab_services, walked: Walked):
     here = f"/lab/studies/{walked.id}/people/{walked.half_way}"
     token = csrf(lab)
-    assert "exports, reports and files that were downloaded" in lab.get(here).text
+    page = lab.get(here).text
+    assert "exports, reports and files that were downloaded" in page
+    assert int(re.search(r"destroys (\d+) answers", page)[1]) == int(re.search(r"given=1[^>]*>(\d+)</a>", page)[1])
     lab.post(f"{here}/exclude", data={"csrf": token, "reason": "asked for erasure by telephone"})
     assert lab.post(f"{here}/erase", data={"csrf": token, "typed": "corridor pilot"}).status_code == 422
     assert walked.half_way in lab.get(f"/lab/studies/{walked.id}/people").text

@@ -27,6 +27,7 @@ export function readyWait(step, say) {
     let words = say("wait.queued");
     if (done) words = say("wait.done");
     else if (running) words = now.dataset.running ?? "";
+    else if (seconds === null) words = say("wait.silent");
     else if (before > 0) words = say("wait.before", { count: before });
     const most = typeof at_most === "number" ? at_most : null;
     const expected = typeof seconds === "number" && (most === null || seconds <= most) ? seconds : null;

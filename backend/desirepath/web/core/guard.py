@@ -25,6 +25,7 @@ from desirepath.web.core import auditing, auth
 from desirepath.web.core.addresses import STRICT_TRANSPORT, insists_on_tls, policy_source
 from desirepath.web.core.contract import DEEPEST, MOST_CONTAINERS, MOST_VALUES, Refusal, Trouble, is_json
 from desirepath.web.core.dependencies import page, route_of, services_of, stage_origin
+from desirepath.web.core.lab_frame import LabRefusal, lab_refusal
 from desirepath.web.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, declared_too_large
 
 READING = ("GET", "HEAD", "OPTIONS")
@@ -209,6 +210,8 @@ def trouble(
     if sent_json or request.url.path.startswith(("/api/", "/static/")):
         refusal = Refusal(error=Trouble(code=code, message=message, **where))
         return JSONResponse(refusal.model_dump(), status, headers)
+    if request.url.path.startswith("/lab/"):
+        return lab_refusal(request, LabRefusal(status, code, message=message))
     services = services_of(request)
     language = services.texts.best(request.headers.get("Accept-Language"))
     contact = services.settings.contact

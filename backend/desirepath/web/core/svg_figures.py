@@ -268,7 +268,7 @@ def differences(
 def shares_by_answer(
     history: Sequence[Mapping[str, float]], *, names: Mapping[str, str], title: str, x_label: str, percent: Number
 ) -> str:
-    """Shares (0 to 1) of things after each answer: a row per thing, a column per answer, darker is more."""
+    """Shares (0 to 1) of things after each answer: a row per thing, a column per answer, a stronger colour is more."""
     left, right, row_height, bottom = 290, 60, 24, 40
     column = min(34.0, 500 / len(history))
     width, height = left + column * len(history) + right, row_height * len(names) + bottom
