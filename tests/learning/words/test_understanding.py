@@ -233,15 +233,14 @@ def test_on_the_development_sentences_no_direction_is_wrong(language):
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("written", ["fresh", "fresh_b", "caution"])
+@pytest.mark.parametrize("written", ["fresh", "fresh_b", "fresh_c", "caution", "voices"])
 def test_of_others_sentences_and_of_treacherous_ones_none_is_read_in_the_wrong_direction(written, language):
-    """fresh, fresh_b: by writers who knew neither code nor data; caution: comparisons, thresholds, descriptions,
-    questions that are none, what was all right."""
+    """fresh, fresh_b, fresh_c: by writers who knew neither code nor data; caution: comparisons, thresholds,
+    descriptions, questions that are none, what was all right; voices: what the robot did, typing errors, mockery."""
     found = measure(read_cases(Path(__file__).with_name(f"{written}_{language}.csv")), language)
     assert [case.sentence for case in found["wrong_direction"] + found["wrong_otherwise"]] == []
-    assert len(found["right"]) >= {"fresh": 0.6, "fresh_b": 0.58, "caution": 0.45}[written] * sum(
-        map(len, found.values())
-    )
+    least = {"fresh": 0.65, "fresh_b": 0.66, "fresh_c": 0.76, "caution": 0.55, "voices": 0.8}[written]
+    assert len(found["right"]) >= least * sum(map(len, found.values()))
 
 
 @pytest.mark.parametrize(
@@ -316,3 +315,74 @@ def test_right_as_an_adverb_is_no_side():
         "closer",
     }
     assert said("Keep me on your right").weights == {"person_on_right": 1.0}
+
+
+def wishes(sentence, language):
+    return {(mark.objective, mark.wanted) for mark in said(sentence, language).marks if not mark.waived}
+
+
+@pytest.mark.parametrize(
+    ("sentence", "language", "wish"),
+    [
+        ("Slwo down generally, it scares the cat.", "en", ("faster", False)),
+        ("Go fsat!", "en", ("faster", True)),
+        ("colser to me please", "en", ("closer", True)),
+        ("Stay away from me, keep your distamce", "en", ("farther", True)),
+        ("Lagnsamer bitte.", "de", ("faster", False)),
+        ("It makes to many detours.", "en", ("shorter", True)),
+        ("It came to close to me.", "en", ("farther", True)),
+        ("way to slow", "en", ("faster", True)),
+    ],
+)
+def test_typing_errors_are_mended_before_phrases_are_looked_for(sentence, language, wish):
+    assert wishes(sentence, language) == {wish}
+
+
+@pytest.mark.parametrize("word", ["closet", "closed", "master", "show", "snow", "wicht", "kaum", "schlechten"])
+def test_another_word_is_no_typing_error(word):
+    for language in LANGUAGES:
+        assert not {"near", "slow", "fast", "smooth"} & lexicon(language).tokens(word)[0].senses
+    assert wishes("I prefer slow to fast", "en") == {("faster", False)}, "here `to` is not `too`"
+
+
+@pytest.mark.parametrize(
+    ("sentence", "language", "wish"),
+    [
+        ("Please tell it to calm down, it was racing through the room like it was late.", "en", ("faster", False)),
+        ("It does everything in such a rush. I don't like it.", "en", ("faster", False)),
+        ("It kept rushing around", "en", ("faster", False)),
+        ("It zoomed along and I loved it.", "en", ("faster", True)),
+        ("It crept through the room. Faster please.", "en", ("faster", True)),
+        ("Der ist gerast, das hat mir Angst gemacht.", "de", ("faster", False)),
+        ("Er hat dauernd Umwege gemacht, das stört mich.", "de", ("shorter", True)),
+        ("Er kam mir viel zu nah.", "de", ("farther", True)),
+        ("Mach mal sachte.", "de", ("faster", False)),
+    ],
+)
+def test_what_is_told_with_a_verdict_is_a_wish(sentence, language, wish):
+    assert wishes(sentence, language) == {wish}
+    assert [one.about for one in said(sentence, language).questions] in ([], ["slowness"])
+
+
+@pytest.mark.parametrize(
+    ("sentence", "language"),
+    [
+        ("It was racing through the room.", "en"),
+        ("It doesn't keep its distance.", "en"),
+        ("It never slows down near me.", "en"),
+        ("It wouldn't slow down", "en"),
+        ("It likes to go fast.", "en"),
+        ("It came close and raced.", "en"),
+        ("My husband likes it fast, I don't", "en"),
+        ("Who needs speed?", "en"),
+        ("Er hält keinen Abstand.", "de"),
+        ("Langsamer geht es wohl nicht.", "de"),
+        ("Dieses Gerase!", "de"),
+        ("Abstand ja, Tempo nein", "de"),
+        ("Niemand hetzt dich.", "de"),
+    ],
+)
+def test_what_is_told_without_a_verdict_is_asked_back(sentence, language):
+    assert said(sentence, language).questions
+    assert not {"faster", "closer", "slower_near_person"} & said(sentence, language).weights.keys()
+    assert ("faster", False) not in wishes(sentence, language)

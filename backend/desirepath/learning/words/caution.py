@@ -27,6 +27,7 @@ _APPROVED = known_words(
     "fine ok okay good great perfect right alright nice pleasant comfortable lovely ideal enough gut passt passte "
     "richtig ordnung super prima perfekt angenehm toll klasse optimal"
 )
+_ALIKE = known_words("so auch ebenso too also")
 _AT_IT = known_words("dran daran davon")
 _ALONG = known_words("along follow entlang folg folge folgen")
 _STRAIGHT = known_words("straight geradeaus gerade geradlinig")
@@ -97,6 +98,9 @@ def _was_all_right(clauses: Sequence[Clause], at: int) -> bool:
     if words & _APPROVED and (words & _PASSED or "passt" in words or clause.has("is")):
         return not clause.has("keep", "go", "please") or bool(words & _PASSED)
     bare = not clause.has("keep", "go", "good", "please")
+    before = set(_words(clauses[at - 1])) if at and clause.link == "and" else set()
+    if bare and words & _ALIKE and before & _APPROVED and before & _PASSED:
+        return True  # "the distance was fine | and so was the speed"
     return bare and after is not None and after.link in ("and", ",") and _was_all_right(clauses, at + 1)
 
 

@@ -13,15 +13,24 @@ from typing import Literal
 from desirepath.learning.words.lexicon import Language, Token, known_words
 
 HEADS = known_words(
-    "far near hit fast slow late smooth jerky short long left right gap pace turn clearance mind calm ride arc"
+    "far near hit fast slow settle late smooth jerky short long left right gap pace turn clearance mind calm ride arc"
 )
 """Senses of what may be wished."""
 SIDES = ("left", "right")
 Role = Literal["main", "if", "that", "while", "reason", "lesser", "conceded"]
 _ROLES: dict[str, Role] = {
     "if": "if", "unless": "if", "that": "that", "because": "reason", "while": "while", "concede": "conceded",
-    "provided": "main",
+    "provided": "main", "asif": "reason",
 }  # fmt: skip
+SUBJUNCTIVE = known_words(
+    "kaeme kaemen kaemst wuerde wuerden wuerdest bliebe blieben fuehre fuehren hielte hielten waere"
+)
+THEIRS = known_words("your its robots his her their deiner deine deinem deinen seiner seine ihrer ihre ihren ihrem")
+FORBIDS = known_words("shouldnt mustnt") | {"should not", "must not", "may not", "shouldnt have", "darf nicht"}
+_CALLED = known_words("robot bot roboter robi robbi mate pal")
+_NO_TALE = ("please", "may", "canst", "suggest", "swap", "instead", "needless", "bad")
+_POINTING = known_words("that this it das dies es so")
+_OWN_WILL = ("like", "love", "want", "enjoy", "hop", "wish", "will", "woll", "mag", "moecht", "lieb", "geniess")
 _ATTITUDES = ("good", "bad", "not", "needless", "avoid", "suggest", "may", "care", "why")
 
 
@@ -59,7 +68,10 @@ def clauses_of(text: str, tokens: Sequence[Token], language: Language) -> list[C
     found: list[Clause] = []
     for sentence, asked in _sentences(text, tokens):
         for number, clause in enumerate(_split(sentence, language)):
-            tokens = [_infinitive(one, clause.tokens[k + 1 :]) for k, one in enumerate(clause.tokens)]
+            tokens = [
+                _no_liking(_infinitive(one, clause.tokens[k + 1 :]), clause.tokens[max(k - 3, 0) : k])
+                for k, one in enumerate(clause.tokens)
+            ]
             found.append(replace(clause, tokens=tokens, asked=asked, link=clause.link if number else "."))
     return found
 
@@ -69,6 +81,13 @@ def _infinitive(token: Token, after: Sequence[Token]) -> Token:
     alone = len(after) == 1 and after[0].form.endswith(("en", "eln", "ern")) and after[0].form != "fern"
     verb = after and (after[0].any("go", "keep") or alone)
     return replace(token, senses=frozenset({"inf"})) if token.form == "zu" and verb else token
+
+
+def _no_liking(token: Token, before: Sequence[Token]) -> Token:
+    """ "I like", "would like"; but "it raced like mad"."""
+    likes = any(one.any("mine", "person", "not") or one.form == "would" for one in before)
+    likes = likes and not any("robot" in one for one in before)
+    return token if likes or token.form != "like" else replace(token, senses=frozenset({"filler"}))
 
 
 def _sentences(text: str, tokens: Sequence[Token]) -> Iterator[tuple[list[Token], bool]]:
@@ -90,7 +109,7 @@ def _split(sentence: list[Token], language: Language) -> list[Clause]:
     )
     for at, token in enumerate(sentence):
         now, after = clauses[-1], sentence[at + 1 :]
-        comma = token.before == ","
+        comma = token.before == "," and (bool(after) or "please" not in token)  # "the long way, please"
         new: Clause | None = None
         kept = False
         if (compared or "over" in token) and _begins_lesser(token, clauses, after, sentence):
@@ -164,6 +183,8 @@ def _joins_nothing(token: Token, clauses: Sequence[Clause], comma: bool) -> bool
 
 def _is_mere_word(token: Token, after: Sequence[Token]) -> bool:
     """ "that close", "that would be nice", "Warum bremst er denn?": no clause begins."""
+    if token.form in ("who", "which") and token.before in ("", ".", "?") and token.words[0].start == 0:
+        return True  # "Who needs speed?"
     if token.form == "denn":
         return token.before not in (",", ".", "?")
     if token.form != "that":
@@ -246,6 +267,7 @@ def governor_of(clauses: Sequence[Clause], number: int) -> Clause | None:
                 return after  # "I am old, the more room | the better"
             return before
         follows = clause.role in ("if", "that") and after is not None and after.role == "main" and not after.heads
+        follows = follows and not (before is not None and before.heads and describes(before))
         if after is not None and follows and after.has("good", "bad", "needless", "not"):
             return after
         return Clause() if content else None
@@ -278,7 +300,9 @@ def place_of(clauses: Sequence[Clause], number: int) -> bool:
 
 
 def _is_beside(clause: Clause) -> bool:
-    near = clause.has("near", "pass", "beside") or (clause.has("person") and not clause.has("unknown", "late"))
+    there = clause.tokens[-1].form in ("da sind", "da ist", "sind") and clause.tokens[0].form not in ("ich", "wir")
+    somebody = clause.has("person") and not clause.has("unknown", "late") and not there  # "wenn Kinder da sind"
+    near = clause.has("near", "pass", "beside") or somebody
     return clause.role in ("if", "while") and near and not clause.has("far", "gap", "not", "thing")
 
 
@@ -306,3 +330,62 @@ def denied_with(clauses: Sequence[Clause], number: int) -> Literal["too", "perha
     if fresh or (nouns_only and clause.link == "," and not before.has("bad", "avoid")):
         return None
     return "perhaps"
+
+
+# ---- what is told of the robot ---------------------------------------------------------------------------------------
+
+
+def describes(clause: Clause) -> bool:
+    """Whether it says how the robot drives or drove, and not how it should: "it rushes by", "gestern ist er gerast"."""
+    start = next((k + 1 for k, one in enumerate(clause.tokens) if "perceive" in one), 0)
+    told = [one for one in clause.tokens[start:] if "filler" not in one]
+    if clause.role != "main" or not told or clause.has(*_NO_TALE):
+        return False
+    if told[0].form in THEIRS or any(word.form == "bitte" for one in told for word in one.words):
+        return False  # "on its right side"
+    subject = 0 if "robot" in told[0] else 1
+    if subject and not (
+        told[0].form.endswith(("t", "te", "kam", "fuhr")) and len(told) > 1 and told[1].form in ("er", "es")
+    ):
+        return False
+    verb = told[subject + 1] if subject + 1 < len(told) and not subject else told[0]
+    if told[subject].form in _CALLED and not verb.form.endswith(("s", "ed", "t")):
+        return False  # "robot, come near"
+    wishes = clause.all_of("must", "rather") + [one for one in clause.tokens if one.form in SUBJUNCTIVE | FORBIDS]
+    wishes += [
+        one
+        for one in clause.all_of("good")
+        if one.form != "everything" and (one is not verb or not one.form.startswith(_OWN_WILL))
+    ]
+    return not wishes
+
+
+def verdict_on(clauses: Sequence[Clause], number: int) -> Literal["good", "bad"] | None:
+    """What is thought of what a clause describes, if that can be told: "it raced past, | I didn't like that"."""
+    clause = clauses[number]
+    after = next((one for one in clauses[number + 1 :] if one.role not in ("if", "while", "reason")), None)
+    judges = (
+        after is not None
+        and after.role in ("main", "that")
+        and after.link != "but"
+        and not after.heads
+        and not after.asked
+    )
+    if judges and after is not None and not clause.has("avoid") and not after.has("unknown", "may", "thing"):
+        denied = after.has("not", "avoid", "needless")
+        if after.has("bad"):
+            return None if denied else "bad"
+        points = any(one.form.split()[-1] in _POINTING for one in after.tokens)
+        if denied and points and (after.has("good", "needless") or (after.has("must") and not clause.has("not"))):
+            return "bad"
+        if (
+            after.has("good")
+            and not denied
+            and not clause.has("not")
+            and not after.has("must", "more", "less", "keep", "go")
+        ):
+            return "good"
+    forms = [word.form for token in clause.tokens for word in token.words]
+    kept = any(a in ("kept", "keeps") and b.endswith("ing") for a, b in pairwise(forms))
+    complained = clause.has("hit") or (kept and bool(clause.heads))
+    return "bad" if complained and not any(one.has("good") for one in clauses) else None

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import product
 from typing import Literal, get_args
@@ -23,6 +23,14 @@ MOST_WORDS = 80
 MOST_BETWEEN = 9  # words of a clause that a separable verb's particle is looked for in
 LONGEST_WORD = 40  # letters; nobody's word is longer
 UNKNOWN = frozenset({"unknown"})
+SURELY_MISTYPED = 7  # letters; with one wrong letter, a shorter word is as likely another word: "closet", "master"
+
+
+def known_words(text: str) -> frozenset[str]:
+    """Words written with spaces between."""
+    return frozenset(text.split())
+
+
 _ENDINGS: Mapping[Language, str] = {
     "en": "s es d ed ing er est ly",
     "de": "e en em er es n s t st et est te ten ter tes tem tet end ende enden ere eren erer erem eres ste sten ster "
@@ -43,12 +51,21 @@ _PREFIXES: Mapping[str, str] = {
 _UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue"})
 _WORD = re.compile(r"[^\W_]+(?:['’][^\W_]+)*", re.UNICODE)
 _ENDS = re.compile(r"[.!?;:…\n]|\s[-–—]\s|—")
+_LARGE = known_words(
+    "close near fast far quick quickly slow slowly closely long short jerky sharp bumpy early late wobbly wild rough "
+    "harsh hectic sudden abrupt soft smooth narrow tight hasty high"
+)
+_VERBS = known_words("close near slow smooth")
+_BEFORE_TOO = known_words(
+    "is was were are be been being way much far bit little went goes go came comes come drove drives drive moved moves "
+    "got gets get passed passes rode rides ran runs felt feels seems seemed looks me it turns stays stayed and not "
+    "still also always often just simply really takes took robot"
+)
+_OBJECTS = known_words("down up a an the my your its it me us that this in on")
+_RATHER = known_words("rather prefer preferred prefers than favour from sooner")
+_KEYS = "qwertyuiop asdfghjkl zxcvbnm qwertzuiop yxcvbnm"
+"""Keys beside each other, English and German."""
 _SHORTENED = re.compile(r"^(it|that|there|what|he|she|here)['’]s$", re.IGNORECASE)
-
-
-def known_words(text: str) -> frozenset[str]:
-    """Words written with spaces between."""
-    return frozenset(text.split())
 
 
 @dataclass(frozen=True)
@@ -134,7 +151,7 @@ class Lexicon:
 
     def tokens(self, text: str) -> list[Token]:
         """The text as tokens, the longest known phrase first; no phrase goes across punctuation."""
-        words = words_of(text, self.language)
+        words = self._corrected(words_of(text, self.language))
         found: list[Token] = []
         at = 0
         while at < len(words):
@@ -180,20 +197,38 @@ class Lexicon:
         words = words_of(text, self.language)
         return sum((word.form,) in self.entries or word.form.isdigit() for word in words), len(words)
 
+    @cached_property
+    def _forms(self) -> frozenset[str]:
+        """Every word of an entry."""
+        return frozenset(form for forms in self.entries for form in forms) | self.apart.keys()
+
+    def _corrected(self, words: list[Word]) -> list[Word]:
+        """The words with typing errors mended, so that phrases are found of them, too: "slwo down", "way to fast"."""
+        found = [word if word.form in self._forms else self._respelled(word) for word in words]
+        if self.language == "en":
+            for k, word in enumerate(found):
+                if word.form in ("to", "2") and _means_too(found, k):
+                    found[k] = replace(word, form="too")
+        return found
+
+    def _respelled(self, word: Word) -> Word:
+        short = re.sub(r"(.)\1", r"\1", word.form)  # "slooow"
+        if (short,) in self.entries and len(short) > 1:
+            return replace(word, form=short)
+        if word.form.isdigit() or (self.language == "de" and self._parted(word.form)):
+            return word
+        close = {known for form in _shorter(word.form) for known in self.nearly.get(form, ())}
+        if any(self.entries[(known,)] in self._turning for known in close):
+            return word
+        close = {known for known in close if _one_slip(word.form, known)}
+        senses = {self.entries[(known,)] for known in close}
+        return replace(word, form=min(close)) if len(senses) == 1 else word
+
     def _guessed(self, word: Word) -> Token:
         if word.form.isdigit():
             return Token(frozenset({"filler"}), (word,))
-        short = re.sub(r"(.)\1", r"\1", word.form)  # "slooow"
-        if (short,) in self.entries and len(short) > 1:
-            return Token(self.entries[(short,)], (word,))
-        parted = self._parted(word.form) if self.language == "de" else None
-        if parted:
-            return Token(parted, (word,))
-        close = {known for form in _shorter(word.form) for known in self.nearly.get(form, ())}
-        senses = {self.entries[(known,)] for known in close if _one_slip(word.form, known)}
-        if len(senses) == 1 and senses.isdisjoint(self._turning):
-            return Token(senses.pop(), (word,))
-        return Token(UNKNOWN, (word,))
+        likely = self.entries.get((self._respelled(word).form,))  # of a word that is known in phrases only
+        return Token(likely or (self._parted(word.form) if self.language == "de" else None) or UNKNOWN, (word,))
 
     def _parted(self, form: str) -> frozenset[str] | None:
         """The senses of prefix and verb of a separable verb: `vorbeizurasen` is past, and fast."""
@@ -211,7 +246,7 @@ class Lexicon:
 
 
 def _shorter(form: str) -> Iterator[str]:
-    """The form, and it with each letter left out."""
+    """The form, and it with each letter left out: two words with one slip between them share one of these."""
     yield form
     if 4 <= len(form) <= 20:
         for k in range(len(form)):
@@ -219,19 +254,35 @@ def _shorter(form: str) -> Iterator[str]:
 
 
 def _one_slip(typed: str, known: str) -> bool:
-    """Whether one letter too many, too few or in its neighbour's place explains it, where the first is right."""
-    if min(len(typed), len(known)) < 4 or typed[0] != known[0]:
+    """Whether one letter explains it: in its neighbour's place, its neighbour's key in a long word, or one too many or
+    too few. Of the last, an end like "-d" or "-s" is no slip, but another word: "closed", "besides"."""
+    if min(len(typed), len(known)) < 4:
         return False
     if len(typed) == len(known):
         differ = [k for k in range(len(typed)) if typed[k] != known[k]]
+        if len(differ) == 1:
+            keys = {typed[differ[0]] + known[differ[0]], known[differ[0]] + typed[differ[0]]}
+            return differ[0] > 0 and len(typed) >= SURELY_MISTYPED and any(key in _KEYS for key in keys)
         a, b = (differ[0], differ[-1]) if differ else (0, 0)
         return len(differ) == 2 and b == a + 1 and typed[a] == known[b] and typed[b] == known[a]
     longer, shorter = (typed, known) if len(typed) > len(known) else (known, typed)
-    return (
-        len(shorter) > 4
-        and len(longer) == len(shorter) + 1
-        and any(longer[:k] + longer[k + 1 :] == shorter for k in range(len(longer)))
-    )
+    if len(longer) != len(shorter) + 1 or len(shorter) < 5 or typed[0] != known[0]:
+        return False
+    doubled = longer[-1] == longer[-2]
+    return any(longer[:k] + longer[k + 1 :] == shorter for k in range(len(longer) - (not doubled)))
+
+
+def _means_too(words: Sequence[Word], at: int) -> bool:
+    """ "way to fast", "it came to close to me", "to many detours"; not "slow to fast", "to close the door"."""
+    if at + 1 >= len(words) or words[at + 1].before:
+        return False
+    large, after = words[at + 1].form, words[at + 2].form if at + 2 < len(words) and not words[at + 2].before else ""
+    if large in ("many", "much"):
+        return after not in ("people", "persons", "of")
+    before = words[at - 1].form if at and not words[at].before else ""
+    if large not in _LARGE or after in _OBJECTS or any(word.form in _RATHER for word in words[:at]):
+        return False
+    return before in _BEFORE_TOO or (not before and large not in _VERBS) or words[at].form == "2"
 
 
 def _expanded(entry: str, language: Language) -> Iterator[str]:

@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Literal
 
 from desirepath.learning.preferences.objectives import NAMES, OPPOSITES
-from desirepath.learning.words.clauses import Clause
+from desirepath.learning.words.clauses import FORBIDS, SUBJUNCTIVE, THEIRS, Clause
 from desirepath.learning.words.lexicon import Language, Token, known_words
 
 CARE = ("farther", "slower_near_person", "smoother")
@@ -24,19 +24,19 @@ MOST_DENIALS = 2  # more in one clause than anybody can be sure of
 _SCALES: Mapping[str, tuple[str, int]] = {
     "far": ("distance", +1), "gap": ("distance", +1), "near": ("distance", -1), "hit": ("distance", -1),
     "clearance": ("distance", +1), "mind": ("distance", +1),
-    "fast": ("speed", +1), "pace": ("speed", +1), "slow": ("speed", -1), "late": ("speed", -1),
+    "fast": ("speed", +1), "pace": ("speed", +1), "slow": ("speed", -1), "settle": ("speed", -1), "late": ("speed", -1),
     "smooth": ("smooth", +1), "jerky": ("smooth", -1), "turn": ("smooth", -1),
     "short": ("path", +1), "long": ("path", -1),
     "left": ("side", +1), "right": ("side", -1),
 }  # fmt: skip
 """Sense -> what it is about, and which end of that."""
+_OTHER_HEADS = ("far", "near", "hit", "fast", "slow", "short", "long", "arc")
+_ARTICLES = known_words("the this that these those your its das dieses diese die dein sein")
 _TURNING = ("not", "undo", "less", "bad", "needless", "avoid", "why", "enough")
 _NARROW = ("close", "closer", "nah", "naeher", "nahe", "eng", "enger", "dicht", "dichter", "knapp")  # of a gap: small
-_THEIRS = known_words("your its robots his her their deiner deine deinem deinen seiner seine ihrer ihre ihren ihrem")
 _OF_SPEED = ("more", "less", "big", "not", "bad", "too", "good", "needless", "why", "avoid", "rather")
 _ASKS_FOR = ("good", "rather", "may", "keep", "go", "please", "big", "more", "must", "canst")
 _SOONER = known_words("rather sooner better lieber eher besser")
-_SUBJUNCTIVE = known_words("kaeme kaemen kaemst wuerde wuerden wuerdest bliebe blieben fuehre fuehren hielte hielten")
 _CAN = known_words("can could cant cannot couldnt kann kannst koennen")
 _ADJECTIVES = known_words("close near fast far quick jerky sharp bumpy")
 _THEM = ("them", "those", "these", "that", "this", "davon", "denen")
@@ -50,7 +50,8 @@ _MINE = frozenset(["my", "our", "meiner", "meine", "meinen", "unserer"])
 @dataclass(frozen=True)
 class Reading:
     """objective: what is meant; wanted: more of it, or less; tokens: that it was read from, of all of the clause. sure:
-    false where it must be asked back; waived: it is said not to matter, or to matter less than something else.
+    false where it must be asked back; waived: it is said not to matter, or to matter less than something else;
+    described: it says how the robot was.
     """
 
     objective: str
@@ -62,6 +63,7 @@ class Reading:
     slight: bool = False
     foremost: bool = False
     offered: tuple[str, ...] = ()
+    described: bool = False
 
     @property
     def start(self) -> int:
@@ -90,7 +92,8 @@ def stance_of(clause: Clause, language: Language) -> Stance:
     if needless:
         further = [one for one in denials if place(one) > place(needless[0])]
         if clause.has("so", "too", "big") and clause.heads:  # "you need not drive so fast" asks for less of it
-            return Stance(turned=True, unsure=bool(further or disliked) or not clause.has("fast", "pace"))
+            sure = clause.has("fast", "pace") or (clause.has("so", "too") and not clause.has("long"))
+            return Stance(turned=True, unsure=bool(further or disliked) or not sure)
         return Stance(waived=True, unsure=bool(further or disliked))
     if disliked and denials and (language == "de" or any(place(one) < place(disliked[0]) for one in denials)):
         return Stance(waived=True, unsure=len(denials) > 1)
@@ -151,6 +154,8 @@ class ClauseReader:
         scales = list(dict.fromkeys(scale for _, scale, _ in heads))
         if len(scales) > 1 and (self.denied or self.clause.has("too", "less")):
             sure = False  # which of them it is that is denied, or too much?
+        if {"speed", "distance"} <= set(scales) and self.clause.has("may"):
+            sure = False  # "it can be quick far away" says where
         return [
             reading for scale in scales for reading in self._of(scale, [one for one in heads if one[1] == scale], sure)
         ]
@@ -166,7 +171,7 @@ class ClauseReader:
             if (
                 sense is None
                 or (sense == "turn" and has("smooth", "jerky", "calm"))
-                or (sense == "pace" and has("fast", "slow"))
+                or (sense == "pace" and has("fast", "slow", "settle"))
                 or (sense in ("fast", "slow") and at + 1 < len(self.tokens) and self.tokens[at + 1].any("turn", "arc"))
                 or (sense in ("short", "long") and has("gap", "clearance") and not has("way"))
                 or (sense == "near" and has("gap") and token.form in _NARROW)
@@ -190,6 +195,8 @@ class ClauseReader:
         after = self.tokens[at + 1 : at + 2]
         if token.form == "right" and after and not after[0].before and after[0].words[0].form in _AFTER_RIGHT:
             return None  # "right along the wall"
+        if "settle" in token and self._is_of_person(at):
+            return None  # "I can't calm down"
         if "smooth" in senses and "arc" in token and (token.words[0].capital or not after):
             return None  # German "eine Runde", and "runde Kurven"
         if "smooth" in senses and after and "pace" in after[0]:
@@ -203,6 +210,10 @@ class ClauseReader:
         if "long" in senses and token.form == "lang" and self.clause.has("thing"):
             return "near"  # German "an der Wand lang"
         return senses[0]
+
+    def _is_of_person(self, at: int) -> bool:
+        doers = [one for one in self.tokens[:at] if one.any("mine", "person", "robot")]
+        return bool(doers) and "robot" not in doers[-1]
 
     def _without_places(self, heads: list[Scaled]) -> tuple[list[Scaled], bool]:
         """Without nearness that only says where to be slow or quick: "slow when close to me"; whether that is certain:
@@ -248,7 +259,9 @@ class ClauseReader:
         if scale == "speed" and (self.beside or self.clause.has("beside", "pass")):
             return [self._reading("slower_near_person", end < 0, tokens, sure and not self._beside_things())]
         if end < 0 and self.clause.role == "main" and any(token.any("jerky", "turn") for token in tokens):
-            sure = False  # nobody asks for that; more probably a denial was not found
+            sure = (
+                sure and any("jerky" in one for one in tokens) and self._asks_for_jerks(tokens)
+            )  # otherwise a denial was more probably not found
         if end < 0 and self.clause.role == "main" and not self.clause.better and any("late" in one for one in tokens):
             sure = sure and self.clause.has("may")  # "it takes forever"
         few = self.clause.role == "main" and not self.clause.has(*_ASKS_FOR) and not self.waived
@@ -258,6 +271,15 @@ class ClauseReader:
             return [self._reading("slower_near_person", False, tokens, sure)]
         name = {"speed": "faster", "smooth": "smoother", "path": "shorter"}[scale]
         return [self._reading(name, end > 0, tokens, sure)]
+
+    def _asks_for_jerks(self, heads: Sequence[Token]) -> bool:
+        """ "it should zigzag", "more jerks please"; not "the jerking should get better", "please those jerks"."""
+        if self.denied or self.clause.has("care", "calm", "mind", "smooth", *_OTHER_HEADS):
+            return False
+        first = self.tokens.index(heads[0])
+        named = first > 0 and self.tokens[first - 1].form in _ARTICLES
+        improved = any(one.form in ("better", "besser", "gut", "good") for one in self.tokens)
+        return self.clause.has("must", "please", "good", "more") and not named and not improved
 
     def _because_of_me(self, tokens: Sequence[Token]) -> bool:
         """ "don't brake for me" speaks of driving beside the person."""
@@ -273,6 +295,8 @@ class ClauseReader:
             others = [self.tokens.index(token) for token, _, _ in self._heads() if token is not head]
             for less in self.clause.all_of("less"):
                 k = self.tokens.index(less)
+                if less.form == "down" and head.any("slow", "settle"):
+                    continue  # "slow the thing down"
                 if k < at and not any(k < other < at for other in others):
                     return -end
                 if k > at and not any(at < other for other in others):
@@ -328,7 +352,7 @@ class ClauseReader:
     def _describes(self) -> bool:
         """Whether it says how the robot is, rather than how it should be."""
         than = next((k for k, one in enumerate(self.tokens) if _compares([one])), len(self.tokens))
-        wished = any(one.any("good", "must") or one.form in _SUBJUNCTIVE for one in self.tokens[:than])
+        wished = any(one.any("good", "must") or one.form in SUBJUNCTIVE | FORBIDS for one in self.tokens[:than])
         return "robot" in self.tokens[0] and not wished
 
     # ---- of whom, of what, on whose side -----------------------------------------------------------------------------
@@ -372,9 +396,11 @@ class ClauseReader:
         return []
 
     def _owner(self, at: int) -> Literal["robot", "person"] | None:
+        if self.clause.has("robotview"):  # "seen from the robot I want to be on the right"
+            return "robot"
         for one in reversed(self.tokens[max(0, at - 2) : at]):
-            if one.form in _THEIRS or one.form in _MINE:
-                return "robot" if one.form in _THEIRS else "person"
+            if one.form in THEIRS or one.form in _MINE:
+                return "robot" if one.form in THEIRS else "person"
         for one in self.tokens[at + 1 : at + 6]:
             if "robot" in one and one.form not in ("der", "das"):
                 return "robot"

@@ -13,7 +13,16 @@ from itertools import pairwise
 from typing import Any, Literal
 
 from desirepath.learning.words.caution import PLACES, doubted
-from desirepath.learning.words.clauses import Clause, clauses_of, denied_with, governor_of, place_of
+from desirepath.learning.words.clauses import (
+    HEADS,
+    Clause,
+    clauses_of,
+    denied_with,
+    describes,
+    governor_of,
+    place_of,
+    verdict_on,
+)
 from desirepath.learning.words.lexicon import LANGUAGES, LONGEST, Language, known_words, lexicon
 from desirepath.learning.words.readings import (
     OPPOSITE,
@@ -32,6 +41,15 @@ SLIGHTLY = 0.5  # what is asked for "a bit" weighs half
 MOST_OF_OWN = 0.6  # of the words; a page's own language has at least the doubt
 _THERE = known_words("da dort there")
 _IT = known_words("it them her there those ihr ihm ihnen ihn sie dazu davon dort")
+_WISHING = ("good", "bad", "must", "please", "not", "needless", "avoid", "suggest", "may")
+_WAS = known_words("was were did war waren hat hatte")
+_STILL = known_words("any noch")
+_OURS = known_words("i we im ive id me us mich mir uns ich wir")
+_LIKING = ("like", "love", "want", "enjoy", "mag", "moegen", "lieb", "will", "woll", "moecht")
+_NO = known_words("nein nee ne no nope")
+_NOBODY = known_words("nobody noone niemand")
+_GOES = known_words("geht ging gehts gings")
+_SUCH = known_words("all such what that this these those solch solche solches dieses diese dieser")
 _SMALL_WORDS = known_words(
     "filler robot mine is keep go good may so how and or but if that while because self please prefto big more"
 )
@@ -132,7 +150,8 @@ class WordsReader:
                 missed.append((clause.tokens[0].words[0].start, clause.tokens[-1].words[-1].end))
             if clause.has("correction"):  # "Not so near ... no, wait": what was said before may hold no more
                 read = [replace(one, sure=False, offered=one.offered or ends_of(one.objective)) for one in read]
-        return _understood(doubted(clauses, _asked_once(_compared(clauses, read), clauses)), missed, language)
+        read = _unanswered(doubted(clauses, _asked_once(_compared(clauses, read), clauses)))
+        return _understood(read, missed, language)
 
 
 def language_of_text(text: str, expected: Language) -> Language:
@@ -188,6 +207,11 @@ def _read_clause(clauses: Sequence[Clause], number: int, language: Language) -> 
     outer = stance_of(governor, language) if governor is not None else Stance()
     if governor is not None and governor.has("unknown"):
         outer = replace(outer, unsure=True)
+    wished = before is not None and clause.link == "," and not before.heads and before.has("good", "rather")
+    described = describes(clause) and not clause.has("too", "enough") and not wished  # "mir wäre lieber, | er ..."
+    verdict = verdict_on(clauses, number) if described else None
+    if verdict is not None:
+        governor, outer = clauses[number + 1] if number + 1 < len(clauses) else clause, Stance(turned=verdict == "bad")
     denied = denied_with(clauses, number) if governor is None else None
     if denied == "too":
         outer = stance_of(clauses[number - 1], language)
@@ -200,12 +224,16 @@ def _read_clause(clauses: Sequence[Clause], number: int, language: Language) -> 
         before is not None and (before.has("limits") or (governor is None and _may_be_denied(before, clause)))
     )
     exceptional = after is not None and clause.has("may", "good") and _is_place_of_speed(clause, after)
-    doubted = denied == "perhaps" or _only_describes(clause) or clause.has("limits") or limited or exceptional
+    told = governor is not None and clause.role == "that" and governor.has("perceive") and not governor.has(*_WISHING)
+    goes_on = clause.link == "and" and before is not None and describes(before) and _has_no_wish(clause)
+    described = verdict is None and (described or told or goes_on or _only_describes(clause) or _exclaims(clause))
+    doubted = denied == "perhaps" or described or clause.has("limits") or limited or exceptional
     if after is not None and after.link != "." and "than" in after.tokens[0] and "robot" in clause.tokens[0]:
         doubted = doubted or not clause.has("must", "good")  # "Er kommt näher, als mir lieb ist"
     doubted = doubted or (after is not None and _may_be_meant_otherwise(clause, after))
     doubted = doubted or (clause.asked and "how" in clause.tokens[0])  # "Who wants it fast?"
     found = ClauseReader(clause, outer, language, beside, doubted).readings()
+    found = [replace(one, described=described) for one in found]
     if not found and number and clause.link in ("and", "or", ",") and clause.has("person", "thing"):
         found = _same_of_another(clauses, number, language)
     if before is not None and _is_what_is_not_meant(clauses, number):
@@ -213,9 +241,7 @@ def _read_clause(clauses: Sequence[Clause], number: int, language: Language) -> 
     elif before is not None and _is_place_of_speed(before, clause):
         found = [replace(one, sure=False, offered=("slower_near_person", one.objective)) for one in found]
     elif _is_of_something_before(clauses, number):
-        found = [
-            replace(one, sure=False, offered=TARGETS) if one.objective in (*TARGETS, "closer") else one for one in found
-        ]
+        found = [_of_that(one, clauses[:number]) if one.objective in (*TARGETS, "closer") else one for one in found]
     elif (before is not None or after is not None) and _is_only_a_place(clause):
         found = [replace(one, sure=False, offered=ends_of(one.objective)) for one in found]
     permitted = clause.has("may") and not clause.has("not", "must", "bad") and governor is None
@@ -250,6 +276,17 @@ def _is_place_of_speed(before: Clause, clause: Clause) -> bool:
     bare = clause.has("not") and clause.has("near", "beside", "pass")
     bare = bare and not clause.has("go", "keep", "fast", "slow", "so", "too")
     return bare and before.has("fast", "slow", "pace") and clause.link in ("but", "and", ",")
+
+
+def _of_that(one: Reading, before: Sequence[Clause]) -> Reading:
+    """Distance to what was named before: to things, if nobody was."""
+    if any(clause.has("person", "self", "beside") for clause in before) or not before[-1].has("thing"):
+        return replace(one, sure=False, offered=TARGETS)
+    denials = [token for token in one.clause if token.any("not", "undo", "bad", "needless", "avoid", "why")]
+    plain = len(denials) <= 1 and not any(token.any("unknown", "half", "limits") for token in one.clause)
+    certain = one.sure or (one.offered == TARGETS and plain and not one.described)
+    wanted = (one.objective != "closer") == one.wanted
+    return replace(one, objective="clearance", wanted=wanted, sure=certain, offered=() if certain else TARGETS)
 
 
 def _is_of_something_before(clauses: Sequence[Clause], number: int) -> bool:
@@ -300,7 +337,7 @@ def _may_be_denied(before: Clause, clause: Clause) -> bool:
     """ "don't act | as if you had all the time in the world": what a clause denies may be the next."""
     denies = before.has("not", "avoid", "undo", "bad", "unknown") and not before.heads and len(before.tokens) > 1
     both = before.role == clause.role == "main" and clause.link == ","
-    return denies and both and not clause.has("keep", "must", "please", "not", "good")
+    return denies and both and "go" not in clause.tokens[0] and not clause.has("keep", "must", "please", "not", "good")
 
 
 def _same_of_another(clauses: Sequence[Clause], number: int, language: Language) -> list[Reading]:
@@ -335,6 +372,29 @@ def _is_question(clause: Clause) -> bool:
 def _is_about_me(clause: Clause) -> bool:
     """ "I walk slowly" is about the person, and no wish."""
     return clause.has("self") and not clause.has("good", "bad", "mind", "left", "right", "needless", "not", "must")
+
+
+def _has_no_wish(clause: Clause) -> bool:
+    """ "it came close | and raced"."""
+    return not clause.has(*_WISHING, "too", "enough", "canst", "keep", "rather", "more", "less")
+
+
+def _exclaims(clause: Clause) -> bool:
+    """ "All that rushing!", "Dieses Gerase!", "Could it be any slower?", "Langsamer geht es wohl nicht": mockery, and
+    of what, or not?"""
+    forms = [word.form for one in clause.tokens for word in one.words]
+    wishes = clause.has("must", "please", "good", "bad", "too", "canst", "needless", "avoid", "keep", "suggest")
+    if clause.asked and not clause.has("suggest", "please") and (forms[0] in _WAS or _STILL & set(forms)):
+        return True
+    others = clause.tokens[0].any("person", "self") and forms[0] not in _OURS
+    if (forms[0] in _NOBODY and not wishes) or (others and any(form.startswith(_LIKING) for form in forms[1:])):
+        return True  # "niemand hetzt dich", "my husband likes it fast"
+    if len(forms) > 1 and (forms[-1] in _NO or (len(forms) == 2 and forms[0] in ("the", "das", "der", "die"))):
+        return True  # "Abstand ja, Tempo nein", "The speed!"
+    if _GOES & set(forms) and clause.has("not") and clause.tokens[0].any(*HEADS):
+        return True
+    such = forms[0] in _SUCH or " ".join(forms[:2]) in ("so much", "so many", "so ein", "so viel", "so viele")
+    return such and not wishes and not clause.has("go", "not", "less")
 
 
 def _only_describes(clause: Clause) -> bool:
@@ -390,6 +450,18 @@ def _asked_once(read: list[Reading], clauses: Sequence[Clause]) -> list[Reading]
         if not clause.has("general") and ((denied and clause.link != ".") or same):
             found[k] = replace(other, sure=False, offered=("slower_near_person", "faster"))
     return found
+
+
+def _unanswered(read: Sequence[Reading]) -> list[Reading]:
+    """The readings, without those of how it was where the same person says what they want of that: "it crept, | faster
+    please"."""
+    said = {_matter(one) for one in read if one.sure and not one.waived}
+    return [one for one in read if one.sure or not one.described or _matter(one) not in said]
+
+
+def _matter(one: Reading) -> str:
+    same = {"slower_near_person": "faster", "closer": "farther", "clearance": "farther"}
+    return same.get(one.objective, one.objective)
 
 
 def _understood(read: Sequence[Reading], missed: list[tuple[int, int]], language: Language) -> Understood:
