@@ -156,7 +156,7 @@ def goal_ring(radius: float) -> Shape:
 
 def robot_ring() -> Shape:
     """On the floor around a robot, which is found by it in any picture and keeps its own size. Translucent."""
-    return _ring(1.75 * ROBOT_RADIUS_M, 0.03)
+    return _ring(1.75 * ROBOT_RADIUS_M, 0.045)
 
 
 def _ring(radius: float, width: float) -> Shape:

@@ -26,6 +26,8 @@ TOP_DOWN_FOV_RAD = math.radians(10)  # high and narrow, as near to a plan as a p
 TRACKED_HEIGHT_M = 0.30  # the camera follows this point of the robot
 _MARGIN_M = 0.35  # around the outermost thing that must be in sight
 CLOSE_MARGIN_M = 0.55  # ours: a way is seen with what it passes
+BARE_MARGIN_M = 0.25  # ours: where nothing stands, with no more than the ring around the robot
+WALL_SEEN_M = 0.1  # ours: so much of a wall's thickness tells that it is one
 NEAR_M = 1.5  # ours: from the robot, people belong to what is seen
 CLOSEST_M = 3.6  # ours: no frame is smaller, or nobody knows where in the room they are
 
@@ -84,7 +86,7 @@ def frame_of(
     points += [(person.x + d, person.y + d) for d in (-around, around)]
     whole = _room_frame(scene)
     if close:
-        margin = CLOSE_MARGIN_M
+        margin = CLOSE_MARGIN_M if scene.obstacles else BARE_MARGIN_M
         if goal:
             points += [(scene.goal.x + d, scene.goal.y + d) for d in (-scene.goal_radius, scene.goal_radius)]
         points += [corner for one in trajectories for corner in _met(one)]
@@ -104,8 +106,9 @@ def frame_of(
     if close:
         missing = np.maximum(0.0, CLOSEST_M - (corners[1] - corners[0])) / 2
         corners += [-missing, missing]
-        if whole is not None:  # beyond the walls there is nothing
-            corners = np.clip(corners, np.subtract(whole[:2], 0.1), np.add(whole[2:], 0.1))
+        if scene.room is not None:  # beyond the walls there is nothing
+            half = np.array([scene.room.length, scene.room.width]) / 2 + WALL_SEEN_M
+            corners = np.clip(corners, -half, half)
     return float(corners[0, 0]), float(corners[0, 1]), float(corners[1, 0]), float(corners[1, 1])
 
 

@@ -214,6 +214,24 @@ def test_a_close_frame_holds_what_matters_of_a_pair_and_no_more() -> None:
     assert min(lone[2] - lone[0], lone[3] - lone[1]) >= CLOSEST_M - 0.2
 
 
+def test_where_nothing_stands_a_close_frame_is_closer_and_still_holds_the_ring_around_the_robot() -> None:
+    hall = draw_scene("crowd_hall", 1)
+    assert hall.room is not None
+    pair = [drive(hall, bend_m=bend) for bend in (1.0, 4.0)]
+    bare = frame_of(hall, pair, close=True, goal=True)
+    furnished = replace(hall, obstacles=(Obstacle("cube", Pose(0.0, -2.5), 0.3, 0.3, 0.3),))
+    filled = frame_of(furnished, [replace(one, scene=furnished) for one in pair], close=True, goal=True)
+    assert bare[3] - bare[1] < filled[3] - filled[1]
+    for one in pair:
+        rings = np.asarray(one.poses)[:, :2]
+        rings = rings[np.abs(rings[:, 1]) < hall.room.width / 2 - 1.75 * ROBOT_RADIUS_M]
+        assert (rings - 1.75 * ROBOT_RADIUS_M > bare[:2]).all()
+        assert (rings + 1.75 * ROBOT_RADIUS_M < bare[2:]).all()
+    assert hall.room.width / 2 < bare[3] < hall.room.width / 2 + hall.room.wall_thickness, (
+        "a wall is told from the floor"
+    )
+
+
 def test_a_frame_holds_the_room_or_all_that_happens_in_the_open() -> None:
     room = frame_of(study_room())
     assert room[0] < -4.0
