@@ -39,6 +39,14 @@ QUESTIONNAIRES = {
             "high": {"en": "yes"},
         },
     ],
+    "ways": [
+        {
+            "key": "preference",
+            "type": "ranking",
+            "text": {"en": "Which way would you rather use?"},
+            "options": [{"value": v, "label": {"en": v}} for v in ("choices", "drawing", "words", "sliders")],
+        }
+    ],
     "more": [
         {
             "items": [

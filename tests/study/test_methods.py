@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from itertools import combinations, pairwise
 
 import pytest
@@ -11,12 +12,15 @@ from sqlalchemy import select
 from desirepath.installed import PROTOCOLS
 from desirepath.learning.preferences.from_paths import as_bytes, read_weights_of_paths, shipped_weights_of_paths
 from desirepath.simulation.demonstration_scenes import demonstration_scene
-from desirepath.store.models import Response, StrokeRow, Trial
+from desirepath.store.models import Response, Session, StrokeRow, Trial, utc_now
+from desirepath.study.kinds.base import Moment
+from desirepath.study.personalising.about_person import about_person
 from desirepath.study.personalising.method_robots import METHODS
 from desirepath.study.plan.counterbalancing import design_of
 from desirepath.study.protocol.freezing import ProtocolError, freeze, validate_protocol_file
 from desirepath.study.protocol.planning import example_queries, make_plan
 from desirepath.study.refusals import Refused
+from desirepath.study.session.versions import protocol_of
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.simulated.participant import Character
 from desirepath.study.studies import create_study
@@ -31,6 +35,7 @@ FEW = {
     }
 }
 COMPARED = {"method_comparison": {"scenes": 1}}
+ASKED = {"questionnaire": {"use": "ways"}}
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +96,7 @@ def test_the_shipped_protocol_is_valid():
 def walked(tmp_path, database, files, twenty_queries):
     """A study of two simulated participants who prefer room above all."""
     with database.transaction() as s:
-        frozen = small_protocol(tmp_path, [FEW, COMPARED], query_set=str(twenty_queries))
+        frozen = small_protocol(tmp_path, [FEW, COMPARED, ASKED], query_set=str(twenty_queries))
         study = create_study(s, files, frozen, name="Methods", created_by=None)
     done = walk_in_process(database, files, study, 1, Character(oracle="min-human-distance"))
     assert (done["completed"], done["comparisons"]) == (1, 6)
@@ -112,6 +117,27 @@ def test_each_method_results_in_a_robot_and_the_answers_say_which_was_chosen(wal
     assert json.loads(weights["sliders"][0]) == {"farther": 1.0}
     assert json.loads(weights["choices"][0])
     assert json.loads(weights["drawing"][0])
+
+
+def test_the_last_page_says_whose_robot_was_which_and_what_this_person_chose(walked):
+    s, _ = walked
+    session = s.scalars(select(Session)).one()
+    ended = Moment(s, session, protocol_of(s, session), utc_now())
+    about = about_person(ended)
+    answered = [one.value for one in s.scalars(select(Response).where(Response.kind == "method_comparison"))]
+    assert [(pair["a"], pair["b"], pair["choice"]) for pair in about["met"]] == [
+        (value["methods"]["a"], value["methods"]["b"], value["choice"]) for value in answered
+    ]
+    chosen = Counter(pair[pair["choice"]] for pair in about["met"])
+    assert {one["method"]: (one["chosen"], one["pairs"]) for one in about["methods"]} == {
+        method: (chosen[method], 3) for method in METHODS
+    }
+    most = [method for method in METHODS if chosen[method] == max(chosen.values())]
+    assert about["favourite"] == (most[0] if len(most) == 1 else None)
+    foremost = {one["method"]: one["foremost"] for one in about["methods"]}
+    assert foremost["sliders"] == foremost["words"] == "farther"
+    said = [one.value for one in s.scalars(select(Response).where(Response.kind == "questionnaire"))]
+    assert about["wanted"] == next(value["preference"][0] for value in said if "preference" in value)
 
 
 def test_the_robots_drive_in_one_scene_and_no_page_says_which_is_whose(walked):

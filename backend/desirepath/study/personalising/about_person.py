@@ -12,21 +12,23 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.models import Response, Session, Trial
 from desirepath.study.personalising.clicking import chosen_letters, position_bias
+from desirepath.study.personalising.method_robots import made_robots
 
 if TYPE_CHECKING:
     from desirepath.study.kinds.base import Moment
+
+RANKED_BY_PREFERENCE = "preference"  # the item at which methods are ranked by which one they would rather use
 
 
 def about_person(moment: Moment) -> dict[str, Any] | None:
     """None where the study teaches no robot that its participants see. Else `outcome`, as `session.personalisation`,
     and `learns_from` (answers, paths), `answers`: how many taught; with outcome shown `compared`: [{against, own,
     pairs}], how often the own trajectory was chosen, and `guessed`: whether that was told right, None where nobody
-    asked; with outcome one_sided `letter` and `times`. Of a study of methods `methods`: [{method, chosen, pairs}].
+    asked; with outcome one_sided `letter` and `times`. Of a study of methods what `_methods` says.
     """
     s, session, training = moment.s, moment.session, moment.frozen.training
     if training is None:
-        methods = _methods(s, session)
-        return {"methods": methods} if methods else None
+        return _methods(moment)
     if session.personalisation is None:
         return None
     letters = chosen_letters(s, session)
@@ -55,23 +57,49 @@ def _guessed(s: DatabaseSession, session: Session) -> bool | None:
     return next((bool(value["right"]) for value in s.scalars(given) if "right" in value), None)
 
 
-def _methods(s: DatabaseSession, session: Session) -> list[dict[str, Any]]:
-    """The one chosen most often first."""
-    pairs: Counter[str] = Counter()
-    chosen: Counter[str] = Counter()
-    for arms, value in s.execute(_answered(session, "method_comparison")):
-        pairs.update((arms["a"], arms["b"]))
-        chosen[arms[value["choice"]]] += 1
-    return [
-        {"method": method, "chosen": chosen[method], "pairs": pairs[method]}
-        for method in sorted(pairs, key=lambda method: -chosen[method])
-    ]
+def _methods(moment: Moment) -> dict[str, Any] | None:
+    """methods: [{method, chosen, pairs, foremost}], the one chosen most often first; foremost: the objective that this
+    robot went by most, None where its method taught nothing. met: [{a, b, choice, look_alike}], every pair with whose
+    robots it showed. favourite: the one chosen more often than every other, None where two were as often; wanted: the
+    way that this person said they would rather use, None where nobody asked. None where nothing was compared."""
+    answered = list(moment.s.execute(_answered(moment.session, "method_comparison", Trial.block)))
+    if not answered:
+        return None
+    weights = made_robots(moment, answered[0][2])["weights"]
+    met = [arms | {"choice": value["choice"]} for arms, value, _ in answered]
+    pairs = Counter(pair[side] for pair in met for side in "ab")
+    chosen = Counter(pair[pair["choice"]] for pair in met)
+    order = sorted(pairs, key=lambda method: -chosen[method])
+    return {
+        "methods": [
+            {
+                "method": method,
+                "chosen": chosen[method],
+                "pairs": pairs[method],
+                "foremost": max(weights[method], key=weights[method].get, default=None),
+            }
+            for method in order
+        ],
+        "met": met,
+        "favourite": order[0] if chosen[order[0]] > chosen[order[1]] else None,
+        "wanted": _wanted(moment, set(order)),
+    }
 
 
-def _answered(session: Session, kind: str) -> Any:
-    """(arms, value) of the session's answered trials of that kind, in their order."""
+def _wanted(moment: Moment, methods: set[str]) -> str | None:
+    """The first of them where they were ranked by preference."""
+    asked = select(Response.value).where(Response.session_id == moment.session.id, Response.kind == "questionnaire")
+    for value in moment.s.scalars(asked):
+        ranked = value.get(RANKED_BY_PREFERENCE)
+        if isinstance(ranked, list) and set(ranked) == methods:
+            return str(ranked[0])
+    return None
+
+
+def _answered(session: Session, kind: str, *more: Any) -> Any:
+    """(arms, value, more) of the session's answered trials of that kind, in their order."""
     return (
-        select(Trial.arms, Response.value)
+        select(Trial.arms, Response.value, *more)
         .join(Response, Response.trial_id == Trial.id)
         .where(Trial.session_id == session.id, Trial.kind == kind)
         .order_by(Trial.index)
