@@ -226,19 +226,22 @@ class LivePath(TypedDict):
 
 
 class PathsMessage(TypedDict):
-    """From the page: one path per robot of the scene; onward: from where it is, so that it drives on."""
+    """From the page: one path per robot of the scene; onward: from where it is, so that it drives on; since: for how
+    many seconds each had been under way there."""
 
     do: Literal["paths"]
     id: str
     onward: bool
+    since: list[float] | None
     paths: list[LivePath]
     legend: list[LegendEntry]
 
 
 class RobotsMoved(TypedDict):
-    """The event `moved`: where the robots are on their paths."""
+    """The event `moved`: where the robots are on their paths, and for how many seconds each has been under way."""
 
     poses: list[list[float]]
+    clocks: list[float]
     seconds: float
     driving: bool
     over: bool

@@ -16,7 +16,7 @@ from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from starlette.responses import Response
 
-from desirepath.study.kinds.live import CONTROLS
+from desirepath.study.kinds.live import CONTROLS, CROWD_CONTROLS
 from desirepath.web.core.catalogues import Texts
 from desirepath.web.core.prose import prose
 
@@ -178,6 +178,22 @@ STEPS: dict[str, dict[str, Any]] = {
         },
         "points": 5,
     },
+    "meet_among_people": {
+        "setup": "crowd_hall",
+        "view": "top_down",
+        "scenes": 3,
+        "controls": CROWD_CONTROLS,
+        "among_people": True,
+        "start": {"waits": 1.0, "farther": 0.4},
+        "believed": {
+            "foremost": "waits",
+            "rather_than": "slower_near_person",
+            "rather_sure": 0.93,
+            "answers": 15,
+            "statement": "rather",
+        },
+        "points": 5,
+    },
     "meet_your_robot": {
         "setup": "study_room",
         "view": "top_down",
@@ -217,6 +233,24 @@ STEPS: dict[str, dict[str, Any]] = {
             "guessed": True,
         },
     },
+    "methods_debriefing": {
+        "title": "Thank you",
+        "text": "That was the study.",
+        "about": {
+            "methods": [
+                {"method": "sliders", "chosen": 5, "pairs": 6, "foremost": "farther"},
+                {"method": "choices", "chosen": 3, "pairs": 6, "foremost": "smoother"},
+                {"method": "words", "chosen": 3, "pairs": 6, "foremost": None},
+                {"method": "drawing", "chosen": 1, "pairs": 6, "foremost": "shorter"},
+            ],
+            "met": [
+                {"a": "words", "b": "sliders", "choice": "b", "look_alike": False},
+                {"a": "choices", "b": "drawing", "choice": "a", "look_alike": True},
+            ],
+            "favourite": "sliders",
+            "wanted": "words",
+        },
+    },
     "paused": {},
     "withdrawn": {"declined": False},
     "declined": {"declined": True},
@@ -224,7 +258,9 @@ STEPS: dict[str, dict[str, Any]] = {
 }
 """Every kind of step and one example of its payload."""
 KINDS = {"declined": "withdrawn", "ranking": "questionnaire", "skipping": "questionnaire", "triangle": "tuning"} | {
-    "meet_something_else": "meet_your_robot"
+    "meet_something_else": "meet_your_robot",
+    "meet_among_people": "meet_your_robot",
+    "methods_debriefing": "debriefing",
 }  # examples of a kind that has another one already
 
 

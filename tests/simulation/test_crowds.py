@@ -9,7 +9,7 @@ import pytest
 
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool, recorded
 from desirepath.simulation.crowds.crowd_kernels import nearest_wall
-from desirepath.simulation.crowds.crowd_maps import boxes_of, map_of
+from desirepath.simulation.crowds.crowd_maps import boxes_of, map_of, path_from_anywhere
 from desirepath.simulation.crowds.crowd_reference import CrowdReference
 from desirepath.simulation.crowds.crowd_scenes import (
     PUBLISHED,
@@ -100,6 +100,25 @@ def test_pedestrians_walk_back_and_forth_at_their_speed_and_avoid_nobody():
         for number, one in enumerate(scene.crowd.pedestrians, start=1):
             x, y, _ = where_on_route(one, 0.2 * step)
             assert math.dist(engine.people_xy[0, number], (x, y)) < 1e-6
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.4, 3.0, 17.3, 60.0])
+def test_people_go_on_from_where_they_are_so_long_after(seconds):
+    bent = Pedestrian(((0.0, 0.0), (3.0, 0.0), (3.0, 2.0)), 0.7)
+    stood, nowhere = Pedestrian(((1.0, 1.0),), 0.0, 0.4), Pedestrian(((1.0, 1.0), (1.0, 1.0)), 0.5)
+    people = (bent, Pedestrian(((2.0, 0.0), (2.0, 3.0)), 0.5), stood, nowhere)
+    times = np.arange(0.0, 40.0, 0.2)
+    for before, after in zip(people, Crowd("path", people).later(seconds).pedestrians, strict=True):
+        np.testing.assert_allclose(after.places_at(times), before.places_at(times + seconds), atol=1e-6)
+
+
+def test_a_robot_goes_on_from_beside_a_wall_as_from_anywhere():
+    scene = draw_scene("crowd_hall", 3)
+    beside = replace(scene, start=replace(scene.start, x=0.0, y=scene.room.width / 2 - 0.25))
+    with pytest.raises(SceneError, match="no way"):
+        robot_path(beside)
+    path = path_from_anywhere(beside)
+    assert (path[0], path[-1]) == ((0.0, beside.start.y), (scene.goal.x, scene.goal.y))
 
 
 def test_a_standing_robot_is_run_over_and_that_is_a_collision():

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from desirepath.simulation.scenes import draw_scene
 from desirepath.simulation.trajectory import Trajectory
 from desirepath_stage.stage import Stage
 from tests.stage.stage_rig import StageRig, Visitor, drive, study_room
@@ -65,6 +66,35 @@ def test_a_robot_under_way_changes_its_style_without_restarting(rig: StageRig, v
     assert math.dist(after["poses"][0][:2], begun) > 0.5 * math.dist(here[:2], begun)
     end = visitor.wait_for("moved", over=True)["poses"][0]
     assert math.dist(end[:2], (SCENE.goal.x, SCENE.goal.y)) < 0.05
+
+
+def test_who_walks_there_walks_while_the_robots_drive_and_on_with_a_new_path(rig: StageRig, visit: Visit) -> None:
+    visitor = visit(width=640, height=400)
+    visitor.wait_until(lambda: rig.server.stage("amber") is not None, "the stage connects", timeout_s=60)
+    stage = rig.server.stage("amber")
+    assert isinstance(stage, Stage)
+    hall = draw_scene("crowd_hall", 1)
+    assert hall.crowd is not None
+    walker = hall.crowd.pedestrians[0]
+    stage.live(hall, "top_down", robots=2)
+    visitor.wait_for("ready")
+    way = path(drive(hall, duration_s=8.0, bend_m=0.4))
+    steer(visitor, do="paths", id="1", onward=False, since=None, paths=[way, way], legend=[])
+    visitor.wait_for("drawn", id="1")
+    assert math.dist(visitor.position_of("pedestrian0")[:2], walker.route[0]) < 0.05, (
+        "nobody walks before anybody drives"
+    )
+
+    steer(visitor, do="drive")
+    visitor.wait_until(lambda: any(event["seconds"] > 1.5 for event in visitor.events("moved")), "they drive")
+    here = visitor.events("moved")[-1]
+    starts = [replace(hall.start, x=x, y=y, yaw=yaw) for x, y, yaw in here["poses"]]
+    onward = [path(drive(replace(hall, start=start), duration_s=3.0)) for start in starts]
+    steer(visitor, do="paths", id="2", onward=True, since=here["clocks"], paths=onward, legend=[])
+    over = visitor.wait_for("moved", over=True)
+    assert over["clocks"] == [here["clocks"][0] + 3.0, here["clocks"][1] + 3.0]
+    there = walker.places_at(np.array([max(over["clocks"])]))[0]
+    assert math.dist(visitor.position_of("pedestrian0")[:2], there) < 0.1, "where they are so long after the start"
 
 
 INK = """([x, y]) => {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from sqlalchemy import select
 
 from desirepath.grammar.source import ProtocolError
 from desirepath.learning.measures.named import NAMED
-from desirepath.learning.preferences.objectives import NAMES
+from desirepath.learning.preferences.objectives import NAMES, names_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import analyse
 from desirepath.report.meeting_findings import met as met_of
@@ -19,10 +20,13 @@ from desirepath.report.study_data import Meeting
 from desirepath.report.tidy_tables import read_study
 from desirepath.store.models import Job, Session, Study
 from desirepath.store.snapshots import take_snapshot
-from desirepath.study.kinds.live import distance
+from desirepath.study.kinds.live import CROWD_SETUPS, SETUPS, distance, objectives_on, startable
+from desirepath.study.kinds.meet_your_robot import MeetYourRobotStage, MeetYourRobotStep
+from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.personalising import believed, next_query
 from desirepath.study.personalising.believed import beyond_nine
 from desirepath.study.personalising.live_rollouts import conditioned_on, looks_at, rolled_out, scenes_of
+from desirepath.study.protocol.freezing import freeze, shipped_protocols
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
 from desirepath.study.studies import queries_of_study
@@ -144,6 +148,56 @@ def test_who_was_shown_a_free_form_robot_is_told_of_something_else_and_where_it_
 )
 def test_something_else_is_told_where_it_is_more_probable_or_was_shown(check, shown, told):
     assert (beyond_nine(check, shown) is not None) == told
+
+
+@pytest.mark.parametrize("protocol", shipped_protocols(), ids=lambda path: path.stem)
+def test_every_shipped_protocol_that_teaches_a_robot_by_choices_ends_with_meeting_it(protocol: Path):
+    frozen = freeze(protocol).protocol
+    kinds = [entry.kind for entry in frozen.stages]
+    learning = frozen.stage_of(TrainStage)
+    if learning is None or learning.job != "align":
+        assert "meet_your_robot" not in kinds
+        return
+    assert kinds.index("comparison") < kinds.index("meet_your_robot") == len(kinds) - 2, "then the debriefing"
+    met = frozen.stage_of(MeetYourRobotStage)
+    assert met is not None
+    assert str(frozen.query_set).startswith(f"{met.setup}/"), "in the places that the answers were about"
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+@pytest.mark.parametrize("setup", SETUPS)
+def test_every_objective_that_may_be_told_has_plain_words_of_where_it_is(setup, language):
+    words = yaml.safe_load(Path(f"frontend/locales/{language}/live.yaml").read_text())
+    for name in names_of(setup):
+        needed = {"name", "rather", "does", "does_more"} if name in objectives_on(setup) else {"rather"}
+        assert set(words["weights"].get(name, {})) == needed
+        if setup in CROWD_SETUPS:
+            spoken = words["among_people"].get(name, words["weights"][name])
+            assert not re.search(r"\b(you|me|Sie|Ihnen|mir|mich)\b", " ".join(spoken.values())), name
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_among_people_no_measure_is_said_to_be_about_the_participant_alone(language):
+    words = yaml.safe_load(Path(f"frontend/locales/{language}/live.yaml").read_text())
+    mine = r"\b(you|Sie|Ihnen|Ihrer)\b"
+    personal = {name for name, said in words["seen"].items() if re.search(mine, said)}
+    assert personal == set(words["seen_among_people"])
+    assert not re.search(mine, " ".join(words["seen_among_people"].values()))
+
+
+def test_the_sliders_begin_with_what_they_can_say_of_what_was_learned():
+    step = MeetYourRobotStep(
+        kind="meet_your_robot", key="meet", stage="meet", setup="crowd_hall", scenes=1, view="top_down"
+    )
+    learned = {"cuts_in_front": 0.4, "follows": 1.0, "waits": 0.7, "farther": 0.2}
+    assert startable(step, learned) == {"waits": 0.7, "farther": 0.2}
+    assert startable(step.model_copy(update={"setup": "study_room"}), {"farther": 0.2}) == {"farther": 0.2}
+
+
+def test_reasons_are_not_told_where_more_than_one_person_is(tmp_path):
+    meeting = {"meet_your_robot": {"setup": "crowd_hall", "reasons": True}}
+    with pytest.raises(ProtocolError, match=r"reasons.*more than one person"):
+        small_protocol(tmp_path, [BLOCK, TRAIN, COMPARISON, meeting])
 
 
 @pytest.mark.parametrize("language", ["en", "de"])

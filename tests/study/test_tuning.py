@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import csv
+import json
 import re
+from pathlib import Path
 
 import pytest
 
 from desirepath.grammar.source import ProtocolError
-from desirepath.learning.preferences.objectives import NAMES, OPPOSITES
+from desirepath.learning.preferences.objectives import OPPOSITES, names_of
 from desirepath.store.dataset.writing import export_study
-from desirepath.study.kinds.live import CONTROLS, OBJECTIVES, distance, in_triangle, replayed
+from desirepath.study.kinds.live import (
+    CROWD_SETUPS,
+    SETUPS,
+    controls_of,
+    distance,
+    in_triangle,
+    objectives_on,
+    replayed,
+)
 from desirepath.study.kinds.tuning import STARTED_RANDOMLY
 from desirepath.study.personalising.live_rollouts import PLACES, conditioned_on, path_of, rolled_out, scenes_of
 from desirepath.study.refusals import Refused
@@ -28,10 +38,33 @@ def change(objective, weight, *, seconds=1.0, place=0, by="mouse"):
     return {"seconds": seconds, "place": place, "by": by, "objective": objective, "weight": weight}
 
 
-def test_seven_sliders_hold_all_nine_weights_with_opposites_on_one_slider():
-    assert sorted(OBJECTIVES) == sorted(NAMES)
-    pairs = {frozenset(control) for control in CONTROLS if len(control) == 2}
-    assert pairs == {frozenset((NAMES[a], NAMES[b])) for a, b in OPPOSITES}
+@pytest.mark.parametrize("setup", SETUPS)
+def test_sliders_hold_all_weights_that_the_shipped_policy_follows_with_opposites_on_one_slider(setup):
+    names = names_of(setup)
+    results = json.loads(Path(f"datasets/{setup}/conditioned.card.json").read_text())["results"]
+    follows = {name for name, of in results["moved"].items() if of["share_of_the_way"]["low"] > 0.02}
+    assert set(objectives_on(setup)) == follows
+    assert follows == set(names) - ({"cuts_in_front", "follows"} if setup in CROWD_SETUPS else set())
+    pairs = {frozenset(control) for control in controls_of(setup) if len(control) == 2}
+    assert pairs == {frozenset((names[a], names[b])) for a, b in OPPOSITES if {names[a], names[b]} <= follows}
+
+
+def test_among_people_who_walk_other_weights_are_set_than_beside_one(walk):
+    corners = ["waits", "passes_behind", "faster"]
+    walker = walk(
+        {"tuning": {"scenes": 1, "setup": "crowd_hall", "start": "random"}},
+        {"tuning": {"scenes": 1, "setup": "crowd_hall", "objectives": corners}},
+        BLOCK,
+    )
+    payload = walker.view.payload
+    assert payload["among_people"]
+    assert set(payload["start"]) <= set(objectives_on("crowd_hall"))
+    with pytest.raises(Refused, match="no objective; known are closer, farther, passes_behind"):
+        walker.submit("tuning", {"weights": {"clearance": 1.0}})
+    history = [change(name, 0.0) for name in payload["start"]] + [change("waits", 1.0), change("passes_behind", 0.6)]
+    walker.submit("tuning", {"weights": {"passes_behind": 0.6, "waits": 1.0}, "history": history})
+    assert answer(walker, "tuning").value["weights"] == {"passes_behind": 0.6, "waits": 1.0}
+    assert walker.view.payload["triangle"] == corners
 
 
 @pytest.mark.parametrize("setup", sorted(PLACES))
@@ -41,9 +74,12 @@ def test_weights_move_the_robot_in_every_place_and_it_goes_on_from_where_it_is(s
         assert path_of(usual).arrives
         assert path_of(far).arrives
         assert path_of(usual).track != path_of(far).track
-        middle = far.poses[len(far.poses) // 2].tolist()
-        onward = path_of(rolled_out(conditioned_on(setup, {"faster": 1.0}), scene, middle))
+        half = len(far.poses) // 2
+        middle = far.poses[half].tolist()
+        onward = path_of(rolled_out(conditioned_on(setup, {"faster": 1.0}), scene, middle, float(far.times[half])))
         assert onward.track[0][1:3] == pytest.approx(middle[:2], abs=1e-3)
+        goes_on = rolled_out(conditioned_on(setup, {"farther": 1.0}), scene, middle, float(far.times[half]))
+        assert goes_on.duration_s == pytest.approx(far.duration_s - far.times[half], abs=0.4), "nobody walks elsewhere"
 
 
 def test_the_answer_is_the_final_vector_with_its_history(walk):
@@ -156,6 +192,8 @@ def test_a_learned_start_is_what_the_answers_before_it_taught(walk):
         ([BLOCK, {"tuning": {"scenes": 7}}], "6"),
         ([BLOCK, {"tuning": {"objectives": ["farther", "shorter"]}}], "names 2 objectives; a triangle has three"),
         ([BLOCK, {"tuning": {"objectives": ["farther", "closer", "faster"]}}], "of which only one may be above 0"),
+        ([BLOCK, {"tuning": {"objectives": ["waits", "farther", "faster"]}}], "'waits' is no objective"),
+        ([BLOCK, {"words": {"setup": "crowd_hall"}}], "words.*setup"),
         ([BLOCK, {"tuning": {"objectives": ["farther", "kinder", "faster"]}}], "'kinder' is no objective"),
     ],
 )

@@ -98,6 +98,8 @@ interface DesirePath {
     /** x, y, yaw of everybody in the crowd now. */
     walkers(): number[][];
     walkTo(walked: Track, t: number): void;
+    /** Who walks is where they are after so many seconds. */
+    walkCrowdTo(seconds: number): void;
     place(i: number, where: number[], watched: boolean): void;
     play(order: Orders["play"]): void;
     rest(start: number[]): void;

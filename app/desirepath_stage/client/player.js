@@ -90,6 +90,8 @@
       window.desirePath.bodies.put(person, x, y, yaw);
     },
 
+    walkCrowdTo: poseCrowd,
+
     /** A robot stands there. @param {number} i which one @param {number[]} where x, y, yaw @param {boolean} watched the camera follows it where it follows any */
     place(i, [x, y, yaw], watched) {
       window.desirePath.bodies.put(robots[i], x, y, yaw);

@@ -26,6 +26,8 @@
   let fresh = null;
   /** Where each robot is along its path, s. @type {number[]} */
   let along = [];
+  /** For how long each had been under way when its path began, s. @type {number[]} */
+  let since = [];
   let driving = false;
   let inTurn = false;
   let lastFrame = 0;
@@ -53,17 +55,23 @@
     const first = along.findIndex((t, i) => t < ends(paths[i]));
     const watched = inTurn ? first : 0;
     const poses = paths.map((path, i) => at(path, along[i]));
-    const now = JSON.stringify([poses, watched]);
+    const times = clocks();
+    const people = inTurn ? times[first < 0 ? times.length - 1 : first] : Math.max(...times);
+    const now = JSON.stringify([poses, watched, people]);
     if (now === stand) return;
     stand = now;
+    window.desirePath.player.walkCrowdTo(people);
     poses.forEach((pose, i) => window.desirePath.player.place(i, pose, i === watched));
   }
+
+  /** For how long each robot has been under way, s: so long have people been walking around it. */
+  const clocks = () => along.map((t, i) => since[i] + t);
 
   /** @param {boolean} over whether all robots have come to their ends */
   function tell(over) {
     toldAt = performance.now();
     const poses = paths.map((path, i) => at(path, along[i]));
-    bridge.post("moved", { poses, seconds: Math.max(0, ...along), driving, over });
+    bridge.post("moved", { poses, clocks: clocks(), seconds: Math.max(0, ...along), driving, over });
   }
 
   function fit() {
@@ -154,6 +162,7 @@
         const goesOn = message.onward && here.length === message.paths.length;
         paths = message.paths;
         along = paths.map((path, i) => (goesOn ? nearest(path, here[i]) : 0));
+        since = paths.map((_, i) => (goesOn && message.since?.[i]) || 0);
         fresh = message.id;
         if (!goesOn) {
           driving = false;
@@ -179,7 +188,7 @@
     /** Another scene stands there: nothing of this one is left. */
     stop() {
       running = driving = false;
-      [paths, along, fresh] = [[], [], null];
+      [paths, along, since, fresh] = [[], [], [], null];
       stand = painted = "";
       canvas.remove();
     },

@@ -6,7 +6,7 @@ Drawing them lives in `crowds.crowd_scenes`, moving them in `crowds.crowd_engine
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -58,6 +58,18 @@ class Pedestrian:
         along, begun = np.where(gone > total, 2 * total - gone, gone), np.concatenate([[0.0], np.cumsum(lengths)])
         return np.stack([np.interp(along, begun, places[:, axis]) for axis in range(2)], axis=1)
 
+    def later(self, seconds: float) -> Pedestrian:
+        """The same one, so long after: the route begins where they are then, and is written out back and forth as far
+        as a route may be."""
+        loop = [*self.route, *self.route[-2::-1]]
+        passed = np.cumsum(np.linalg.norm(np.diff(loop, axis=0), axis=1)) if len(loop) > 1 else np.zeros(1)
+        if passed[-1] == 0 or self.speed == 0:
+            return self
+        x, y, _ = where_on_route(self, seconds)
+        nearest = 1 + int(np.searchsorted(passed, self.speed * seconds % passed[-1], side="right"))
+        ahead = [loop[1 + (nearest - 1 + k) % (len(loop) - 1)] for k in range(MOST_KNOTS - 1)]
+        return replace(self, route=((x, y), *ahead))
+
 
 def where_on_route(pedestrian: Pedestrian, seconds: float) -> tuple[float, float, float]:
     """x, y (m) and heading (rad) of one who walks a route back and forth, so long after the start."""
@@ -90,6 +102,10 @@ class Crowd:
             raise PedestrianError(f"behaviour = {self.behaviour!r}; known: {', '.join(BEHAVIOURS)}")
         if len(self.pedestrians) > MOST_PEDESTRIANS:
             raise PedestrianError(f"{len(self.pedestrians)} pedestrians; at most {MOST_PEDESTRIANS}")
+
+    def later(self, seconds: float) -> Crowd:
+        """The same people, so long after. Of `path` only: who avoids others is not told by a route."""
+        return replace(self, pedestrians=tuple(one.later(seconds) for one in self.pedestrians))
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Crowd:

@@ -48,8 +48,12 @@ export class LivePanel extends StageBar {
     this.stagePlace = 0;
     /** The ways that are drawn. @type {(LivePaths["paths"][number] & {colour: number[], hollow: boolean})[] | null} */
     this.found = null;
-    /** Where the robots are, while they are under way. @type {number[][] | null} */
+    /** Where the robots are, while they are under way, and for how long they have been. @type {number[][] | null} */
     this.poses = null;
+    /** @type {number[] | null} */
+    this.clocks = null;
+    /** For how long they had been when the ways that are drawn begin. @type {number[] | null} */
+    this.since = null;
     this.driving = false;
     this.wanted = false;
     this.underWay = 0;
@@ -112,29 +116,31 @@ export class LivePanel extends StageBar {
   async askOnce() {
     const { place, driving } = this;
     const poses = driving ? this.poses : null;
+    const since = poses && this.clocks;
     const request = (this.requests += 1);
     /** @type {import("./contract.js").LiveAsked} */
-    const body = { weights: this.asked, place, poses };
+    const body = { weights: this.asked, place, poses, since };
     try {
       /** @type {LivePaths} */
       const found = await this.needs.post("paths", body);
       if (this.over || place !== this.place || driving !== this.driving || request < this.newest) return;
       this.newest = request;
-      this.draw(found, Boolean(poses));
+      this.draw(found, Boolean(poses), since);
     } catch (error) {
       if (!(error instanceof Refused)) throw error;
       if (!poses) await this.needs.refresh(); // a robot that has just arrived cannot go on: its old way stays
     }
   }
 
-  /** @param {LivePaths} found @param {boolean} onward from where the robots are */
-  draw(found, onward) {
+  /** @param {LivePaths} found @param {boolean} onward from where the robots are @param {number[] | null} since */
+  draw(found, onward, since) {
     const colours = found.paths.length > 1 ? BOTH : ALONE;
     const paths = found.paths.map((path, i) => ({ ...path, colour: colours[i], hollow: i > 0 }));
     this.found = paths;
+    this.since = since;
     this.orders += 1;
     /** @type {import("./contract.js").PathsMessage} */
-    const order = { do: "paths", id: String(this.orders), onward, paths, legend: this.legend(colours) };
+    const order = { do: "paths", id: String(this.orders), onward, since, paths, legend: this.legend(colours) };
     this.tell({ type: "steer", ...order });
     this.tellWay();
     this.tellLooks();
@@ -177,6 +183,7 @@ export class LivePanel extends StageBar {
     super.hear(message);
     if (message.type === "moved") {
       this.poses = message.poses;
+      this.clocks = message.clocks;
       if (message.over) this.stood();
     }
   }
@@ -219,6 +226,7 @@ export class LivePanel extends StageBar {
     this.driving = !this.driving;
     if (this.driving) {
       this.poses = this.found.map((path) => path.track[0].slice(1));
+      this.clocks = this.since;
       this.tell({ type: "steer", ...this.driveOrder });
     } else this.want(); // back to the start
     this.show();

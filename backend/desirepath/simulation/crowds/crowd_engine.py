@@ -18,7 +18,7 @@ from desirepath.simulation.acting import ActionError
 from desirepath.simulation.crowds import avoidance_kernels as avoid
 from desirepath.simulation.crowds import crowd_kernels as k
 from desirepath.simulation.crowds import crowd_setups as settings
-from desirepath.simulation.crowds.crowd_maps import boxes_of, robot_path
+from desirepath.simulation.crowds.crowd_maps import boxes_of, path_from_anywhere
 from desirepath.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
 from desirepath.simulation.crowds.descriptor_kernels import describe_all
 from desirepath.simulation.pedestrians import MOST_KNOTS, MOST_PEDESTRIANS, Pedestrian
@@ -197,7 +197,7 @@ class CrowdEngine:
     def _place(self, i: int, scene: Scene) -> None:
         if scene.crowd is None:
             raise SceneError("crowd", None, "is missing; scenes with one person run on the fast engine")
-        w, boxes, path = self.world, boxes_of(scene), robot_path(scene)
+        w, boxes, path = self.world, boxes_of(scene), path_from_anywhere(scene)
         if len(boxes) > MOST_BOXES:
             raise SceneError("obstacles", len(boxes), f"at most {MOST_BOXES} walls and obstacles among pedestrians")
         w.box_count[i] = len(boxes) if self.walls else 0

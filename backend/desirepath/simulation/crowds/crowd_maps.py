@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -85,3 +85,16 @@ def robot_path(scene: Scene) -> tuple[tuple[float, float], ...]:
     if not way:
         raise SceneError("goal", scene.goal, "has no way from the start on the empty map")
     return ((scene.start.x, scene.start.y), *way[1:-1], (scene.goal.x, scene.goal.y))
+
+
+def path_from_anywhere(scene: Scene) -> tuple[tuple[float, float], ...]:
+    """`robot_path`, also of a robot that begins nearer to a wall than paths come: from the nearest free place on.
+    Raises SceneError for none."""
+    try:
+        return robot_path(scene)
+    except SceneError:
+        if scene.room is None:
+            raise
+        free, start = map_of(scene.room, boxes_of(scene)).places(), (scene.start.x, scene.start.y)
+        x, y = free[np.linalg.norm(free - start, axis=1).argmin()]
+        return (start, *robot_path(replace(scene, start=replace(scene.start, x=float(x), y=float(y))))[1:])

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 from sqlalchemy import select
 
 from desirepath.grammar.parts import Part
@@ -37,41 +37,68 @@ CONTROLS: tuple[tuple[str, ...], ...] = (
     ("faster",),
 )
 """The sliders: nine weights, of which two pairs exclude each other, so that each pair is the two ends of one slider."""
+CROWD_CONTROLS: tuple[tuple[str, ...], ...] = (
+    ("closer", "farther"),
+    ("passes_behind",),
+    ("waits",),
+    ("slower_near_person",),
+    ("smoother",),
+    ("faster",),
+)
+"""The same among people who walk, without the two that the shipped policy does not follow (docs/numbers.md): a slider
+that does nothing, or the wrong thing, is no control."""
 OBJECTIVES = tuple(name for control in CONTROLS for name in control)
-Setup = Literal["study_room", "open_field"]
-SETUPS: tuple[str, ...] = get_args(Setup)
+OPPOSITES = tuple(pair for pair in CONTROLS if len(pair) == 2)
+PersonSetup = Literal["study_room", "open_field"]
+CrowdSetup = Literal["crowd_hall"]
+Setup = Literal[PersonSetup, CrowdSetup]
+PERSON_SETUPS: tuple[str, ...] = get_args(PersonSetup)
+CROWD_SETUPS: tuple[str, ...] = get_args(CrowdSetup)
+SETUPS = (*PERSON_SETUPS, *CROWD_SETUPS)
 CORNERS = 3
 Weights = dict[str, float]
 
 
-def three_corners(names: list[str]) -> list[str]:
-    """The same names. Raises ValueError unless they can be the corners of a triangle."""
-    known = ", ".join(OBJECTIVES)
+def controls_of(setup: str) -> tuple[tuple[str, ...], ...]:
+    """The sliders of what people may set in that setup."""
+    return CROWD_CONTROLS if setup in CROWD_SETUPS else CONTROLS
+
+
+def objectives_on(setup: str) -> tuple[str, ...]:
+    """What its sliders say, in their order."""
+    return tuple(name for control in controls_of(setup) for name in control)
+
+
+def three_corners(names: list[str], objectives: Sequence[str] = OBJECTIVES) -> list[str]:
+    """The same names. Raises ValueError unless they can be the corners of a triangle of these objectives."""
+    known = ", ".join(objectives)
     for name in names:
-        if name not in OBJECTIVES:
+        if name not in objectives:
             raise ValueError(f"{name[:40]!r} is no objective; known are {known}")
         if names.count(name) > 1:
             raise ValueError(f"names {name} twice; needed are three different objectives")
     if len(names) != CORNERS:
         raise ValueError(f"names {len(names)} objectives; a triangle has three corners, of {known}")
-    for pair in CONTROLS:
-        if len(pair) == 2 and set(pair) <= set(names):
+    for pair in OPPOSITES:
+        if set(pair) <= set(names):
             raise ValueError(f"names {pair[0]} and {pair[1]}, of which only one may be above 0")
     return names
 
 
-Corners = Annotated[list[str], AfterValidator(three_corners)]
-
-
 class LiveStage(Part):
     """Where weights are changed: in `scenes` scenes of `setup`, in which its conditioned policy drives. objectives:
-    three of the nine, weighed against each other in a triangle; None: all nine, by sliders.
+    three of the setup's nine, weighed against each other in a triangle; None: all nine, by sliders.
     """
 
     setup: Setup = "study_room"
     scenes: int = Field(3, ge=1, le=MOST_PLACES)
     view: View = "top_down"
-    objectives: Corners | None = None
+    objectives: list[str] | None = None
+
+    @field_validator("objectives")
+    @classmethod
+    def _corners(cls, names: list[str] | None, info: ValidationInfo) -> list[str] | None:
+        return names and three_corners(names, objectives_on(info.data.get("setup", "study_room")))
 
     @property
     def said(self) -> dict[str, Any]:
@@ -91,6 +118,11 @@ class LiveStep(Step):
     view: View
     objectives: list[str] | None = None
     reasons: bool = False
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """What its controls can say."""
+        return objectives_on(self.setup)
 
 
 def _numbers(given: object) -> object:
@@ -126,36 +158,37 @@ class AboutLive(Besides):
     objectives: list[str] | None = Field(None, description="those weighed in a triangle; null: all, by sliders")
 
 
-def cleaned(weights: Mapping[str, float], field: str = "value.weights") -> Weights:
-    """Those above 0, rounded, in the controls' order. Raises BadValue for names, values or opposites that cannot be."""
+def cleaned(weights: Mapping[str, float], objectives: Sequence[str], field: str = "value.weights") -> Weights:
+    """Those above 0, rounded, in these objectives' order. Raises BadValue for names, values or opposites that cannot
+    be."""
     for name, weight in weights.items():
-        if name not in OBJECTIVES:
-            raise BadValue(f"{field}.{name[:40]}", weight, f"is no objective; known are {', '.join(OBJECTIVES)}")
+        if name not in objectives:
+            raise BadValue(f"{field}.{name[:40]}", weight, f"is no objective; known are {', '.join(objectives)}")
         if not 0 <= weight <= 1:
             raise BadValue(f"{field}.{name}", weight, "must be from 0 to 1")
-    kept = {name: round(float(weights[name]), ROUNDED) for name in OBJECTIVES if weights.get(name, 0) > 0}
-    for pair in CONTROLS:
-        if len(pair) == 2 and set(pair) <= set(kept):
+    kept = {name: round(float(weights[name]), ROUNDED) for name in objectives if weights.get(name, 0) > 0}
+    for pair in OPPOSITES:
+        if set(pair) <= set(kept):
             raise BadValue(f"{field}.{pair[1]}", kept[pair[1]], f"cannot be above 0 beside {pair[0]}, its opposite")
     return kept
 
 
-def in_triangle(weights: Mapping[str, float], corners: Sequence[str], order: Sequence[str] = OBJECTIVES) -> Weights:
-    """What those weights say of the corners alone, in whole percent; the middle where they say nothing. order: all
-    objectives that there are, in which the result is given."""
+def in_triangle(weights: Mapping[str, float], corners: Sequence[str]) -> Weights:
+    """What those weights say of the corners alone, in whole percent; the middle where they say nothing."""
     shares = [max(0.0, weights.get(name, 0.0)) for name in corners]
     together = sum(shares)
     exact = [100 * share / together if together > 0 else 100 / len(corners) for share in shares]
     percent = [math.floor(share) for share in exact]
     missing = sorted(range(len(corners)), key=lambda k: percent[k] - exact[k])[: 100 - sum(percent)]
     whole = [share + (k in missing) for k, share in enumerate(percent)]
-    found = dict(zip(corners, whole, strict=True))
-    return {name: found[name] / 100 for name in order if found.get(name, 0) > 0}
+    return {name: share / 100 for name, share in zip(corners, whole, strict=True) if share > 0}
 
 
 def startable(step: LiveStep, weights: Mapping[str, float]) -> Weights:
     """Those weights as the step's controls can stand at them."""
-    return in_triangle(weights, step.objectives) if step.objectives else dict(weights)
+    if step.objectives:
+        return in_triangle(weights, step.objectives)
+    return {name: weight for name, weight in weights.items() if name in step.named}
 
 
 def replayed(start: Mapping[str, float], history: Iterable[Mapping[str, Any]]) -> Weights:
@@ -163,15 +196,15 @@ def replayed(start: Mapping[str, float], history: Iterable[Mapping[str, Any]]) -
     now = dict(start)
     for change in history:
         now[change["objective"]] = change["weight"]
-        for pair in CONTROLS:
-            if len(pair) == 2 and change["objective"] in pair and change["weight"] > 0:
+        for pair in OPPOSITES:
+            if change["objective"] in pair and change["weight"] > 0:
                 now[pair[1 - pair.index(change["objective"])]] = 0.0
-    return {name: now[name] for name in OBJECTIVES if now.get(name, 0) > 0}
+    return {name: weight for name, weight in now.items() if weight > 0}
 
 
 def distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
     """Euclidean distance of two weight vectors, 0 to 3 (ours)."""
-    squares: float = sum((one.get(name, 0.0) - other.get(name, 0.0)) ** 2 for name in OBJECTIVES)
+    squares: float = sum((one.get(name, 0.0) - other.get(name, 0.0)) ** 2 for name in {*one, *other})
     return round(math.sqrt(squares), 4)
 
 
@@ -201,16 +234,16 @@ class LiveKind(Kind[S, A]):
         return [conditioned_on(step.setup, weights or {})]
 
     def payload(self, step: S, page: Page) -> dict[str, Any]:
-        said = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": CONTROLS}
-        return said | {"triangle": step.objectives}
+        said = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": controls_of(step.setup)}
+        return said | {"triangle": step.objectives, "among_people": step.setup in CROWD_SETUPS}
 
     def check(self, step: S, answer: A, page: Page) -> dict[str, Any]:
         assert isinstance(answer, LiveAnswer)  # noqa: S101  a kind with another answer checks it itself
         for number, change in enumerate(answer.history):
-            if change.objective not in OBJECTIVES:
-                message = f"is no objective; known are {', '.join(OBJECTIVES)}"
+            if change.objective not in step.named:
+                message = f"is no objective; known are {', '.join(step.named)}"
                 raise BadValue(f"value.history.{number}.objective", change.objective, message)
-        weights = cleaned(answer.weights)
+        weights = cleaned(answer.weights, step.named)
         if step.objectives:
             _require_triangle(weights, step.objectives)
         return {
@@ -231,7 +264,7 @@ def _require_triangle(weights: Weights, corners: Sequence[str]) -> None:
 def checked_history(start: Mapping[str, float], stored: Mapping[str, Any]) -> None:
     """Raise BadValue where the changes do not lead from the start to the final weights."""
     ends = replayed(start, stored["history"])
-    for name in OBJECTIVES:
+    for name in {**ends, **stored["weights"]}:
         wanted = stored["weights"].get(name, 0.0)
         if abs(ends.get(name, 0.0) - wanted) > SAME:
             message = f"says {wanted:g}, but the changes in value.history lead to {ends.get(name, 0.0):g}"
@@ -240,13 +273,14 @@ def checked_history(start: Mapping[str, float], stored: Mapping[str, Any]) -> No
 
 def wanted_weights(step: Mapping[str, Any], participant: Simulated) -> Weights:
     """What a program would set with the controls of that step; {}: it has no preference that they know."""
-    wanted = participant.preferred_weights(step)
+    known = {name for control in step["controls"] for name in control}
+    wanted = {name: weight for name, weight in participant.preferred_weights(step).items() if name in known}
     return in_triangle(wanted, step["objectives"]) if wanted and step.get("objectives") else wanted
 
 
 def slid(start: Mapping[str, float], to: Mapping[str, float]) -> list[dict[str, Any]]:
     """The changes of a program that moves one slider after the other, a second each."""
-    moved = [name for name in OBJECTIVES if abs(start.get(name, 0.0) - to.get(name, 0.0)) > SAME]
+    moved = [name for name in {**start, **to} if abs(start.get(name, 0.0) - to.get(name, 0.0)) > SAME]
     moved.sort(key=lambda name: to.get(name, 0.0))  # first to 0 what is not wanted, so that no opposite is in the way
     return [
         {"seconds": float(number), "place": 0, "by": "bot", "objective": name, "weight": to.get(name, 0.0)}

@@ -20,6 +20,7 @@ from desirepath.study.kinds.base import Acting, Moment, Pace, Page, Planning, Si
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.evaluation import EvaluationStage
 from desirepath.study.kinds.live import (
+    CROWD_SETUPS,
     AboutLive,
     LiveAnswer,
     LiveKind,
@@ -76,6 +77,8 @@ class MeetYourRobotStage(LiveStage, Stage):
             yield source.problem(here, "must stand in the comparison's appointment, whose robot it shows")
         if any(one.teaches or isinstance(one, ComparisonStage | EvaluationStage) for one in after):
             yield source.problem(here, "stands before something blind; put it after blocks, ratings and comparisons")
+        if self.reasons and self.setup in CROWD_SETUPS:
+            yield source.problem((*here, "reasons"), f"cannot be said in {self.setup}, where more than one person is")
         if any(isinstance(one, TrainStage) and one.job != "align" for one in before):
             yield source.problem(here, "needs a train stage with job align: what is learned from paths has no weights")
 

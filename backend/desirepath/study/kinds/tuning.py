@@ -17,7 +17,6 @@ from desirepath.store.events import log_event
 from desirepath.study.kinds.base import Acting, Moment, Pace, Page, Planning, Simulated, Stage
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.live import (
-    CONTROLS,
     AboutLive,
     LiveAnswer,
     LiveKind,
@@ -26,6 +25,7 @@ from desirepath.study.kinds.live import (
     Weights,
     began_with,
     checked_history,
+    controls_of,
     in_triangle,
     slid,
     startable,
@@ -49,7 +49,7 @@ class TuningStage(LiveStage, Stage):
     question: Localized | None = None
 
     def plan(self, at: Planning) -> list[TuningStep]:  # type: ignore[override]  # a list of steps
-        begins = _by_lot(at.random, self.objectives) if self.start == "random" else {}
+        begins = _by_lot(at.random, self.setup, self.objectives) if self.start == "random" else {}
         if self.objectives and self.start == "neutral":
             begins = in_triangle({}, self.objectives)
         said = self.said | {"start": self.start} | ({"begins": begins} if begins else {})
@@ -73,11 +73,12 @@ class TuningStage(LiveStage, Stage):
             yield source.problem((*here, "start"), "needs a block or rating before it; there is nothing learned yet")
 
 
-def _by_lot(random: np.random.Generator, corners: Sequence[str] | None) -> Weights:
+def _by_lot(random: np.random.Generator, setup: str, corners: Sequence[str] | None) -> Weights:
     if corners:  # evenly over the triangle
         return in_triangle(dict(zip(corners, random.dirichlet(np.ones(len(corners))).tolist(), strict=True)), corners)
-    chosen = random.choice(len(CONTROLS), size=STARTED_RANDOMLY, replace=False)
-    ends = [CONTROLS[int(k)] for k in chosen]
+    controls = controls_of(setup)
+    chosen = random.choice(len(controls), size=STARTED_RANDOMLY, replace=False)
+    ends = [controls[int(k)] for k in chosen]
     return {end[int(random.integers(len(end)))]: round(0.05 * int(random.integers(6, 21)), 2) for end in ends}
 
 

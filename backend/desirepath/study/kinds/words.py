@@ -16,13 +16,14 @@ from desirepath.grammar.texts import local
 from desirepath.learning.words.lexicon import LONGEST, Language
 from desirepath.study.kinds.base import Moment, Pace, Page, Planning, Simulated, Stage
 from desirepath.study.kinds.live import (
-    CONTROLS,
     OBJECTIVES,
+    OPPOSITES,
     SAME,
     LiveAnswer,
     LiveKind,
     LiveStage,
     LiveStep,
+    PersonSetup,
     Weights,
     checked_history,
     distance,
@@ -71,6 +72,7 @@ class WordsStage(LiveStage, Stage):
     asks = True
     measures = True
 
+    setup: PersonSetup = "study_room"
     question: Localized | None = None
     correct: bool = Field(True, description="false: the sentence alone, without sliders to correct it")
 
@@ -210,7 +212,7 @@ def with_meant(got: Understood, meant: Sequence[Meant]) -> Weights:
     weights = dict(got.weights)
     for one in meant:
         if one.objective is not None:
-            for pair in CONTROLS:
+            for pair in OPPOSITES:
                 if one.objective in pair:
                     weights = {
                         name: weight for name, weight in weights.items() if name not in set(pair) - {one.objective}

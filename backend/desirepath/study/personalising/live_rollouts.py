@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # numba and the simulator come with these; a server that star
 PLACES: Mapping[str, tuple[int, ...]] = {
     "study_room": (34, 19, 3, 11, 36, 15),
     "open_field": (24, 20, 5, 15, 27, 38),
+    "crowd_hall": (8, 37, 18, 26, 11, 19),
 }
 """Setup -> which of the figures' scenes: of the first 40 those in which each weight alone arrives and the ways of the
 ten policies differ most in their middle, so that there is something to see. The same for everybody (ours)."""
@@ -69,7 +70,8 @@ def typical_rollouts(setup: str, place: int) -> tuple[Trajectory, ...]:
     from desirepath.learning.policies.conditioned import settings
 
     conditioned = shipped_conditioned(setup)
-    return tuple(rolled_out(conditioned.at(weights), scenes_of(setup)[place]) for weights in settings().values())
+    alone = settings(setup=setup).values()
+    return tuple(rolled_out(conditioned.at(weights), scenes_of(setup)[place]) for weights in alone)
 
 
 @lru_cache(maxsize=4)
@@ -86,8 +88,9 @@ def conditioned_on(setup: str, weights: Mapping[str, float]) -> Policy:
     return shipped_conditioned(setup).at(preference_weights(weights))
 
 
-def rolled_out(policy: Policy, scene: Scene, pose: Sequence[float] | None = None) -> Trajectory:
-    """The policy from the scene's start, or from that pose (x, y, yaw). Raises SceneError for one outside the room."""
+def rolled_out(policy: Policy, scene: Scene, pose: Sequence[float] | None = None, seconds: float = 0.0) -> Trajectory:
+    """The policy from the scene's start, or from that pose (x, y, yaw), so many seconds after whoever walks there began
+    to. Raises SceneError for a pose outside the room."""
     from desirepath.simulation.fast import rollout
     from desirepath.simulation.scene import Pose, SceneError
     from desirepath.simulation.setups import get_setup
@@ -97,7 +100,8 @@ def rolled_out(policy: Policy, scene: Scene, pose: Sequence[float] | None = None
         reach = scene.room and (scene.room.length / 2, scene.room.width / 2)
         if (reach and (abs(x) > reach[0] or abs(y) > reach[1])) or max(abs(x), abs(y)) > 100:
             raise SceneError("start", (x, y), "lies outside the room")
-        scene = replace(scene, start=Pose(x, y, math.remainder(yaw, 2 * math.pi)))
+        crowd = scene.crowd.later(seconds) if scene.crowd else None
+        scene = replace(scene, start=Pose(x, y, math.remainder(yaw, 2 * math.pi)), crowd=crowd)
     return rollout(get_setup(scene.setup), policy.rollout_policy, [scene])[0]
 
 

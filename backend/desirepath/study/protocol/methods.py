@@ -19,7 +19,7 @@ from desirepath.grammar.words import View
 from desirepath.study.kinds import Stage, Step
 from desirepath.study.kinds.base import Pace, Planning
 from desirepath.study.kinds.demonstration import SECONDS_PER_PATH, DemonstrationStep
-from desirepath.study.kinds.live import Setup
+from desirepath.study.kinds.live import PersonSetup
 from desirepath.study.kinds.method_comparison import TaughtByMethods
 from desirepath.study.kinds.trial import Queries, Trials, Viewing, plan_trials
 from desirepath.study.kinds.tuning import TAKES_S, TuningStep
@@ -55,7 +55,7 @@ class MethodsStage(TaughtByMethods, PagesAround):
     for_everybody: ClassVar[bool] = True
 
     methods: list[Method] = Field(list(METHODS), min_length=2, max_length=len(METHODS))
-    setup: Setup = "study_room"
+    setup: PersonSetup = "study_room"
     view: View = "top_down"
     choices: list[Trials] = Field([Trials(queries=Queries(count=15))], min_length=1, max_length=10)
     drawing: Drawing = Drawing()

@@ -23,7 +23,7 @@ from desirepath.simulation.scene import Scene
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.sides import Side
 from desirepath.study.kinds import KINDS
-from desirepath.study.kinds.live import SETUPS
+from desirepath.study.kinds.live import PERSON_SETUPS
 
 POLL_S = 0.5  # how often a waiting bot looks
 DRAWING_TRIES = 20  # of one path, which is drawn another way every time
@@ -230,7 +230,7 @@ class SimulatedParticipant:
 
         style = self._style or list(STYLES)[self._number % len(STYLES)]
         scenes = [Scene.from_dict(one) for one in step["scenes"]]
-        weights = self.preferred_weights(step) if scenes[0].setup in SETUPS else {}
+        weights = self.preferred_weights(step) if scenes[0].setup in PERSON_SETUPS else {}
         problem: Any = None
         for tried in range(DRAWING_TRIES):
             choice = int(self.random.integers(len(scenes))) if len(scenes) > 1 else 0

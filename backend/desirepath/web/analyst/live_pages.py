@@ -17,7 +17,7 @@ from desirepath.grammar.words import View
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.shipped_policies import shipped_as
-from desirepath.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, SETUPS, in_triangle, three_corners
+from desirepath.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, PERSON_SETUPS, in_triangle, three_corners
 from desirepath.web.analyst.chosen_policies import (
     ADAPTABLE,
     NOT_DRAWN,
@@ -76,7 +76,7 @@ def live(request: Request, database: Db, files: Files) -> Response:
             order = objectives_of(side.artefact.kind, side.artefact.setup)
             if side.artefact.kind == ADAPTABLE:  # its weights sum to 1: a triangle and nothing else
                 corners = list(order)
-            start = in_triangle(side.weights, corners, order) if corners else dict(side.weights)
+            start = in_triangle(side.weights, corners) if corners else dict(side.weights)
             conditioned = _read(files, side.artefact)
             scene = _scene(conditioned.setup, asked.scene_seed)
             token = services.replays.grant(LiveScene(scene, view, _beside(conditioned, scene)))
@@ -149,7 +149,7 @@ def _asked(request: Request, database: Db) -> Asked | None:
 
 def _by_hand(artefact: Artefact) -> bool:
     """Whether it has weights that there are sliders for: the nine of a person who stands, or chapter 5's three."""
-    return artefact.kind == ADAPTABLE or (artefact.kind in WEIGHED and artefact.setup in SETUPS)
+    return artefact.kind == ADAPTABLE or (artefact.kind in WEIGHED and artefact.setup in PERSON_SETUPS)
 
 
 def _corners(request: Request, t: Catalogue) -> list[str] | None:

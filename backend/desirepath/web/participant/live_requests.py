@@ -44,14 +44,19 @@ def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Respo
             step,
             Moment(s, session, protocol_of(s, session), utc_now()),
             services.files,
-            cleaned(body.weights, "weights") if body.weights is not None else None,
+            cleaned(body.weights, step.named, "weights") if body.weights is not None else None,
         )
     scene = live.scenes_of(step.setup)[place]  # outside the transaction: it computes
     poses: list[list[float] | None] = list(body.poses) if body.poses else [None] * len(policies)
-    if len(poses) != len(policies):
-        raise BadValue("poses", len(poses), f"must be one per robot, which are {len(policies)}")
+    since = body.since if body.since and body.poses else [0.0] * len(policies)
+    for field, given in (("poses", poses), ("since", since)):
+        if len(given) != len(policies):
+            raise BadValue(field, len(given), f"must be one per robot, which are {len(policies)}")
     try:
-        trajectories = [live.rolled_out(policy, scene, pose) for policy, pose in zip(policies, poses, strict=True)]
+        trajectories = [
+            live.rolled_out(policy, scene, pose, seconds)
+            for policy, pose, seconds in zip(policies, poses, since, strict=True)
+        ]
     except SceneError as wrong:  # it has arrived, or brushes past something between two steps
         raise BadValue("poses", None, f"must be where a robot can go on from; {wrong}") from None
     rolled_out = [live.path_of(one) for one in trajectories]

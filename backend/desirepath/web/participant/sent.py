@@ -26,6 +26,7 @@ from desirepath.web.participant.steps import RequestId
 
 LARGEST_EVENT = 4_000  # bytes of JSON; ours
 LONGEST_DEVICE_VALUE = 40
+LONGEST_UNDER_WAY_S = 60.0  # as long as the stage has people walk
 LONGEST_ID = 200  # characters of what may be a recruiting platform's id, or a placeholder in its place
 
 Side = Literal["a", "b"]
@@ -121,11 +122,13 @@ class WalkAgain(Sent):
 
 class LiveAsked(Sent):
     """Which way would the robot take? weights: objective -> 0 to 1, None: as it was learned; poses: where the robots
-    are, x, y, yaw in m and radians, None: at the start."""
+    are, x, y, yaw in m and radians, None: at the start; since: for how many seconds each has been under way, and
+    whoever walks there."""
 
     weights: dict[str, Number] | None = Field(None, max_length=20)
     place: int = Field(0, ge=0, le=99)
     poses: list[Pose] | None = Field(None, max_length=2)
+    since: list[Annotated[float, Field(ge=0, le=LONGEST_UNDER_WAY_S)]] | None = Field(None, max_length=2)
 
 
 class WordsRead(Sent):

@@ -17,9 +17,9 @@ class Feedback extends LivePanel {
     return null;
   }
 
-  /** @param {import("../contract.js").LivePaths} found @param {boolean} onward */
-  draw(found, onward) {
-    super.draw(found, onward);
+  /** @param {import("../contract.js").LivePaths} found @param {boolean} onward @param {number[] | null} since */
+  draw(found, onward, since) {
+    super.draw(found, onward, since);
     if (this.droveOnce) return;
     this.droveOnce = true;
     this.drive();
