@@ -39,12 +39,13 @@ def change(objective, weight, *, seconds=1.0, place=0, by="mouse"):
 
 
 @pytest.mark.parametrize("setup", SETUPS)
-def test_sliders_hold_all_weights_that_the_shipped_policy_follows_with_opposites_on_one_slider(setup):
+def test_sliders_hold_all_weights_that_can_be_followed_with_opposites_on_one_slider(setup):
     names = names_of(setup)
-    results = json.loads(Path(f"datasets/{setup}/conditioned.card.json").read_text())["results"]
-    follows = {name for name, of in results["moved"].items() if of["share_of_the_way"]["low"] > 0.02}
+    follows = set(names)
+    if setup in CROWD_SETUPS:
+        results = json.loads(Path(f"datasets/{setup}/conditioned.card.json").read_text())["results"]
+        follows = {name for name, of in results["moved"].items() if of["share_of_the_way"]["low"] > 0.02}
     assert set(objectives_on(setup)) == follows
-    assert follows == set(names) - ({"cuts_in_front", "follows"} if setup in CROWD_SETUPS else set())
     pairs = {frozenset(control) for control in controls_of(setup) if len(control) == 2}
     assert pairs == {frozenset((names[a], names[b])) for a, b in OPPOSITES if {names[a], names[b]} <= follows}
 

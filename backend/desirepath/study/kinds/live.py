@@ -156,6 +156,7 @@ class LiveAnswer(Answer):
 class AboutLive(Besides):
     start: Weights | None = Field(None, description="the weights that the controls stand at in the beginning")
     objectives: list[str] | None = Field(None, description="those weighed in a triangle; null: all, by sliders")
+    named: list[str] | None = Field(None, description="all that the controls can say")
 
 
 def cleaned(weights: Mapping[str, float], objectives: Sequence[str], field: str = "value.weights") -> Weights:
@@ -273,8 +274,7 @@ def checked_history(start: Mapping[str, float], stored: Mapping[str, Any]) -> No
 
 def wanted_weights(step: Mapping[str, Any], participant: Simulated) -> Weights:
     """What a program would set with the controls of that step; {}: it has no preference that they know."""
-    known = {name for control in step["controls"] for name in control}
-    wanted = {name: weight for name, weight in participant.preferred_weights(step).items() if name in known}
+    wanted = {name: w for name, w in participant.preferred_weights(step).items() if name in step["named"]}
     return in_triangle(wanted, step["objectives"]) if wanted and step.get("objectives") else wanted
 
 

@@ -179,7 +179,8 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
 
     def known_to_simulated(self, step: MeetYourRobotStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         learned = (payload["believed"] or {}).get("weights", {})
-        return {"start": payload["start"], "objectives": step.objectives, "learned": startable(step, learned)}
+        known = {"start": payload["start"], "objectives": step.objectives, "named": step.named}
+        return known | {"learned": startable(step, learned)}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         """Who is not met well corrects it."""

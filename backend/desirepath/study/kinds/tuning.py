@@ -125,7 +125,7 @@ class Tuning(LiveKind[TuningStep, LiveAnswer]):
         return {"start": start}
 
     def known_to_simulated(self, step: TuningStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
-        return {"start": payload["start"], "objectives": step.objectives}
+        return {"start": payload["start"], "objectives": step.objectives, "named": step.named}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         wanted = wanted_weights(step, participant) or (step["start"] if step.get("objectives") else {})
