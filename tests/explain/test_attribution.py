@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 
 from desirepath.cli.main import app
 from desirepath.explain.attribution import attribute, baseline, explain
-from desirepath.explain.faithfulness import faithfulness, gain_over_chance
 from desirepath.explain.methods import METHODS, AttributionError
 from desirepath.explain.sight import Sight, sight_of
 from desirepath.learning.policies.policy import Policy
@@ -27,6 +26,7 @@ from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.trajectory import Trajectory
+from desirepath_experiments.benchmarks.faithfulness import faithfulness, gain_over_chance
 
 SETUP = get_setup("study_room")
 

@@ -10,7 +10,6 @@ import pytest
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool, recorded
 from desirepath.simulation.crowds.crowd_kernels import nearest_wall
 from desirepath.simulation.crowds.crowd_maps import boxes_of, map_of, path_from_anywhere
-from desirepath.simulation.crowds.crowd_reference import CrowdReference
 from desirepath.simulation.crowds.crowd_scenes import (
     PUBLISHED,
     UNSEEN_HOMES,
@@ -25,6 +24,7 @@ from desirepath.simulation.scene import Person, Pose, Room, Scene, SceneError
 from desirepath.simulation.scenes import draw_scene
 from desirepath.simulation.setups import CROWD_CORRIDOR, ROBOT_RADIUS_M, STUDY_ROOM
 from desirepath.simulation.trajectory import Outcome
+from desirepath_experiments.benchmarks.crowd_reference import CrowdReference
 
 EIGHT = CrowdConditions(moving=(8, 8), standing=(2, 2))
 STAND = np.array([[-1.0, 0.0]], np.float32)

@@ -18,9 +18,9 @@ from desirepath.simulation.depth_camera import (
     person_of,
 )
 from desirepath.simulation.depth_shapes import UprightBox, parts_of
-from desirepath.simulation.reference_camera import ReferenceCamera
 from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene
 from desirepath.simulation.scenes import draw_scenes
+from desirepath_experiments.benchmarks.reference_camera import ReferenceCamera
 
 EMPTY = Scene(
     setup="home",

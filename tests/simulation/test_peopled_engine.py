@@ -90,5 +90,5 @@ def test_what_cannot_be_says_so() -> None:
         FastEngine(STUDY_ROOM, 1, scenes=[replace(draw_scene("study_room", 1), crowd=scene.crowd)])
     with pytest.raises(SceneError, match="pedestrians walk in setup crowd_hall"):
         FastEngine(CROWD_HALL, 1, scenes=[replace(scene, crowd=None)])
-    with pytest.raises(SetupError, match="crowd_reference"):
+    with pytest.raises(SetupError, match="the fast engine has"):
         ReferenceEngine(CROWD_HALL)

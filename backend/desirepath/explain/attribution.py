@@ -1,7 +1,7 @@
 """What made a policy do what it did: attributions of its inputs, and scores of the things its lidar saw (chapter 8).
 
 The methods are captum's: Saliency, Integrated Gradients, SmoothGrad; signs are kept until things are scored. Which
-thing provides which ray is `sight.py`'s; whether an explanation is true is measured in `faithfulness.py`.
+thing provides which ray is `sight.py`'s; whether an explanation is true is tested by deletion and insertion.
 """
 
 from __future__ import annotations

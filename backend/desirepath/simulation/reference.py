@@ -75,7 +75,7 @@ class ReferenceEngine:
         if drive_mode not in TOUCH_M:
             raise ValueError(f"drive_mode = {drive_mode!r}: must be one of {', '.join(TOUCH_M)}")
         if setup.crowded:
-            raise SetupError(f"setup {setup.name}: pedestrians walk in PyBullet by crowds.crowd_reference")
+            raise SetupError(f"setup {setup.name}: PyBullet has no pedestrians here; the fast engine has")
         self.setup, self.drive_mode = setup, drive_mode
         self._rules = rules_of(setup, progress_weight)
         self._p = pybullet()

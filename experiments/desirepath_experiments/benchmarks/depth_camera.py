@@ -10,8 +10,8 @@ import numpy as np
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.depth_camera import DEPTH_CAMERA, WIDE_CAMERA, Sights, person_of
 from desirepath.simulation.fast import FastEngine
-from desirepath.simulation.reference_camera import ReferenceCamera
 from desirepath.simulation.setups import get_setup
+from desirepath_experiments.benchmarks.reference_camera import ReferenceCamera
 
 OFF_M = 0.05
 ROUNDS = 5

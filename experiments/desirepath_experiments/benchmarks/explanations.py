@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from desirepath.explain.attribution import explain
-from desirepath.explain.faithfulness import faithfulness, gain_over_chance
 from desirepath.explain.methods import COMMANDS, METHODS
 from desirepath.explain.sight import sight_of
 from desirepath.learning.policies.networks import use_one_thread
@@ -17,6 +16,7 @@ from desirepath.learning.policies.torch_actor import actor_of
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
+from desirepath_experiments.benchmarks.faithfulness import faithfulness, gain_over_chance
 
 STEPS = 100  # what the milliseconds are scaled to
 

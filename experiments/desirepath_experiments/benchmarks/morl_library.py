@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.adaptable.objectives import DemonstrationReward, thesis_vectors
-from desirepath.learning.adaptable.rollouts import PreferenceAct, roll_out_preferences
-from desirepath.learning.adaptable.training import AdaptableConfig, AdaptableTraining
 from desirepath.learning.adaptable.vector_env import AdaptableEnv, shipped_demonstration
-from desirepath.learning.adaptable.vector_td3 import with_core
 from desirepath.learning.cards import source_commit
 from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.setups import ADAPTABLE
+from desirepath_experiments.training.adaptable.rollouts import PreferenceAct, roll_out_preferences
+from desirepath_experiments.training.adaptable.training import AdaptableConfig, AdaptableTraining
+from desirepath_experiments.training.adaptable.vector_td3 import with_core
 
 Floats = NDArray[np.float32]
 SCALE = 0.01

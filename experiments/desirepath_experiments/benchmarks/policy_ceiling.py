@@ -27,7 +27,17 @@ from desirepath.learning.preferences.objectives import gains
 from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.rewards.preference_weights import fit_weights
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
-from desirepath.learning.through_simulation.experts import (
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.setups import get_setup
+from desirepath.simulation.slowing import Slowing
+from desirepath_experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, attained
+from desirepath_experiments.benchmarks.headline import (
+    FIRST_REPORT_SEED,
+    MADE_OF_OBJECTIVES,
+    fresh_queries,
+    true_weights,
+)
+from desirepath_experiments.training.through_simulation.experts import (
     Candidate,
     ExpertConfig,
     Selection,
@@ -38,16 +48,6 @@ from desirepath.learning.through_simulation.experts import (
     slowed,
     trained_round,
     untrained,
-)
-from desirepath.simulation.fast import rollout
-from desirepath.simulation.setups import get_setup
-from desirepath.simulation.slowing import Slowing
-from desirepath_experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, attained
-from desirepath_experiments.benchmarks.headline import (
-    FIRST_REPORT_SEED,
-    MADE_OF_OBJECTIVES,
-    fresh_queries,
-    true_weights,
 )
 
 Doubles = NDArray[np.float64]

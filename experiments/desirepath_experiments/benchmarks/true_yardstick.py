@@ -13,7 +13,6 @@ import numpy as np
 
 from desirepath.learning.alignment.gate import GateRule
 from desirepath.learning.alignment.mix_search import MixSearchConfig, search_mixes
-from desirepath.learning.alignment.own_reward import OwnRewardConfig, tune_to_reward
 from desirepath.learning.alignment.policy_library import PolicyLibrary
 from desirepath.learning.measures.step_basis import Doubles
 from desirepath.learning.measures.steps import SeenSteps
@@ -26,6 +25,7 @@ from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
+from desirepath_experiments.training.own_reward import OwnRewardConfig, tune_to_reward
 
 SELECT_SEED = 7_700  # of no other
 ENOUGH_SUCCESS = 0.96

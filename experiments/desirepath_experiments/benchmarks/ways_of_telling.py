@@ -22,13 +22,13 @@ from desirepath.learning.preferences.posterior import Posterior, weights_of_shar
 from desirepath.learning.preferences.spans import seen_in
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import OnProgress, no_progress
-from desirepath.learning.words.judging import labelled_sentences
 from desirepath.learning.words.lexicon import Language
 from desirepath.learning.words.understanding import words_reader
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
+from desirepath_experiments.benchmarks.word_judging import labelled_sentences
 
 Doubles = NDArray[np.float64]
 PEOPLE = tuple(name for name, one in {**TUNING, **HELD_OUT}.items() if one.weights is not None)

@@ -12,9 +12,9 @@ from typing import Any
 
 from desirepath.learning.policies.evaluate import wilson
 from desirepath.learning.preferences.objectives import NAMES
-from desirepath.learning.words.judging import Judged, Part, judged, labelled_sentences
 from desirepath.learning.words.lexicon import LANGUAGES, Language
 from desirepath.learning.words.understanding import words_reader
+from desirepath_experiments.benchmarks.word_judging import Judged, Part, judged, labelled_sentences
 
 CASES = ("plain", "several", "negation", "comparison")
 

@@ -15,13 +15,13 @@ from desirepath.learning.pedestrians.attention_policy import VARIANT, AttentionP
 from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
 from desirepath.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
 from desirepath.learning.pedestrians.crowd_planners import PLANNERS
-from desirepath.learning.pedestrians.imitation import ImitationConfig
 from desirepath.learning.scene_sets import Purpose, describe
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from desirepath_experiments.reproduction.pedestrians.computing import FUNCTIONS, Floats, actor_of
 from desirepath_experiments.reproduction.pedestrians.plan import BUDGETS, imitated
 from desirepath_experiments.reproduction.tasks import results_of
+from desirepath_experiments.training.imitation import ImitationConfig
 
 REPORT_SCENES = 1_000
 NAME = "attention"

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from desirepath.demonstrations.depth.controller import DepthController
-from desirepath.demonstrations.depth.queries import SHOWN, generate_depth_queries
 from desirepath.demonstrations.depth.training import DEPARTURES, DepthTrainingConfig
 from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, card_path, file_sha256, source_commit
@@ -27,6 +26,7 @@ from desirepath_experiments.reproduction.depth.computing import (
 )
 from desirepath_experiments.reproduction.depth.plan import BUDGETS, make_plan
 from desirepath_experiments.reproduction.tasks import Task, Work, in_order, results_of
+from desirepath_experiments.shipping.depth_queries import SHOWN, generate_depth_queries
 from desirepath_experiments.shipping.query_sets import describe_queries
 
 ENCODER, PREDICTOR, QUERIES = SHIPPED_ENCODER, "home/depth_predictor", "home/queries_depth_12"

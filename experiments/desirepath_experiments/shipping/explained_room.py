@@ -9,8 +9,6 @@ from pathlib import Path
 
 from desirepath.explain.methods import Command, Method
 from desirepath.explain.ranking_sets import ranking_set
-from desirepath.explain.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
-from desirepath.explain.slowing import slowing
 from desirepath.installed import DATASETS
 from desirepath.learning.cards import DEPARTURES, Card
 from desirepath.learning.policies.policy import Policy
@@ -19,6 +17,8 @@ from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import OnProgress, base_config, no_progress, train_base
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import EXPLAINED_ROOM
+from desirepath_experiments.reproduction.explanations.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
+from desirepath_experiments.reproduction.explanations.slowing import slowing
 from desirepath_experiments.shipping.policies import store_policy
 from desirepath_experiments.shipping.ranking_set_files import store_ranking_set
 

@@ -1,5 +1,5 @@
 """Shipped policies with their cards: base, ensemble, conditioned, what is added to it, sharpened. Training itself
-lives in `desirepath.learning.td3` and `desirepath.learning.through_simulation`.
+lives in `desirepath.learning.td3` and `desirepath_experiments.training`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from typing import Any
 from desirepath.installed import DATASETS
 from desirepath.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.after_training import ADDED, FIRST_ADDED_SEED, add_after_training
 from desirepath.learning.policies.conditioned import ConditionedPolicy, settings
 from desirepath.learning.policies.evaluate import evaluate_policy
 from desirepath.learning.policies.policy import Policy
@@ -25,8 +24,9 @@ from desirepath.learning.td3.conditioned_training import (
     train_conditioned,
 )
 from desirepath.learning.td3.ensemble import PolicyEnsembleConfig, train_ensemble
-from desirepath.learning.through_simulation.sharpening import FIRST_SELECTION_SEED, sharpen
-from desirepath.learning.through_simulation.uphill import SHARPENING
+from desirepath_experiments.shipping.after_training import ADDED, FIRST_ADDED_SEED, add_after_training
+from desirepath_experiments.training.through_simulation.sharpening import FIRST_SELECTION_SEED, sharpen
+from desirepath_experiments.training.through_simulation.uphill import SHARPENING
 
 REPORT_SCENES = 2_000
 REPORT_SEEDS = (0, 1, 2, 3, 4)

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from desirepath.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
-from desirepath.learning.measures.step_basis_fitting import (
+from desirepath.learning.people.card import members, people_card
+from desirepath.learning.policies.shipped import load_conditioned
+from desirepath.learning.scene_sets import Purpose, describe
+from desirepath.learning.td3.base import OnProgress
+from desirepath_experiments.shipping.step_basis_fitting import (
     FIRST_SEED,
     StepBasisConfig,
     explained,
     fit_step_basis,
     varied_rollouts,
 )
-from desirepath.learning.people.card import members, people_card
-from desirepath.learning.policies.shipped import load_conditioned
-from desirepath.learning.scene_sets import Purpose, describe
-from desirepath.learning.td3.base import OnProgress
 
 FIRST_MEMBER = 200  # of those that the basis is measured on: of no benchmark
 MEASURED = 6

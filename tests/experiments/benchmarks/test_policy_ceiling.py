@@ -16,16 +16,6 @@ from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.learning.policies.steerability import Course
 from desirepath.learning.preferences.measures import MEASURES
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath.learning.through_simulation.experts import (
-    Candidate,
-    ExpertConfig,
-    Selection,
-    best_of,
-    converged,
-    failed_rounds,
-    trained_round,
-    untrained,
-)
 from desirepath.simulation.setups import PREFERENCE_SETUPS
 from desirepath_experiments.benchmarks.headline import FIRST_REPORT_SEED, true_weights
 from desirepath_experiments.benchmarks.policy_ceiling import (
@@ -35,6 +25,16 @@ from desirepath_experiments.benchmarks.policy_ceiling import (
     summarise,
     train_experts,
     way_to,
+)
+from desirepath_experiments.training.through_simulation.experts import (
+    Candidate,
+    ExpertConfig,
+    Selection,
+    best_of,
+    converged,
+    failed_rounds,
+    trained_round,
+    untrained,
 )
 
 TINY = ExpertConfig("study_room", round_steps=2, batch=6, selection_scenes=30, most_rounds=1)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from desirepath.learning.adaptable.objectives import thesis_vectors
-from desirepath.learning.adaptable.training import AdaptableConfig
 from desirepath_experiments.reproduction.adaptable import computing
 from desirepath_experiments.reproduction.adaptable.plan import BUDGETS, NO_PERSON, OURS, SAC, AdaptableBudget, make_plan
 from desirepath_experiments.reproduction.adaptable.published_numbers import TABLE
 from desirepath_experiments.reproduction.adaptable.results import along_edges, bars
 from desirepath_experiments.reproduction.adaptable.run import reproduce_adaptable
 from desirepath_experiments.reproduction.tasks import Task, Work
+from desirepath_experiments.training.adaptable.training import AdaptableConfig
 
 TINY = AdaptableBudget("tiny", (0,), 20, 150, 45, 16, 2, 2, (SAC,), per_pair=1, alone=True)
 

@@ -9,9 +9,9 @@ import pytest
 
 from desirepath.learning.preferences.objectives import preference_weights
 from desirepath.learning.words.clauses import clauses_of
-from desirepath.learning.words.judging import labelled_sentences
 from desirepath.learning.words.lexicon import LANGUAGES, LONGEST, form_of, lexicon, words_of
 from desirepath.learning.words.understanding import words_reader
+from desirepath_experiments.benchmarks.word_judging import labelled_sentences
 from tests.learning.words.measure import measure, read_cases
 
 

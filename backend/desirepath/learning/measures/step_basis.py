@@ -1,7 +1,7 @@
 """A few numbers per step of which a weighted sum comes near most rewards of observation and action.
 
-Here are the basis itself and what it says of steps and trajectories; what it is chosen from is
-`step_basis_fitting.py`'s.
+Here are the basis itself and what it says of steps and trajectories. It was chosen once, from networks that people
+might have for rewards, and is shipped.
 """
 
 from __future__ import annotations

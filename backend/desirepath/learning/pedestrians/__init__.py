@@ -1,5 +1,5 @@
-"""Learning to move among pedestrians (chapter 4): attention networks, their baselines; imitation of a search, DDPG
-and TD3; planners.
+"""Learning to move among pedestrians (chapter 4): attention networks, their baselines; DDPG and TD3; a search
+and planners.
 
 Scenes, lidar and descriptors live in `desirepath.simulation.crowds`.
 """

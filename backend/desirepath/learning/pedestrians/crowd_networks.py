@@ -1,7 +1,7 @@
 """The networks of chapter 4: spatial and temporal attention (section 4.4.5), ablations A1 to A3, baselines B1 to B3.
 
 All turn states (`crowd_states.py`) into one feature vector and, for the critic with the action, into heads of
-128-64-64. Training lives in `crowd_training.py` and `imitation.py`.
+128-64-64. Training by reward lives in `crowd_training.py`.
 """
 
 from __future__ import annotations

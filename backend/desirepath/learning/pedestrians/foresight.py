@@ -1,7 +1,7 @@
 """A search among pedestrians told where everybody will be, and one told where they are and how they move.
 
 Both are told the building, too. Where nobody avoids anybody the first says what can be reached at most, nearly; people
-who avoid others do not walk as it foresees. The second is imitated (`imitation.py`): the robot senses much of what that
+who avoid others do not walk as it foresees. The second is imitated by who learns: the robot senses much of what that
 is told, not who is hidden or far. The search itself is
 `simulation/crowds/foresight_kernels.py`'s; planners that look less far ahead are in `crowd_planners.py`.
 """

@@ -42,7 +42,7 @@ class ConditionedPolicy(StoredPolicy):
     full weight, as in training. base: the base policy's actor, which frees a robot that is stuck, or empty: a robot
     that has no such recovery. slowing: the rule by which full `slower_near_person` drives beside the person, or none:
     what the network learned of it alone. strengths: objectives by name that, where nothing else is preferred, it is
-    conditioned on so many times as strongly as asked for. Both were added after training (`after_training.py`) and
+    conditioned on so many times as strongly as asked for. Both were added after training and
     leave the networks as they are.
     """
 

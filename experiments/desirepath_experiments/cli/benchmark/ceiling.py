@@ -35,9 +35,9 @@ def ceiling_command(
     """Simulated: what a policy made for one preference alone gets of it, and what 15 answers are worth of that."""
     from desirepath.learning.policies.conditioned import ConditionedPolicy
     from desirepath.learning.policies.shipped import load_conditioned
-    from desirepath.learning.through_simulation.experts import ExpertConfig
     from desirepath_experiments.benchmarks.headline import MADE_OF_OBJECTIVES
     from desirepath_experiments.benchmarks.policy_ceiling import CeilingConfig, benchmark_ceiling, train_experts
+    from desirepath_experiments.training.through_simulation.experts import ExpertConfig
 
     others = dict(one.split("=", 1) for one in conditioned.split(",") if "=" in one)
     policies = {name: ConditionedPolicy.load(Path(file)) for name, file in others.items()}

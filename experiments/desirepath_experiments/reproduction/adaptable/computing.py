@@ -12,15 +12,10 @@ from numpy.typing import NDArray
 from desirepath.analysis.frechet import frechet_distance
 from desirepath.analysis.metrics import collision_rate, success_rate, timeout_rate
 from desirepath.demonstrations.demonstrators import demonstrate
-from desirepath.demonstrations.drawn_rollouts import augmented_all, scenes_beside
-from desirepath.learning.adaptable.demonstrator import demonstrated, demonstrated_paths
 from desirepath.learning.adaptable.objectives import NAMES, thesis_vectors
 from desirepath.learning.adaptable.policy import AdaptablePolicy
-from desirepath.learning.adaptable.rollouts import PreferenceAct, PreferenceRollouts, roll_out_preferences
-from desirepath.learning.adaptable.training import MEASURE_OF, AdaptableConfig, train_adaptable, without_person
 from desirepath.learning.policies.cloning import CloningConfig, cloned
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.rewards.ranked_judging import judged as judge_reward
 from desirepath.learning.rewards.ranked_rollouts import (
     RankedConfig,
     RankedRewardModel,
@@ -30,11 +25,21 @@ from desirepath.learning.rewards.ranked_rollouts import (
 )
 from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
-from desirepath.simulation.adaptable_scenes import intersection, walking_scenes
 from desirepath.simulation.demonstration_scenes import demonstration_scenes
 from desirepath.simulation.setups import ADAPTABLE
 from desirepath.simulation.trajectory import Trajectory
+from desirepath_experiments.reproduction.adaptable.adaptable_scenes import intersection, walking_scenes
+from desirepath_experiments.reproduction.adaptable.drawn_rollouts import augmented_all, scenes_beside
+from desirepath_experiments.reproduction.adaptable.ranked_judging import judged as judge_reward
 from desirepath_experiments.reproduction.tasks import Function, TaskResult
+from desirepath_experiments.training.adaptable.demonstrator import demonstrated, demonstrated_paths
+from desirepath_experiments.training.adaptable.rollouts import PreferenceAct, PreferenceRollouts, roll_out_preferences
+from desirepath_experiments.training.adaptable.training import (
+    MEASURE_OF,
+    AdaptableConfig,
+    train_adaptable,
+    without_person,
+)
 
 Floats = NDArray[np.float32]
 RANKED_IN, HELD_OUT = 300, 100  # scenes of the noise-ranked rollouts, and of those that judge the reward
@@ -122,8 +127,8 @@ def sac(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     transitions."""
     from stable_baselines3 import SAC
 
-    from desirepath.learning.adaptable.scalar_env import ScalarVecEnv
     from desirepath.learning.policies.networks import use_one_thread
+    from desirepath_experiments.training.adaptable.scalar_env import ScalarVecEnv
 
     use_one_thread()
     config = AdaptableConfig(seed=params["seed"], updates=params["updates"])

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from desirepath.explain.printed import Section, Table, shown_picture
-from desirepath.learning.adaptable.training import AdaptableConfig
 from desirepath_experiments.reproduction.adaptable.computing import FUNCTIONS
 from desirepath_experiments.reproduction.adaptable.departures import DEPARTURES
 from desirepath_experiments.reproduction.adaptable.plan import AdaptableBudget, AdaptablePlan, make_plan
@@ -23,6 +22,7 @@ from desirepath_experiments.reproduction.chapter_report import (
 )
 from desirepath_experiments.reproduction.running import Tell, compute, write_results
 from desirepath_experiments.reproduction.tasks import Task, Work
+from desirepath_experiments.training.adaptable.training import AdaptableConfig
 
 if TYPE_CHECKING:
     from desirepath.explain.pictures import Picture

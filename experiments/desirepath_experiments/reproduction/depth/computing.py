@@ -14,17 +14,8 @@ from numpy.typing import NDArray
 from desirepath.analysis.frechet import Deviation
 from desirepath.demonstrations.demonstration import Demonstration
 from desirepath.demonstrations.depth.controller import DepthController
-from desirepath.demonstrations.depth.demonstrated import flat, home_demonstrations
-from desirepath.demonstrations.depth.encoding import EncoderTraining
 from desirepath.demonstrations.depth.episodes import MODES, YAW_STD, Episodes, home_episodes
 from desirepath.demonstrations.depth.judging import REMOVALS, followed, roll_out_depth, without
-from desirepath.demonstrations.depth.recording import Recording, record
-from desirepath.demonstrations.depth.recording_measures import (
-    prediction_errors,
-    prediction_set,
-    reconstruction,
-    shown_frames,
-)
 from desirepath.demonstrations.depth.states import CONFIGURATIONS
 from desirepath.demonstrations.depth.training import DepthTrainingConfig, senses_of, train_depth_controller
 from desirepath.learning.policies.policy import Policy
@@ -36,6 +27,15 @@ from desirepath.simulation.depth_camera import DEPTH_CAMERA, WIDE_CAMERA, Camera
 from desirepath.simulation.scene import Pose
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import HOME
+from desirepath_experiments.reproduction.depth.demonstrated import flat, home_demonstrations
+from desirepath_experiments.reproduction.depth.encoding import EncoderTraining
+from desirepath_experiments.reproduction.depth.recording import Recording, record
+from desirepath_experiments.reproduction.depth.recording_measures import (
+    prediction_errors,
+    prediction_set,
+    reconstruction,
+    shown_frames,
+)
 from desirepath_experiments.reproduction.tasks import Function, TaskResult
 
 RECORDED_SEED, EXPLORED_SEED = (

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.analysis.t_tests import TTest, student_t, student_t_against
 from desirepath.analysis.tested import holm, mean_of
 from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.reproduction.enquery import published_numbers as thesis
 from desirepath_experiments.reproduction.enquery.budgets import CONDITIONS, MODELS, SOURCES, TEST_SETS
 from desirepath_experiments.reproduction.enquery.plan import EnqueryPlan
+from desirepath_experiments.reproduction.enquery.t_tests import TTest, student_t, student_t_against
 from desirepath_experiments.reproduction.tasks import TaskResult
 
 Doubles = NDArray[np.float64]

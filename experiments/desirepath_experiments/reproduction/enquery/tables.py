@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from desirepath.analysis.t_tests import TTest
 from desirepath.analysis.tested import p_in_words
 from desirepath.explain.printed import Table
 from desirepath_experiments.reproduction.enquery import published_numbers as thesis
 from desirepath_experiments.reproduction.enquery.budgets import MODELS, RECIPES, SOURCES
 from desirepath_experiments.reproduction.enquery.results import FIRST, RAW, CurvePoint, EnqueryResults, TableRow
+from desirepath_experiments.reproduction.enquery.t_tests import TTest
 
 
 def accuracy_table(results: EnqueryResults, test_set: str) -> Table:

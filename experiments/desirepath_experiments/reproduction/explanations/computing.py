@@ -14,9 +14,7 @@ import numpy as np
 
 from desirepath.analysis.metrics import collision_rate, success_rate, timeout_rate
 from desirepath.explain.ranking_sets import RankingSet, ranking_set
-from desirepath.explain.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
 from desirepath.explain.shown_explanation import simulated_ranking
-from desirepath.explain.slowing import slowing
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_policy
 from desirepath.learning.policies.torch_actor import actor_of
@@ -30,6 +28,8 @@ from desirepath.report.study_data import ImportanceRanking, ParticipantRow, Stud
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import EXPLAINED_ROOM
 from desirepath_experiments.reproduction.explanations.published_numbers import NOISE_PLACES, RATED, TRUST
+from desirepath_experiments.reproduction.explanations.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
+from desirepath_experiments.reproduction.explanations.slowing import slowing
 from desirepath_experiments.reproduction.tasks import Function, TaskResult
 
 SHIPPED = f"{EXPLAINED_ROOM.name}/base"

@@ -18,13 +18,13 @@ from desirepath.learning.pedestrians.crowd_training import (
     actor_to_arrays,
     train_crowd,
 )
-from desirepath.learning.pedestrians.imitation import ImitationConfig, imitate
 from desirepath.learning.scene_sets import Purpose
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, CrowdConditions
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CROWD_HOME
 from desirepath_experiments.reproduction.tasks import Function, TaskResult
+from desirepath_experiments.training.imitation import ImitationConfig, imitate
 
 Floats = NDArray[np.float32]
 Judge = Callable[..., CrowdTable]

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from desirepath.demonstrations.depth.encoding import EncoderTraining, pixel_weights, train_encoder
 from desirepath.demonstrations.depth.episodes import MODES, EpisodePool, Episodes, home_episodes, people_of
-from desirepath.demonstrations.depth.recording import Recording, record
 from desirepath.installed import DATASETS
 from desirepath.learning.cards import file_sha256
 from desirepath.learning.shipped_files import load_card
@@ -17,6 +15,8 @@ from desirepath.simulation.depth_camera import DEPTH_CAMERA, CameraNoise
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import HOME
+from desirepath_experiments.reproduction.depth.encoding import EncoderTraining, pixel_weights, train_encoder
+from desirepath_experiments.reproduction.depth.recording import Recording, record
 
 
 class Straight:

@@ -18,7 +18,6 @@ from desirepath.learning.alignment import own_policy
 from desirepath.learning.alignment.gate import GateRule
 from desirepath.learning.alignment.mix_search import Candidate, MixSearchConfig
 from desirepath.learning.alignment.own_policy import SearchedPolicy, searched
-from desirepath.learning.alignment.own_reward import OwnRewardConfig, means_of, tune_to_reward
 from desirepath.learning.alignment.policy_library import best_of, mixed_policy
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.pairs import PairDifferences
@@ -45,6 +44,7 @@ from desirepath.simulation.trajectory import Outcome, Trajectory
 from desirepath_experiments.benchmarks import people_policies
 from desirepath_experiments.benchmarks.people_policies import PeoplePoliciesConfig, TrueReward, known_persons
 from desirepath_experiments.benchmarks.true_yardstick import YardstickConfig, converged_on_the_truth
+from desirepath_experiments.training.own_reward import OwnRewardConfig, means_of, tune_to_reward
 
 Pairs = list[tuple[Trajectory, Trajectory]]
 

@@ -22,8 +22,8 @@ from desirepath.learning.preferences.objectives import OPPOSITES, SIZE, best_pos
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.learning.td3.conditioned_training import MIXTURES
-from desirepath.learning.through_simulation.uphill import SharpeningConfig, Uphill
 from desirepath.simulation.setups import require_same
+from desirepath_experiments.training.through_simulation.uphill import SharpeningConfig, Uphill
 
 Floats = NDArray[np.float32]
 FIRST_SELECTION_SEED = 500  # selection scenes that no other training chose on

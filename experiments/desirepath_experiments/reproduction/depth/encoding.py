@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from desirepath.demonstrations.depth.recording import Recording
 from desirepath.perception.beta_vae import LATENTS, BetaVae, DepthEncoder, VaeConfig, loss_of
 from desirepath.simulation.depth_camera import CameraNoise, DepthCamera, Frames
+from desirepath_experiments.reproduction.depth.recording import Recording
 
 THIN_M = 0.3  # a jump of this many metres within THIN_PX pixels both ways is something thin
 THIN_PX = 4

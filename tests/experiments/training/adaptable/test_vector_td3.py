@@ -7,8 +7,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from desirepath.learning.adaptable import vector_td3
-from desirepath.learning.adaptable.interpolator import Interpolator, unit, without_solutions
 from desirepath.learning.adaptable.objectives import (
     KEY_PREFERENCES,
     NAMES,
@@ -18,8 +16,10 @@ from desirepath.learning.adaptable.objectives import (
     scalarised,
     thesis_vectors,
 )
-from desirepath.learning.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
-from desirepath.learning.adaptable.vector_td3 import (
+from desirepath_experiments.training.adaptable import vector_td3
+from desirepath_experiments.training.adaptable.interpolator import Interpolator, unit, without_solutions
+from desirepath_experiments.training.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
+from desirepath_experiments.training.adaptable.vector_td3 import (
     Imitated,
     VectorBatch,
     VectorTd3Agent,

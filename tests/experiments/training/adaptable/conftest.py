@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from desirepath.learning.adaptable.demonstrator import demonstrated
 from desirepath.learning.policies.cloning import CloningConfig, cloned
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.rewards.ranked_rollouts import RankedConfig, RankedRewardModel, fit_ranked, noise_ranked
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import ADAPTABLE
+from desirepath_experiments.training.adaptable.demonstrator import demonstrated
 
 
 @pytest.fixture(scope="session")

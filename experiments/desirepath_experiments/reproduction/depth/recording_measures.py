@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.demonstrations.depth.encoding import thin_parts
-from desirepath.demonstrations.depth.recording import Recording
 from desirepath.demonstrations.depth.states import bearings, detected
 from desirepath.perception.beta_vae import DepthEncoder
 from desirepath.perception.predictor import STEPS, PersonPredictor
 from desirepath.simulation.depth_camera import DEPTH_CAMERA, CameraNoise
+from desirepath_experiments.reproduction.depth.encoding import thin_parts
+from desirepath_experiments.reproduction.depth.recording import Recording
 
 Floats = NDArray[np.float32]
 AT_ONCE = 64

@@ -8,18 +8,23 @@ import numpy as np
 import pytest
 
 import desirepath.gymnasium_envs
-from desirepath.learning.adaptable import training
 from desirepath.learning.adaptable.objectives import NAMES, check_preference, objective_rewards, thesis_vectors
 from desirepath.learning.adaptable.policy import AdaptablePolicy, parsed_preference
-from desirepath.learning.adaptable.rollouts import roll_out_preferences
-from desirepath.learning.adaptable.scalar_env import ScalarVecEnv
-from desirepath.learning.adaptable.training import AdaptableConfig, AdaptableResult, train_adaptable, without_person
 from desirepath.learning.adaptable.vector_env import AdaptableEnv
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.rewards.ranked_rollouts import RankedRewardModel
 from desirepath.simulation.scenes import draw_scene, draw_scenes
 from desirepath.simulation.setups import ADAPTABLE
+from desirepath_experiments.training.adaptable import training
+from desirepath_experiments.training.adaptable.rollouts import roll_out_preferences
+from desirepath_experiments.training.adaptable.scalar_env import ScalarVecEnv
+from desirepath_experiments.training.adaptable.training import (
+    AdaptableConfig,
+    AdaptableResult,
+    train_adaptable,
+    without_person,
+)
 
 TINY = AdaptableConfig(
     seed=2,

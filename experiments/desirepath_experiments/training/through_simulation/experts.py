@@ -21,9 +21,9 @@ from desirepath.learning.preferences.measures import typical_differences
 from desirepath.learning.preferences.objectives import NAMES, gains
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import OnProgress, no_progress
-from desirepath.learning.through_simulation.uphill import SHARPENING, SharpeningConfig, Uphill
 from desirepath.simulation.setups import require_same
 from desirepath.simulation.slowing import Slowing
+from desirepath_experiments.training.through_simulation.uphill import SHARPENING, SharpeningConfig, Uphill
 
 Doubles = NDArray[np.float64]
 Floats = NDArray[np.float32]

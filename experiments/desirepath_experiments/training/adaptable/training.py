@@ -14,8 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.analysis.frechet import frechet_distance
-from desirepath.learning.adaptable.demonstrator import demonstrated_paths
-from desirepath.learning.adaptable.interpolator import Interpolator
 from desirepath.learning.adaptable.objectives import (
     KEY_PREFERENCES,
     NAMES,
@@ -28,9 +26,6 @@ from desirepath.learning.adaptable.objectives import (
     scalarised,
 )
 from desirepath.learning.adaptable.policy import AdaptablePolicy
-from desirepath.learning.adaptable.rollouts import PreferenceRollouts, roll_out_preferences
-from desirepath.learning.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
-from desirepath.learning.adaptable.vector_td3 import Imitated, VectorBatch, VectorTd3Agent, VectorTd3Config
 from desirepath.learning.cards import stored_config
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.cloning import DEMONSTRATED_HEADS
@@ -43,6 +38,11 @@ from desirepath.simulation.acting import ActFunction
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import ADAPTABLE
+from desirepath_experiments.training.adaptable.demonstrator import demonstrated_paths
+from desirepath_experiments.training.adaptable.interpolator import Interpolator
+from desirepath_experiments.training.adaptable.rollouts import PreferenceRollouts, roll_out_preferences
+from desirepath_experiments.training.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
+from desirepath_experiments.training.adaptable.vector_td3 import Imitated, VectorBatch, VectorTd3Agent, VectorTd3Config
 
 Floats = NDArray[np.float32]
 PERSON_INPUTS = (2, 3)

@@ -7,9 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from desirepath.learning.adaptable.demonstrator import ORBIT_M, demonstrated, demonstrated_actions, demonstrated_paths
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.rewards.ranked_judging import judged
 from desirepath.learning.rewards.ranked_rollouts import (
     LEVELS,
     NoisyPolicy,
@@ -24,6 +22,13 @@ from desirepath.learning.rewards.storage import load_reward_model, save_reward_m
 from desirepath.simulation.acting import begin
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import ADAPTABLE
+from desirepath_experiments.reproduction.adaptable.ranked_judging import judged
+from desirepath_experiments.training.adaptable.demonstrator import (
+    ORBIT_M,
+    demonstrated,
+    demonstrated_actions,
+    demonstrated_paths,
+)
 
 
 def test_the_robot_goes_straight_to_the_person_turns_left_and_circles_them_clockwise(free_scenes: list[Scene]) -> None:

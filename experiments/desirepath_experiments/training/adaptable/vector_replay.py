@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.adaptable.objectives import REWARDS, SIZE, sampled
-from desirepath.learning.adaptable.vector_td3 import VectorBatch
+from desirepath_experiments.training.adaptable.vector_td3 import VectorBatch
 
 Floats = NDArray[np.float32]
 

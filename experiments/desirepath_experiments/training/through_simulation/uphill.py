@@ -20,10 +20,10 @@ from desirepath.learning.policies.networks import Parameters, actor_features
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.preferences.measures import typical_differences
 from desirepath.learning.preferences.objectives import NAMES, OBJECTIVES
-from desirepath.learning.through_simulation.differentiable import Rolled, roll_out
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
+from desirepath_experiments.training.through_simulation.differentiable import Rolled, roll_out
 
 Floats = NDArray[np.float32]
 RANGES = {

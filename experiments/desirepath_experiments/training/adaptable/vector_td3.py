@@ -22,10 +22,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from desirepath.learning.adaptable.interpolator import Interpolator, without_solutions
 from desirepath.learning.adaptable.objectives import REWARDS
 from desirepath.learning.policies.networks import Parameters
 from desirepath.learning.td3.backprop import Adam, Weights, head, head_backward, input_gradient, move_towards
+from desirepath_experiments.training.adaptable.interpolator import Interpolator, without_solutions
 
 Floats = NDArray[np.float32]
 CLIP_COSINE = 0.999

@@ -13,9 +13,7 @@ from desirepath.explain.attribution import attribute, baseline, explain
 from desirepath.explain.in_sight import LEAST_IN_SIGHT, share_in_sight
 from desirepath.explain.methods import METHODS
 from desirepath.explain.ranking_sets import DRIVE_S, RankingSet, explained_rollout
-from desirepath.explain.scenarios import OBJECTS, PRACTICE, SCENARIOS, practice_rooms, rooms
 from desirepath.explain.sight import sight_of
-from desirepath.explain.slowing import slowing
 from desirepath.learning.cards import file_sha256
 from desirepath.learning.policies.mirroring import mirror_of
 from desirepath.learning.policies.policy import Policy
@@ -29,6 +27,14 @@ from desirepath.simulation.scene import Obstacle, Person, Pose
 from desirepath.simulation.scenes import check_scene
 from desirepath.simulation.setups import EXPLAINED_ROOM, SetupError
 from desirepath.simulation.trajectory import Outcome
+from desirepath_experiments.reproduction.explanations.scenarios import (
+    OBJECTS,
+    PRACTICE,
+    SCENARIOS,
+    practice_rooms,
+    rooms,
+)
+from desirepath_experiments.reproduction.explanations.slowing import slowing
 from tests.simulation.simple_policies import towards_goal
 
 

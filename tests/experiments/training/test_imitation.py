@@ -18,12 +18,12 @@ from desirepath.learning.pedestrians.foresight import (
     costs_by_velocity,
     ground_of,
 )
-from desirepath.learning.pedestrians.imitation import ImitationConfig, imitate, learn_from, mirrored
 from desirepath.learning.policies.mirroring import ACTION_SIGNS
 from desirepath.learning.scene_sets import Purpose
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, CrowdConditions
 from desirepath.simulation.crowds.foresight_kernels import Ground
+from desirepath_experiments.training.imitation import ImitationConfig, imitate, learn_from, mirrored
 
 
 def begun(n: int, **settings: float) -> CrowdEngine:

@@ -11,7 +11,6 @@ import pytest
 from sqlalchemy import select
 
 from desirepath.demonstrations.depth.controller import DepthController
-from desirepath.demonstrations.depth.queries import SHOWN
 from desirepath.demonstrations.depth.states import CONFIGURATIONS
 from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, file_sha256
@@ -25,6 +24,7 @@ from desirepath.store.models import Response, Trial
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.studies import create_study
 from desirepath_experiments.shipping import depth
+from desirepath_experiments.shipping.depth_queries import SHOWN
 from tests.study.small_protocol import small_protocol
 
 TINY = replace(SHOWN, count=3, scenes_per_round=12)

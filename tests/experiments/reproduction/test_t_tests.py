@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from desirepath.analysis.t_tests import student_t, student_t_against
 from desirepath.analysis.tested import holm, mean_of
+from desirepath_experiments.reproduction.enquery.t_tests import student_t, student_t_against
 
 # Student (1908), "The probable error of a mean": additional hours of sleep by two drugs, ten patients each; the values
 # of R's data set `sleep`. R: t.test(extra ~ group, var.equal = TRUE) gives t = -1.8608, df = 18, p-value = 0.07919.

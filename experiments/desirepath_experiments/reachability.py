@@ -1,0 +1,66 @@
+"""Which modules of the product no page, study, job, report, command or published name reaches.
+
+Run `python -m desirepath_experiments.reachability`. An import counts; so does a module named in a string, as
+Gymnasium's registrations name them. What only the laboratory imports belongs into the laboratory.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import grimp
+
+PRODUCT = ("desirepath", "desirepath_stage")
+# What people and programs enter by; every module below one of these is used.
+ENTRANCES = (
+    "desirepath.__main__",
+    "desirepath.cli",
+    "desirepath.web",
+    "desirepath.jobs",
+    "desirepath.report",
+    "desirepath.study.kinds",
+    "desirepath.store.migrations",
+    "desirepath.gymnasium_envs",
+    "desirepath_stage",
+)
+NAMED_IN_A_STRING = re.compile(r'"(desirepath(?:\.\w+)+)(?::\w+)?"')
+
+
+def source(module: str) -> Path:
+    """The file of a module, without importing more of it than the packages above."""
+    found = importlib.util.find_spec(module)
+    if found is None or found.origin is None:
+        raise ModuleNotFoundError(module)
+    return Path(found.origin)
+
+
+def unreachable(entrances: Iterable[str] = ENTRANCES) -> tuple[dict[str, int], int]:
+    """({module: lines} that nothing reaches, lines of the product)."""
+    graph = grimp.build_graph(*PRODUCT, include_external_packages=False, cache_dir=None)
+    texts = {module: source(module).read_text(encoding="utf-8") for module in graph.modules}
+    under = tuple(f"{entrance}." for entrance in entrances)
+    reached = {module for module in texts if f"{module}.".startswith(under) or module == "desirepath"}
+    to_do = list(reached)
+    while to_do:
+        module = to_do.pop()
+        named = {name for name in NAMED_IN_A_STRING.findall(texts[module]) if name in texts}
+        new = (graph.find_modules_directly_imported_by(module) | named) - reached
+        reached |= new
+        to_do += new
+    packages = {module.rpartition(".")[0] for module in reached}
+    lines = {module: len(text.splitlines()) for module, text in texts.items()}
+    return {module: lines[module] for module in sorted(texts.keys() - reached - packages)}, sum(lines.values())
+
+
+def main() -> None:
+    left, lines = unreachable()
+    print(f"{sum(left.values()):,} of {lines:,} lines of the product are reached by nothing of it")
+    for module, count in left.items():
+        print(f"{count:6,} {module}")
+
+
+if __name__ == "__main__":
+    main()
