@@ -8,7 +8,7 @@ independent repetitions.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from desirepath.learning.policies.evaluate import wilson
 from desirepath.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES, TUNING, ResponseModel, make_oracle
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 from desirepath.learning.preferences.spans import seen_in
-from desirepath.learning.queries.choosing import PARTICLES, STRATEGIES, asked_in_turn
+from desirepath.learning.queries.choosing import PARTICLES, STRATEGIES, Candidates
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.simulation.setups import require_same
 
@@ -45,7 +45,7 @@ class AskingConfig:
 
     oracles: tuple[str, ...] = tuple(ORACLE_PREFERENCES)
     response_models: tuple[str, ...] = tuple(RESPONSE_MODELS)
-    strategies: tuple[str, ...] = STRATEGIES
+    strategies: tuple[str, ...] = ("random", "disagreement", "information")
     answers: int = 30
     repetitions: int = 20
     test_share: float = 0.4
@@ -54,6 +54,32 @@ class AskingConfig:
 
 
 PLAIN = "random_plain"
+
+
+def by_objectives() -> tuple[str, ...]:
+    """The strategies of choosing that go by the objectives alone."""
+    return tuple(name for name in STRATEGIES if not STRATEGIES[name].beyond)
+
+
+def asked_in_turn(
+    posterior: Posterior,
+    differences: Doubles,
+    answers: Sequence[bool] | Flags,
+    candidates: Sequence[int],
+    count: int,
+    strategy: str,
+    random: np.random.Generator,
+) -> Iterator[tuple[int, Posterior]]:
+    """Ask `count` of the candidates one after the other, each chosen on the answers before it.
+
+    differences: (n, spans, 7) A minus B of all queries. answers: whether A is preferred, of all. Yields each query's
+    number and the posterior after its answer.
+    """
+    left = list(candidates)
+    for _ in range(count):
+        k = left.pop(STRATEGIES[strategy].ask_next(posterior, Candidates(differences, left), random).index)
+        posterior = posterior.updated(differences[k], bool(answers[k]))
+        yield k, posterior
 
 
 def asking_study(
@@ -78,7 +104,7 @@ def asking_study(
     for name, known in (
         ("oracles", ORACLE_PREFERENCES),
         ("response_models", RESPONSE_MODELS),
-        ("strategies", STRATEGIES),
+        ("strategies", by_objectives()),
     ):
         unknown = [value for value in getattr(config, name) if value not in known]
         if unknown:

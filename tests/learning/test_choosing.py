@@ -7,19 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from desirepath.learning.errors import LearningError
 from desirepath.learning.preferences.measures import MEASURES, typical_differences
 from desirepath.learning.preferences.objectives import NAMES, OPPOSITES
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 from desirepath.learning.queries.choosing import (
+    STRATEGIES,
+    Candidates,
     StoppingRule,
-    best_information,
-    choose_queries,
     information_bits,
-    next_query,
 )
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.learning.queries.varied_queries import balanced, describe_differences, drawn_weights
+from desirepath.registries import RegistryError
 
 QUICK = PosteriorConfig(particles=4_000)
 PRIOR = Posterior.prior("study_room", QUICK)
@@ -33,10 +32,11 @@ def pairs(n: int, seed: int = 0) -> np.ndarray:
 def test_of_alike_drives_and_different_ones_the_different_ones_are_shown(strategy: str) -> None:
     candidates = pairs(30) * 0.001
     candidates[17] = pairs(1)[0] * 2
-    chosen = next_query(PRIOR, candidates, strategy, np.random.default_rng(0))
+    asked = Candidates(candidates, range(len(candidates)))
+    chosen = STRATEGIES[strategy].ask_next(PRIOR, asked, np.random.default_rng(0))
     assert chosen.index == 17
     assert 0.2 < chosen.bits <= 1
-    assert best_information(PRIOR, candidates) == pytest.approx(chosen.bits)
+    assert STRATEGIES[strategy].best_bits(PRIOR, asked) == pytest.approx(chosen.bits)
 
 
 def test_what_is_known_already_tells_little() -> None:
@@ -64,30 +64,23 @@ def test_which_want_is_the_foremost_is_asked_before_how_much_each_counts() -> No
     middle, even = told_apart_at(0.6), told_apart_at(0.5)  # half of the particles each way; the even one is foremost
     candidates = np.stack([middle, even])
     assert information_bits(known, candidates).argmax() == 0
-    assert next_query(known, candidates, "information", np.random.default_rng(0)).index == 1
+    asked = Candidates(candidates, (0, 1))
+    assert STRATEGIES["information"].ask_next(known, asked, np.random.default_rng(0)).index == 1
 
 
-def test_a_batch_does_not_ask_the_same_twice() -> None:
-    candidates = pairs(40)
-    candidates[1:20] = candidates[0]  # the same pair again and again
-    candidates[:20] *= 3
-    chosen = choose_queries(PRIOR, candidates, 8, "information", np.random.default_rng(0))
-    assert len(set(chosen)) == 8
-    assert sum(index < 20 for index in chosen) <= 3
+@pytest.mark.parametrize("strategy", ["disagreement", "information", "random"])
+def test_only_what_is_left_is_asked(strategy: str) -> None:
+    candidates = pairs(30)
+    first = STRATEGIES[strategy].ask_next(PRIOR, Candidates(candidates, range(30)), np.random.default_rng(7))
+    left = [k for k in range(30) if k != first.index]
+    second = STRATEGIES[strategy].ask_next(PRIOR, Candidates(candidates, left), np.random.default_rng(7))
+    assert left[second.index] != first.index
+    assert STRATEGIES[strategy].ask_next(PRIOR, Candidates(candidates, left), np.random.default_rng(7)) == second
 
 
-def test_random_choice_is_the_seeds() -> None:
-    first, second = (choose_queries(PRIOR, pairs(40), 8, "random", np.random.default_rng(7)) for _ in range(2))
-    assert first == second
-    assert len(set(first)) == 8
-
-
-def test_impossible_choices_are_refused() -> None:
-    random = np.random.default_rng(0)
-    with pytest.raises(LearningError, match="random, disagreement, information"):
-        next_query(PRIOR, pairs(3), "best", random)
-    with pytest.raises(LearningError, match="count = 4"):
-        choose_queries(PRIOR, pairs(3), 4, "information", random)
+def test_a_strategy_that_nobody_has_is_refused() -> None:
+    with pytest.raises(RegistryError, match="no 'best'; known are disagreement, information, "):
+        STRATEGIES["best"]
 
 
 def test_stopping_waits_for_several_poor_queries_in_a_row() -> None:

@@ -15,13 +15,13 @@ from desirepath.learning.policies.shipped import load_queries
 from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.rewards.auto import choose_reward_model
 from desirepath.learning.rewards.held_out import predicted_in_new_scenes
 from desirepath.learning.rewards.mlp import MlpConfig
 from desirepath.learning.rewards.mlp_ensemble import RewardEnsembleConfig, fit_mlp_ensemble
-from desirepath.learning.rewards.model_choice import choose_reward_model
-from desirepath.learning.rewards.preference_weights import fit_weights
 from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
+from desirepath.learning.rewards.weights import fit_weights
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
 

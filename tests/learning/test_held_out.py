@@ -10,8 +10,8 @@ from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.learning.rewards.held_out import Prediction, majority_share, predictions
-from desirepath.learning.rewards.preference_weights import fit_weights
 from desirepath.learning.rewards.reward_model import RewardModel
+from desirepath.learning.rewards.weights import fit_weights
 
 
 def quick(preferences: list[Preference]) -> RewardModel:

@@ -10,7 +10,7 @@ from desirepath.learning.policies.shipped import load_queries
 from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.rewards.held_out import accuracy
-from desirepath.learning.rewards.interface_network import InterfaceConfig, InterfaceRewardModel, fit_interface
+from desirepath.learning.rewards.interface import InterfaceConfig, InterfaceRewardModel, fit_interface
 from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 
 BRIEF = InterfaceConfig(epochs=60)

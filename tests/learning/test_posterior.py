@@ -14,8 +14,8 @@ from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.preferences.spans import SPANS_S
 from desirepath.learning.rewards.held_out import accuracy
-from desirepath.learning.rewards.preference_weights import WeightsRewardModel, fit_weights
 from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
+from desirepath.learning.rewards.weights import WeightsRewardModel, fit_weights
 
 QUICK = PosteriorConfig(particles=4_000)
 

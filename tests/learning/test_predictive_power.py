@@ -10,7 +10,7 @@ from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 from desirepath.learning.preferences.predictive_check import PredictiveCheck
 from desirepath.learning.preferences.predictive_power import better_than_chance, odds_against_chance
-from desirepath.learning.queries.choosing import next_query
+from desirepath.learning.queries.choosing import STRATEGIES, Candidates
 from desirepath.learning.queries.queries import QuerySet
 
 ANSWERS = 15
@@ -29,7 +29,7 @@ def odds_of(seen: np.ndarray, answers, seed: int) -> float:
     random, posterior = np.random.default_rng([seed, 31]), Posterior.prior("study_room", CONFIG)
     left, given = list(range(len(seen))), []
     for _ in range(ANSWERS):
-        k = left.pop(next_query(posterior, seen[left], "information", random).index)
+        k = left.pop(STRATEGIES["information"].ask_next(posterior, Candidates(seen, left), random).index)
         first = bool(answers(k, bool(random.integers(2))))
         probable = float(posterior.predict(seen[[k]])[0])
         given.append(probable if first else 1 - probable)

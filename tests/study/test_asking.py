@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import select
 
+from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial
 from desirepath.study.personalising import next_query
 from desirepath.study.protocol.freezing import ProtocolError, freeze_text
@@ -81,7 +82,9 @@ def test_queries_may_be_chosen_for_what_the_nine_objectives_do_not_say(database,
     with database.session() as s:
         session = s.get_one(Session, walker.session.id)
         study = s.get_one(Study, session.study_id)
-        posterior = next_query.beyond_after(s, files, study, next_query.answers_of(s, session))
+        memory = next_query.remembered(files)
+        measured, pairs = memory.measured(s, files, study), memory.pairs(s, files, study)
+        posterior = memory.beyond(measured, pairs, next_query.answers_of(s, session))
     assert len(posterior.chosen) == 4
     assert posterior.something_else() > 0
 
@@ -160,8 +163,10 @@ def test_studies_measure_their_queries_once(database, files, make_walker):
     walker = make_walker("queries: {count: 3, choose: information}")
     with database.session() as s:
         study = s.get_one(Study, walker.session.study_id)
-        measured = next_query.measured_queries(s, files, study)
-        assert next_query.measured_queries(s, files, study) is measured
+        memory = next_query.remembered(files)
+        measured = memory.measured(s, files, study)
+        assert memory.measured(s, files, study) is measured
+        assert next_query.remembered(ArtefactStore(files.url)) is not memory
     assert measured.differences.shape == (20, 3, 7)
     assert len(measured.queries) == 20
 
@@ -172,7 +177,11 @@ def test_studies_measure_their_queries_once(database, files, make_walker):
         ("queries: {count: 15, stop: {in_a_row: 2}}", "stop", "needs queries that are chosen"),
         ("queries: {count: 15, role: practice, choose: information}", "choose", "must be random for practice"),
         ("queries: {count: 5, choose: information, stop: {at_least: 9}}", "at_least", "more than the 5 queries"),
-        ("queries: {count: 5, choose: wisely}", "choose", "must be one of random, disagreement, information"),
+        (
+            "queries: {count: 5, choose: wisely}",
+            "choose",
+            "must be one of disagreement, information, ",
+        ),
     ],
 )
 def test_what_cannot_be_chosen_is_refused(queries, field, message):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-from collections import OrderedDict
 
 import pytest
 
 from desirepath.installed import PROTOCOLS
 from desirepath.learning.preferences.objectives import NAMES
 from desirepath.store.models import Participant
+from desirepath.study.personalising.learnt import Known
 from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.session.joining import join_study
 from desirepath.study.studies import create_study
@@ -39,9 +39,9 @@ def test_the_part_that_changes_comes_alone(lab, walked):
     assert "<svg" in part
 
 
-def test_what_takes_long_to_compute_keeps_no_page_waiting(lab, walked, monkeypatch):
+def test_what_takes_long_to_compute_keeps_no_page_waiting(lab, lab_services, walked, monkeypatch):
     monkeypatch.setattr("desirepath.study.personalising.learnt.SOON", 6)
-    monkeypatch.setattr("desirepath.study.personalising.learnt.known_so_far", OrderedDict())
+    lab_services.files.derived(Known).clear()
     address = page_of(walked, walked.half_way)
     page = lab.get(address).text
     assert "It is being computed" in page
@@ -84,12 +84,12 @@ def test_a_study_without_queries_shows_and_links_nothing_that_is_learned(lab, la
         assert "This study asks no queries" in refused.text
 
 
-def test_weights_are_named_only_where_answers_are_predicted_better_than_chance(lab, walked, monkeypatch):
+def test_weights_are_named_only_where_answers_are_predicted_better_than_chance(lab, lab_services, walked, monkeypatch):
     """Simulated. Seven answers that nothing predicts say nothing of a taste; nor do those of one letter."""
     address = page_of(walked, walked.half_way)
     told = "Preference weights the policy is conditioned on"
     for odds, one_sided, said in ((1.2, False, False), (80.0, False, True), (80.0, True, False)):
-        monkeypatch.setattr("desirepath.study.personalising.learnt.known_so_far", OrderedDict())
+        lab_services.files.derived(Known).clear()
         monkeypatch.setattr("desirepath.learning.preferences.predictive_power.odds_against_chance", lambda _, o=odds: o)
         letters = ["a"] * 8 if one_sided else ["a", "b"] * 4
         monkeypatch.setattr("desirepath.study.personalising.learnt.chosen_letters", lambda *_, of=letters: of)

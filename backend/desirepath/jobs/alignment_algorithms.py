@@ -31,8 +31,8 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.preferences.objectives import names_of
-from desirepath.learning.rewards.preference_weights import WeightsRewardModel
 from desirepath.learning.rewards.reward_model import RewardModel
+from desirepath.learning.rewards.weights import WeightsRewardModel
 from desirepath.learning.scene_sets import Purpose, describe
 from desirepath.simulation.setups import require_same
 from desirepath.store.models import Artefact

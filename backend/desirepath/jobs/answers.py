@@ -22,12 +22,8 @@ from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.predictive_check import PredictiveCheck, checked_answers
 from desirepath.learning.preferences.preferences import Preference, usable
 from desirepath.learning.rewards.held_out import CHANCE, Prediction, majority_share, predictions
-from desirepath.learning.rewards.interface_network import InterfaceConfig, fit_interface
-from desirepath.learning.rewards.linear import LinearConfig, fit_linear
-from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
-from desirepath.learning.rewards.model_choice import choose_reward_model
-from desirepath.learning.rewards.preference_weights import fit_weights
-from desirepath.learning.rewards.reward_model import Fit, Reduction, RewardModel
+from desirepath.learning.rewards.kinds import FITTINGS
+from desirepath.learning.rewards.reward_model import Fit, FitSettings, Reduction, RewardModel
 from desirepath.learning.rewards.storage import reward_model_to_bytes
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactError, load_trajectory
@@ -82,22 +78,13 @@ def fit_of(
     particles: int = PosteriorConfig.particles,
 ) -> Fit:
     """How a reward model of that name (`kinds.ModelName`) is fitted. particles: of a posterior."""
-    mirrored = symmetry == "left_right"
-    if model == "weights":
-        config = PosteriorConfig(left_right_symmetry=mirrored, particles=particles)
-        return lambda preferences: fit_weights(preferences, config)
-    if model == "auto":
-        return lambda preferences: choose_reward_model(preferences, seed=seed, left_right_symmetry=mirrored).model
-    if model == "linear":
-        return lambda preferences: fit_linear(preferences, LinearConfig(reduction=reduction))
-    if model == "interface":
-        return lambda preferences: fit_interface(preferences, InterfaceConfig(seed=seed))
-    return lambda preferences: fit_mlp(preferences, MlpConfig(seed=seed, reduction=reduction))
+    settings = FitSettings(reduction, seed, symmetry == "left_right", particles)
+    return lambda preferences: FITTINGS[model].fit(preferences, settings)
 
 
 QUICK_PARTICLES = 4_000  # of the posteriors that only predict held-out answers: a participant may be waiting
 FOLDS = 5
-SLOW_FOLDS = 3  # of networks, which take longer to fit
+SLOW_FOLDS = 3  # of what takes longer to fit, as networks do
 
 
 def prediction_of(
@@ -124,7 +111,7 @@ def prediction_of(
         if training
         else CHANCE,
         people=len(of_participant),
-        folds=FOLDS if model in ("weights", "linear") else SLOW_FOLDS,
+        folds=SLOW_FOLDS if FITTINGS[model].takes_long else FOLDS,
         seed=seed,
     )
 

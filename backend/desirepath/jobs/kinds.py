@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 from pydantic_core import PydanticCustomError, PydanticUndefined
+
+from desirepath.learning.rewards.kinds import FITTINGS
 
 SetupName = Literal["study_room", "open_field", "crowd_hall"]
 # whose base policy can be trained anew
@@ -98,7 +100,10 @@ def _weights_of(policy: str) -> Any:
     return Field("", max_length=500, json_schema_extra={"source": "yours", "weights_of": policy})
 
 
-ModelName = Literal["linear", "weights", "mlp", "auto", "interface"]
+if TYPE_CHECKING:
+    ModelName = str
+else:
+    ModelName = FITTINGS.literal
 
 
 class EvaluateParams(Params):

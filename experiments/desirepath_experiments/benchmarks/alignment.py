@@ -33,7 +33,7 @@ from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.queries.queries import QueryConfig, generate_queries
 from desirepath.learning.rewards.linear import fit_linear
 from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
-from desirepath.learning.rewards.preference_weights import fit_weights
+from desirepath.learning.rewards.weights import fit_weights
 from desirepath.learning.scene_sets import Purpose, scene_set
 
 Floats = NDArray[np.float32]

@@ -25,7 +25,7 @@ from desirepath.learning.preferences.objectives import gains
 from desirepath.learning.preferences.oracles import JUDGING_CROWDS, ORACLE_PREFERENCES, make_oracle, preference_of
 from desirepath.learning.queries.queries import Query, QueryConfig
 from desirepath.learning.queries.varied_queries import VariedConfig, generate_varied_queries
-from desirepath.learning.rewards.preference_weights import fit_weights
+from desirepath.learning.rewards.weights import fit_weights
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup

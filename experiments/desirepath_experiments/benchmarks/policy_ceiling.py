@@ -25,7 +25,7 @@ from desirepath.learning.policies.steerability import Course, MeasuredRollouts
 from desirepath.learning.preferences.measures import typical_differences
 from desirepath.learning.preferences.objectives import gains
 from desirepath.learning.preferences.oracles import make_oracle
-from desirepath.learning.rewards.preference_weights import fit_weights
+from desirepath.learning.rewards.weights import fit_weights
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup

@@ -26,15 +26,15 @@ from desirepath.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES
 from desirepath.learning.preferences.posterior import Posterior
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.preferences.spans import seen_in
-from desirepath.learning.queries.choosing import STRATEGIES, asked_in_turn
 from desirepath.learning.queries.queries import Query, QueryConfig, generate_queries
 from desirepath.learning.queries.varied_queries import VariedConfig, generate_varied_queries
-from desirepath.learning.rewards.preference_weights import fit_weights
+from desirepath.learning.rewards.weights import fit_weights
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
+from desirepath_experiments.asking import asked_in_turn, by_objectives
 from desirepath_experiments.benchmarks.alignment import FIRST_QUERY_SEED
 
 Doubles = NDArray[np.float64]
@@ -97,8 +97,8 @@ def benchmark_preferences(
     if unknown or not config.query_seeds or not config.oracles:
         known = ", ".join(ORACLE_PREFERENCES)
         raise LearningError(f"oracles = {list(config.oracles)}: known are {known}; at least 1 query seed")
-    if config.choose not in STRATEGIES:
-        raise LearningError(f"choose = {config.choose!r}: known are {', '.join(STRATEGIES)}")
+    if config.choose not in by_objectives():
+        raise LearningError(f"choose = {config.choose!r}: known are {', '.join(by_objectives())}")
     conditioned = (
         dict(pretrainings) if pretrainings else {f"{setup}/conditioned": load_conditioned(f"{setup}/conditioned")}
     )

@@ -12,7 +12,7 @@ from desirepath.learning.policies.shipped import load_conditioned
 from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.preferences.posterior import Posterior
 from desirepath.learning.preferences.spans import seen_in
-from desirepath.learning.queries.choosing import next_query
+from desirepath.learning.queries.choosing import STRATEGIES, Candidates
 from desirepath_experiments.benchmarks.preference_learning import (
     PreferencesConfig,
     answers_to,
@@ -56,7 +56,8 @@ def test_the_next_query_can_be_chosen_by_what_it_would_tell() -> None:
     assert (row["oracle"], row["query_seed"]) == ("smoothest", 5)
     queries = queries_of("study_room", config, 5)
     given = answers_to(make_oracle("smoothest", seed=5), queries, config)
-    first = next_query(Posterior.prior("study_room"), seen_in(queries), "information", np.random.default_rng(0))
+    prior, asked = Posterior.prior("study_room"), Candidates(seen_in(queries), range(len(queries)))
+    first = STRATEGIES["information"].ask_next(prior, asked, np.random.default_rng(0))
     best = queries[first.index]
     assert {id(given[0].chosen), id(given[0].rejected)} == {id(best.trajectory_a), id(best.trajectory_b)}
     assert len({id(one.chosen) for one in given}) == 3

@@ -1,36 +1,105 @@
-"""Which query to ask next: at random, where the particles disagree most, or where an answer tells most.
+"""Which query to ask next: what a strategy of choosing is, and when asking ends.
 
-What an answer then says lives in `posterior.py`. All ours; mutual information as in
-active preference learning, joint over a batch so that it holds no two queries that tell the same. What an answer tells
-of the foremost objective counts twice: else queries about shares, care and lapses come early, and it stays in doubt.
+Each strategy is one file in `strategies`; another package's comes by an entry point of `desirepath.query_strategies`.
+What answers say lives in `preferences/posterior.py` (weights of the objectives) and `free_posterior.py` (beyond them).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.learning.errors import LearningError
-from desirepath.learning.preferences.posterior import Posterior
+from desirepath.registries import Registry
+
+if TYPE_CHECKING:
+    from desirepath.learning.measures.pairs import PairDifferences
+    from desirepath.learning.preferences.free_posterior import FreePosterior
+    from desirepath.learning.preferences.posterior import Posterior
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
-Strategy = Literal["random", "disagreement", "information"]
-STRATEGIES: tuple[str, ...] = get_args(Strategy)
 PARTICLES = 2_000  # of the posterior, drawn for choosing: 500 candidates take a few hundredths of a second
-FUTURES = 64  # answers to the queries chosen so far, of which a batch takes the mean
+
+P = TypeVar("P")
+D = TypeVar("D", Doubles, "PairDifferences")
 
 
 @dataclass(frozen=True)
 class NextQuery:
-    """index: which candidate. bits: the mutual information between its answer and the particles."""
+    """index: which of those that are left. bits: the mutual information between its answer and what is not known."""
 
     index: int
     bits: float
+
+
+@dataclass(frozen=True)
+class Candidates(Generic[D]):
+    """all: how the pairs of a query set differ, A minus B; left: rows of those that may still be asked."""
+
+    all: D
+    left: Sequence[int]
+
+    @property
+    def differences(self) -> D:
+        """Of those that are left, in their order."""
+        found: D = self.all[list(self.left)]
+        return found
+
+
+class QueryStrategy(ABC, Generic[P, D]):
+    """Asks the query of the highest value next. A strategy gives the values, or overrides `ask_next`.
+
+    beyond: goes by a `FreePosterior` and `PairDifferences`, not by a `Posterior` and the objectives' measures.
+    """
+
+    beyond: ClassVar[bool]
+
+    def values(self, posterior: P, candidates: Candidates[D]) -> Doubles:
+        """(n,) what each query that is left is worth asking, by the posterior after all answers so far."""
+        raise NotImplementedError
+
+    @abstractmethod
+    def bits(self, posterior: P, differences: D) -> Doubles:
+        """(n,) mutual information (bits) between the answer to each pair and what is not known yet."""
+
+    def ask_next(self, posterior: P, candidates: Candidates[D], random: np.random.Generator) -> NextQuery:
+        """One of those that are left, of which there is one at least."""
+        del random  # a strategy that draws overrides this
+        index = int(self.values(posterior, candidates).argmax())
+        return NextQuery(index, float(self.bits(posterior, candidates.all[[candidates.left[index]]])[0]))
+
+    def best_bits(self, posterior: P, candidates: Candidates[D]) -> float:
+        """Bits that the answer to the most telling query that is left promises."""
+        return float(self.bits(posterior, candidates.differences).max())
+
+
+class ObjectivesStrategy(QueryStrategy["Posterior", Doubles]):
+    """Goes by the weights of the objectives. Candidates are (n, spans, 7) measures of A minus those of B."""
+
+    beyond = False
+
+    def bits(self, posterior: Posterior, differences: Doubles) -> Doubles:
+        return information_bits(posterior, differences)
+
+
+class BeyondStrategy(QueryStrategy["FreePosterior", "PairDifferences"]):
+    """Goes by whatever the answers may be about: the objectives, named measures, an embedding."""
+
+    beyond = True
+
+    def bits(self, posterior: FreePosterior, differences: PairDifferences) -> Doubles:
+        return posterior.information_bits(differences)
+
+
+STRATEGIES: Registry[QueryStrategy[Any, Any]] = Registry(
+    "desirepath.query_strategies", "desirepath.learning.queries.strategies", "STRATEGY"
+)
+"""By the name that protocols choose it by."""
 
 
 @dataclass(frozen=True)
@@ -56,115 +125,18 @@ def information_bits(posterior: Posterior, differences: Doubles) -> Doubles:
 
     differences: (n, spans, 7) measures of A minus those of B.
     """
-    few = posterior.sample(PARTICLES)
-    choice_probabilities = few.choice_probabilities(differences)
-    masses = np.full((1, PARTICLES), 1 / PARTICLES, dtype=np.float32)
-    return _information(masses, choice_probabilities, _entropy_bits(choice_probabilities))
+    return mutual_information(posterior.sample(PARTICLES).choice_probabilities(differences)).astype(np.float64)
 
 
-def best_information(posterior: Posterior, differences: Doubles) -> float:
-    """Bits that the answer to the best of these queries promises."""
-    return float(information_bits(posterior, differences).max())
+def mutual_information(choice_probabilities: Floats) -> Floats:
+    """(n,) H[E p] - E H[p] over particles as likely as each other; choice_probabilities: (particles, n)."""
+    particles = len(choice_probabilities)
+    masses = np.full(particles, 1 / particles, dtype=np.float32)
+    bits = entropy_bits(masses @ choice_probabilities) - masses @ entropy_bits(choice_probabilities)
+    return np.maximum(bits, np.float32(0))
 
 
-def next_query(posterior: Posterior, differences: Doubles, strategy: str, random: np.random.Generator) -> NextQuery:
-    """The query to ask next, out of candidates whose measures differ by (n, spans, 7) A minus B.
-
-    Raises LearningError for no candidates or an unknown strategy.
-    """
-    index = choose_queries(posterior, differences, 1, strategy, random)[0]
-    return NextQuery(index, float(information_bits(posterior, differences[index : index + 1])[0]))
-
-
-def asked_in_turn(
-    posterior: Posterior,
-    differences: Doubles,
-    answers: Sequence[bool] | NDArray[np.bool_],
-    candidates: Sequence[int],
-    count: int,
-    strategy: str,
-    random: np.random.Generator,
-) -> Iterator[tuple[int, Posterior]]:
-    """Ask `count` of the candidates one after the other, each chosen on the answers before it.
-
-    differences: (n, spans, 7) A minus B of all queries. answers: whether A is preferred, of all. Yields each query's
-    number and the posterior after its answer. Raises LearningError as `next_query`.
-    """
-    left = list(candidates)
-    for _ in range(count):
-        k = left.pop(next_query(posterior, differences[left], strategy, random).index)
-        posterior = posterior.updated(differences[k], bool(answers[k]))
-        yield k, posterior
-
-
-def choose_queries(
-    posterior: Posterior, differences: Doubles, count: int, strategy: str, random: np.random.Generator
-) -> list[int]:
-    """`count` different queries out of candidates (n, spans, 7), in the order of choice, before any is answered.
-
-    Greedy: the next one is best on average over answers that the particles expect to the ones chosen before, so what
-    those would tell already counts no more. Raises LearningError for too few candidates or an unknown strategy.
-    """
-    if strategy not in STRATEGIES:
-        raise LearningError(f"strategy = {strategy!r}: known are {', '.join(STRATEGIES)}")
-    if not 1 <= count <= len(differences):
-        raise LearningError(f"count = {count}: of {len(differences)} candidates, between 1 and all can be chosen")
-    if strategy == "random":
-        return [int(k) for k in random.choice(len(differences), count, replace=False)]
-    few = posterior.sample(PARTICLES)
-    choice_probabilities = few.choice_probabilities(differences)
-    entropies = _entropy_bits(choice_probabilities)
-    foremost = few.weights.argmax(axis=1)
-    futures = FUTURES if count > 1 else 1
-    masses = np.full((futures, PARTICLES), 1 / PARTICLES, dtype=np.float32)
-    truths = random.integers(PARTICLES, size=futures)
-    chosen: list[int] = []
-    while True:
-        if strategy == "information":
-            value = _about_foremost(masses, choice_probabilities, foremost) + _information(
-                masses, choice_probabilities, entropies
-            )
-        else:
-            value = _disagreement(masses, choice_probabilities)
-        value[chosen] = -np.inf
-        chosen.append(int(value.argmax()))
-        if len(chosen) == count:
-            return chosen
-        seen = choice_probabilities[:, chosen[-1]]
-        says_a = random.random(futures) < seen[truths]
-        masses *= np.where(says_a[:, None], seen[None], 1 - seen[None])
-        masses /= masses.sum(axis=1, keepdims=True)
-
-
-def _information(masses: Floats, choice_probabilities: Floats, entropies: Floats) -> Doubles:
-    """(n,) H[E p] - E H[p], averaged over the rows of masses (futures, particles)."""
-    bits: Doubles = (_entropy_bits(masses @ choice_probabilities) - masses @ entropies).mean(axis=0, dtype=np.float64)
-    return np.maximum(bits, 0.0)
-
-
-def _about_foremost(masses: Floats, choice_probabilities: Floats, foremost: NDArray[np.int64]) -> Doubles:
-    """(n,) mutual information with which objective is the foremost, averaged over the rows of masses.
-
-    foremost: (particles,) that objective of each.
-    """
-    bits = _entropy_bits(masses @ choice_probabilities)
-    for objective in np.unique(foremost):
-        of = foremost == objective
-        share = np.maximum(masses[:, of].sum(axis=1, keepdims=True), 1e-12)
-        bits -= share * _entropy_bits(masses[:, of] @ choice_probabilities[of] / share)
-    mean: Doubles = bits.mean(axis=0, dtype=np.float64)
-    return mean
-
-
-def _disagreement(masses: Floats, choice_probabilities: Floats) -> Doubles:
-    """(n,) variance of the particles' predictions, averaged over the rows of masses."""
-    variance: Doubles = (masses @ np.square(choice_probabilities) - np.square(masses @ choice_probabilities)).mean(
-        axis=0, dtype=np.float64
-    )
-    return variance
-
-
-def _entropy_bits(choice_probabilities: Floats) -> Floats:
+def entropy_bits(choice_probabilities: Floats) -> Floats:
     """Entropy (bits) of answers with these probabilities, strictly between 0 and 1."""
     certain = np.clip(choice_probabilities, 1e-6, 1 - 1e-6)
     entropy: Floats = -(certain * np.log2(certain) + (1 - certain) * np.log2(1 - certain))

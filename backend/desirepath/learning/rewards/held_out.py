@@ -1,4 +1,4 @@
-"""How well reward models predict answers that they did not see. Which kind is then chosen is `model_choice.py`'s.
+"""How well reward models predict answers that they did not see. Which kind is then chosen is `auto.py`'s.
 
 One participant's few answers are held out one by one or in folds (`held_out_accuracy`); of many people's answers,
 several of which are about the same scene, whole scenes are (`predicted_in_new_scenes`).

@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 
 from desirepath.learning.preferences.features import CLOSENESS, FEATURE_NAMES, step_features
 from desirepath.learning.preferences.preferences import Preference, usable
-from desirepath.learning.rewards.reward_model import Reduction, RewardModel, bradley_terry_gradient
+from desirepath.learning.rewards.reward_model import (
+    FitSettings,
+    Fitting,
+    Reduction,
+    RewardModel,
+    bradley_terry_gradient,
+)
 from desirepath.simulation.setups import Setup, get_setup
 from desirepath.simulation.trajectory import Trajectory
 
@@ -130,3 +136,11 @@ def fit_linear(preferences: Sequence[Preference], config: LinearConfig | None = 
         w.astype(np.float32),
         reduction=config.reduction,
     )
+
+
+def _fit(preferences: Sequence[Preference], asked: FitSettings) -> LinearRewardModel:
+    return fit_linear(preferences, LinearConfig(reduction=asked.reduction))
+
+
+MODEL = LinearRewardModel
+FITTING = Fitting(_fit, takes_long=False)

@@ -17,7 +17,7 @@ from torch import Tensor
 from desirepath.learning.policies.networks import Parameters, critic_forward, use_one_thread
 from desirepath.learning.policies.shape import FAST_HEADS, NetworkShape
 from desirepath.learning.preferences.preferences import Preference, usable
-from desirepath.learning.rewards.reward_model import Reduction, RewardModel
+from desirepath.learning.rewards.reward_model import FitSettings, Fitting, Reduction, RewardModel
 from desirepath.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
@@ -137,3 +137,11 @@ def fit_mlp(preferences: Sequence[Preference], config: MlpConfig | None = None) 
     return MlpRewardModel(
         setup.name, shape, tuple(best), float(values.mean()), float(values.std()) + 1e-6, config.reduction
     )
+
+
+def _fit(preferences: Sequence[Preference], asked: FitSettings) -> MlpRewardModel:
+    return fit_mlp(preferences, MlpConfig(seed=asked.seed, reduction=asked.reduction))
+
+
+MODEL = MlpRewardModel
+FITTING = Fitting(_fit)

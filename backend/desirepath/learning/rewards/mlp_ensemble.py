@@ -104,3 +104,6 @@ def _mirrored(preference: Preference) -> Preference:
         return replace(trajectory, observations=seen, next_observations=then, actions=trajectory.actions * ACTION_SIGNS)
 
     return replace(preference, chosen=mirrored(preference.chosen), rejected=mirrored(preference.rejected))
+
+
+MODEL = MlpEnsembleRewardModel

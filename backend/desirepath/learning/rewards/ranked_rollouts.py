@@ -188,3 +188,6 @@ def drawn_pairs(levels: Floats, n: int, random: np.random.Generator) -> tuple[ND
 def _snippet(steps: Floats, length: int, random: np.random.Generator) -> Floats:
     begin = int(random.integers(max(1, len(steps) - length + 1)))
     return steps[begin : begin + length]
+
+
+MODEL = RankedRewardModel

@@ -1,18 +1,21 @@
 """What a learned reward is, whatever its kind, and the loss that all kinds share (Bradley-Terry, equation 6.4).
 
-Each kind has a file of its own; `storage.py` reads and writes them, `held_out.py` says how well they predict,
-`model_choice.py` which kind some answers deserve.
+Each kind has a file of its own, found by looking, or a module of another package by an entry point of
+`desirepath.reward_models`. `storage.py` reads and writes them, `held_out.py` says how well they predict, `auto.py`
+which kind some answers deserve.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.simulation.trajectory import Trajectory
 
@@ -25,7 +28,7 @@ class RewardModel(ABC):
     """One interface. A kind gives the reward of steps and is stored; what it knows better than the sum of its steps,
     how a whole trajectory is judged or how sure an answer is, it overrides.
 
-    kind: its name in stored files.
+    kind: its name in stored files, which is its module's.
     """
 
     kind: ClassVar[str]
@@ -65,6 +68,24 @@ class RewardModel(ABC):
 
 Fit = Callable[[Sequence[Preference]], RewardModel]
 """How a kind of model is made of answers."""
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """What a job asks of a fit. left_right_symmetry: nobody prefers a side; particles: of a posterior."""
+
+    reduction: Reduction = "sum"
+    seed: int = 0
+    left_right_symmetry: bool = False
+    particles: int = PosteriorConfig.particles
+
+
+@dataclass(frozen=True)
+class Fitting:
+    """How a kind is fitted to answers. takes_long: too long for many held-out folds while somebody may be waiting."""
+
+    fit: Callable[[Sequence[Preference], FitSettings], RewardModel]
+    takes_long: bool = True
 
 
 def bradley_terry_loss(advantages: Doubles) -> float:

@@ -70,3 +70,6 @@ def fit_step_weights(preferences: Sequence[Preference], basis: StepBasis) -> Ste
     setup, _ = usable(preferences)
     mean = step_posterior_of(preferences, basis).mean
     return StepWeightsRewardModel(setup.name, basis, mean.astype(np.float32))
+
+
+MODEL = StepWeightsRewardModel

@@ -5,29 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from desirepath.learning.errors import LearningError
-from desirepath.learning.rewards.interface_network import InterfaceRewardModel
-from desirepath.learning.rewards.linear import LinearRewardModel
-from desirepath.learning.rewards.mlp import MlpRewardModel
-from desirepath.learning.rewards.mlp_ensemble import MlpEnsembleRewardModel
-from desirepath.learning.rewards.preference_weights import WeightsRewardModel
-from desirepath.learning.rewards.ranked_rollouts import RankedRewardModel
+from desirepath.learning.rewards.kinds import MODELS
 from desirepath.learning.rewards.reward_model import RewardModel
-from desirepath.learning.rewards.step_weights import StepWeightsRewardModel
 from desirepath.simulation.npz import NpzError, from_npz, to_npz
 
 FORMAT = "desirepath-reward-model-1"
-KINDS: dict[str, type[RewardModel]] = {
-    model.kind: model
-    for model in (
-        InterfaceRewardModel,
-        LinearRewardModel,
-        MlpRewardModel,
-        MlpEnsembleRewardModel,
-        RankedRewardModel,
-        StepWeightsRewardModel,
-        WeightsRewardModel,
-    )
-}
 
 
 def reward_model_to_bytes(model: RewardModel) -> bytes:
@@ -42,9 +24,9 @@ def reward_model_from_bytes(data: bytes) -> RewardModel:
         meta, arrays = from_npz(data)
     except NpzError as problem:
         raise LearningError(f"not a desirepath reward model (.npz): {problem}") from None
-    if meta.get("format") != FORMAT or meta.get("kind") not in KINDS:
+    if meta.get("format") != FORMAT or meta.get("kind") not in MODELS:
         raise LearningError(f"reward model format {meta.get('format')!r}, kind {meta.get('kind')!r} is unknown")
-    return KINDS[meta["kind"]].from_arrays(meta, arrays)
+    return MODELS[meta["kind"]].from_arrays(meta, arrays)
 
 
 def save_reward_model(model: RewardModel, path: Path) -> None:

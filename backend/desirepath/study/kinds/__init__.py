@@ -1,4 +1,5 @@
-"""The kinds of step, one file each: found by looking, so that whoever adds one touches no list.
+"""The kinds of step, one file each: found by looking, or by an entry point of `desirepath.kinds` in another package, so
+that whoever adds one touches no list.
 
 `Step` is the union of what plans hold, discriminated by `kind`; stored plans are read with it.
 """
@@ -7,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache, reduce
-from importlib import import_module
 from operator import or_
-from pkgutil import iter_modules
 from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
+from desirepath.registries import Registry
 from desirepath.study.kinds.base import Acting, BlockPart, Kind, Stage, Step
 
 __all__ = [
@@ -32,13 +32,8 @@ __all__ = [
 ]
 
 
-def _found() -> dict[str, Kind[Any, Any]]:
-    modules = (import_module(f"{__name__}.{module.name}") for module in iter_modules(__path__))
-    kinds = [module.KIND for module in modules if hasattr(module, "KIND")]
-    return {kind.name: kind for kind in sorted(kinds, key=lambda kind: kind.name)}
-
-
-KINDS: Mapping[str, Kind[Any, Any]] = _found()
+REGISTRY: Registry[Kind[Any, Any]] = Registry("desirepath.kinds", __name__, "KIND")
+KINDS: Mapping[str, Kind[Any, Any]] = {name: REGISTRY[name] for name in REGISTRY}
 """name -> kind, of all that there are."""
 _ANY: Any = Annotated[reduce(or_, (kind.step for kind in KINDS.values())), Field(discriminator="kind")]
 _STEP: TypeAdapter[Step] = TypeAdapter(_ANY)

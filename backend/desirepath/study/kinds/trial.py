@@ -7,12 +7,13 @@ Which query a chosen one asks is `personalising/next_query.py`'s.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import AliasChoices, BeforeValidator, Field
 
 from desirepath.grammar.parts import Part
+from desirepath.learning.queries.choosing import STRATEGIES
 from desirepath.store.events import log_event
 from desirepath.store.sides import Side
 from desirepath.store.who_counts import FORMER_ROLES
@@ -58,7 +59,10 @@ class Probes(Part):
         return self.repeat + self.swap + 3 * self.transitivity
 
 
-ChooseBy = Literal["random", "disagreement", "information", "information_beyond"]
+if TYPE_CHECKING:
+    ChooseBy = str
+else:
+    ChooseBy = STRATEGIES.literal
 
 
 def _practice(given: object) -> object:
@@ -71,7 +75,7 @@ class Queries(Part):
 
     choose: `random` draws them before the session; `disagreement` and `information` choose each next one by the
     participant's own answers so far, as weights of the nine objectives explain them; `information_beyond` the one that
-    tells most of whatever else they may be about, too (ours).
+    tells most of whatever else they may be about, too (ours). Further ones come with `desirepath.query_strategies`.
     """
 
     count: int = Field(ge=1, le=200)

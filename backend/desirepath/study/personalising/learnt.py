@@ -45,15 +45,20 @@ class Learnt:
     pairs: tuple[tuple[Trajectory, Trajectory], ...]
 
 
-def takes_long(s: DatabaseSession, session: Session) -> bool:
+class Known(OrderedDict[tuple[str, next_query.Answers], Learnt]):
+    """What this process knows already, by session and answers; the one that was asked for last is the last."""
+
+
+def takes_long(s: DatabaseSession, files: ArtefactStore, session: Session) -> bool:
     """Whether `learnt_in` would keep a page waiting: many answers, and nobody has asked since the last of them."""
     answers = next_query.answers_of(s, session)
-    return len(answers) > SOON and (session.id, answers) not in known_so_far
+    return len(answers) > SOON and (session.id, answers) not in files.derived(Known)
 
 
 def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Learnt:
     """What is learned from the session's regular answers so far; practice and probes teach nothing."""
-    measured = next_query.measured_queries(s, files, row_of(s, session))
+    memory, known_so_far = next_query.remembered(files), files.derived(Known)
+    measured = memory.measured(s, files, row_of(s, session))
     answers = next_query.answers_of(s, session)
     key = (session.id, answers)
     if key in known_so_far:
@@ -62,7 +67,7 @@ def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Lea
     from desirepath.learning.preferences.objectives import SIZE, names_of
     from desirepath.learning.preferences.predictive_power import better_than_chance, odds_against_chance
 
-    after = [next_query.posterior_after(measured, answers[:n]) for n in range(len(answers) + 1)]
+    after = [memory.posterior(measured, answers[:n]) for n in range(len(answers) + 1)]
     places, given = measured.index(), []
     for before, (query, chosen) in zip(after, answers, strict=False):
         probable = float(before.predict(measured.differences[[places[query]]])[0])
@@ -82,9 +87,6 @@ def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Lea
     while len(known_so_far) > KEPT:
         known_so_far.popitem(last=False)
     return learnt
-
-
-known_so_far: OrderedDict[tuple[str, next_query.Answers], Learnt] = OrderedDict()
 
 
 def _trajectories(setup: str, weights: NDArray[np.float32]) -> tuple[tuple[Trajectory, Trajectory], ...]:

@@ -6,7 +6,7 @@ the stored rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
+from desirepath.learning.queries.choosing import STRATEGIES, Candidates, QueryStrategy, StoppingRule
 from desirepath.store.artefacts import ArtefactStore, load_artefact
 from desirepath.store.database import Database
 from desirepath.store.models import ProtocolVersion, Response, Session, Study, Trial
@@ -34,7 +35,6 @@ if TYPE_CHECKING:  # numba and the simulator come with these; a server that neve
 
 Doubles = NDArray[np.float64]
 Answers = tuple[tuple[str, str], ...]
-BEYOND = "information_beyond"
 KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
 
 
@@ -69,6 +69,116 @@ class MeasuredQueries:
         return {query.id: i for i, query in enumerate(self.queries)}
 
 
+class Remembered:
+    """What was computed from the files of one store, in this process: query sets, and posteriors after answers.
+
+    Sets are known by content hash, so never stale: 11 kB for 200 queries, 1 MB with all that may be preferred.
+    """
+
+    def __init__(self) -> None:
+        self._measured: dict[tuple[str, str], MeasuredQueries] = {}
+        self._pairs: dict[tuple[str, str], PairDifferences] = {}
+        self._posteriors: dict[tuple[bool, str, str, Answers], Any] = {}
+
+    def measured(self, s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> MeasuredQueries:
+        """The query set of a study's protocol."""
+        key = set_id, symmetry = _query_set(study)
+        if key not in self._measured:
+            from desirepath.learning.preferences.spans import seen_in
+            from desirepath.learning.queries.queries import QuerySet
+
+            artefact, content = load_artefact(s, files, set_id, kind="query_set")
+            queries = QuerySet.from_bytes(content).queries
+            stored = tuple(queries_of(s, files, set_id))
+            self._measured[key] = MeasuredQueries(artefact.setup, symmetry, stored, seen_in(queries))
+        return self._measured[key]
+
+    def pairs(self, s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> PairDifferences:
+        """How its pairs differ by everything that may be preferred."""
+        key = set_id, symmetry = _query_set(study)
+        if key not in self._pairs:
+            from desirepath.learning.measures.pairs import PairDifferences
+            from desirepath.learning.queries.queries import QuerySet
+
+            artefact, content = load_artefact(s, files, set_id, kind="query_set")
+            pairs = [(query.trajectory_a, query.trajectory_b) for query in QuerySet.from_bytes(content).queries]
+            self._pairs[key] = PairDifferences.of(artefact.setup, pairs, left_right_symmetry=symmetry == "left_right")
+        return self._pairs[key]
+
+    def posterior(self, measured: MeasuredQueries, answers: Answers) -> Posterior:
+        """What those answers say of the weights of the objectives."""
+        from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
+
+        config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
+        found: Posterior = self._after(
+            measured, answers, measured.differences.__getitem__, lambda: Posterior.prior(measured.setup, config)
+        )
+        return found
+
+    def beyond(self, measured: MeasuredQueries, pairs: PairDifferences, answers: Answers) -> FreePosterior:
+        """What they say of whatever they may be about."""
+        from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
+        from desirepath.learning.preferences.posterior import PosteriorConfig
+
+        config = FreeConfig(posterior=PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right"))
+        found: FreePosterior = self._after(
+            measured,
+            answers,
+            lambda row: pairs[[row]],
+            lambda: FreePosterior.prior(measured.setup, config),
+            beyond=True,
+        )
+        return found
+
+    def _after(
+        self,
+        measured: MeasuredQueries,
+        answers: Answers,
+        difference: Callable[[int], Any],
+        prior: Callable[[], Any],
+        *,
+        beyond: bool = False,
+    ) -> Any:
+        """The posterior after those answers; goes on from the longest beginning of them that is remembered."""
+
+        def key(n: int) -> tuple[bool, str, str, Answers]:
+            return beyond, measured.setup, measured.symmetry, answers[:n]  # queries are named by their content
+
+        known = next((n for n in range(len(answers), 0, -1) if key(n) in self._posteriors), 0)
+        posterior = self._posteriors[key(known)] if known else prior()
+        places = measured.index()
+        for n in range(known, len(answers)):
+            query, chosen = answers[n]
+            row = places[query]
+            posterior = posterior.updated(difference(row), chosen == measured.queries[row].trajectory_a)
+        self._posteriors[key(len(answers))] = posterior
+        while len(self._posteriors) > KEPT_POSTERIORS:
+            self._posteriors.pop(next(iter(self._posteriors)), None)
+        return posterior
+
+
+def remembered(files: ArtefactStore) -> Remembered:
+    """What this process remembers of that store."""
+    return files.derived(Remembered)
+
+
+def _query_set(study: Study | ProtocolVersion) -> tuple[str, str]:
+    return study.protocol["materials"]["query_set"], study.protocol.get("symmetry", "none")
+
+
+def _situation(
+    acting: Acting, strategy: QueryStrategy[Any, Any], answers: Answers, used: Container[str | None]
+) -> tuple[MeasuredQueries, Any, Candidates[Any]]:
+    """What a strategy of choosing goes by: the posterior after those answers, and what was not used yet."""
+    memory, row = remembered(acting.files), row_of(acting.s, acting.session)
+    measured = memory.measured(acting.s, acting.files, row)
+    left = [i for i, query in enumerate(measured.queries) if query.id not in used]
+    if not strategy.beyond:
+        return measured, memory.posterior(measured, answers), Candidates(measured.differences, left)
+    pairs = memory.pairs(acting.s, acting.files, row)
+    return measured, memory.beyond(measured, pairs, answers), Candidates(pairs, left)
+
+
 def asked_in(acting: Acting, step: TrialStep) -> Asked:
     """What the trial of that step shows."""
     s, session = acting.s, acting.session
@@ -76,26 +186,17 @@ def asked_in(acting: Acting, step: TrialStep) -> Asked:
         return _asked_again(s, session, step)
     if step.query is not None:
         return Asked(step.query, str(step.trajectory_a), str(step.trajectory_b), step.sides_swapped)
-    from desirepath.learning.queries.choosing import NextQuery, next_query
-
-    measured = measured_queries(s, acting.files, row_of(s, session))
+    how = step.choose or "random"
     used = set(s.scalars(select(Trial.query_id).where(Trial.session_id == session.id)))
     used |= {query for one in acting.plan if (query := getattr(one, "query", None)) is not None}
-    left = [i for i, query in enumerate(measured.queries) if query.id not in used]
     answers = answers_of(s, session)
     random = np.random.default_rng([session.seed, 31, session.position])
-    how = step.choose or "random"
-    if how == BEYOND:
-        differences = pair_differences(s, acting.files, row_of(s, session))
-        beyond = beyond_after(s, acting.files, row_of(s, session), answers)
-        best = int(beyond.bits_about(differences[left], differences.thinned()).argmax())
-        chosen = NextQuery(best, float(beyond.information_bits(differences[[left[best]]])[0]))
-    else:
-        chosen = next_query(posterior_after(measured, answers), measured.differences[left], how, random)
-    query = measured.queries[left[chosen.index]]
+    measured, posterior, candidates = _situation(acting, STRATEGIES[how], answers, used)
+    chosen = STRATEGIES[how].ask_next(posterior, candidates, random)
+    query = measured.queries[candidates.left[chosen.index]]
     sides = (query.trajectory_a, query.trajectory_b)
     a, b = sides[::-1] if step.sides_swapped else sides
-    why = {"by": how, "bits": round(chosen.bits, 4), "answers": len(answers), "of": len(left)}
+    why = {"by": how, "bits": round(chosen.bits, 4), "answers": len(answers), "of": len(candidates.left)}
     return Asked(query.id, a, b, step.sides_swapped, why=why)
 
 
@@ -110,23 +211,13 @@ def little_left(acting: Acting, step: TrialStep) -> bool:
     """Does the protocol's stopping rule end the chosen queries here?"""
     if step.stop is None:
         return False
-    from desirepath.learning.queries.choosing import StoppingRule, best_information
-
-    rule = StoppingRule(**step.stop.model_dump())
+    rule, strategy = StoppingRule(**step.stop.model_dump()), STRATEGIES[step.choose or "random"]
     answers = answers_of(acting.s, acting.session)
-    measured = measured_queries(acting.s, acting.files, row_of(acting.s, acting.session))
     promised = [np.inf] * len(answers)  # only the last ones count
-    row = row_of(acting.s, acting.session)
     for after in range(max(1, len(answers) - rule.in_a_row + 1), len(answers) + 1):
         used = {query for query, _ in answers[:after]}
-        left = [i for i, query in enumerate(measured.queries) if query.id not in used]
-        if step.choose == BEYOND:
-            differences = pair_differences(acting.s, acting.files, row)[left]
-            beyond = beyond_after(acting.s, acting.files, row, answers[:after])
-            promised[after - 1] = float(beyond.information_bits(differences).max())
-        else:
-            posterior = posterior_after(measured, answers[:after])
-            promised[after - 1] = best_information(posterior, measured.differences[left])
+        _, posterior, candidates = _situation(acting, strategy, answers[:after], used)
+        promised[after - 1] = strategy.best_bits(posterior, candidates)
         if promised[after - 1] >= rule.below_bits:
             return False
     return rule.met(promised)
@@ -134,7 +225,8 @@ def little_left(acting: Acting, step: TrialStep) -> bool:
 
 def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> Posterior:
     """What the session's answers so far say, without practice and probes."""
-    return posterior_after(measured_queries(s, files, row_of(s, session)), answers_of(s, session))
+    memory = remembered(files)
+    return memory.posterior(memory.measured(s, files, row_of(s, session)), answers_of(s, session))
 
 
 def answers_of(s: DatabaseSession, session: Session) -> Answers:
@@ -152,109 +244,16 @@ def answers_of(s: DatabaseSession, session: Session) -> Answers:
     )
 
 
-def posterior_after(measured: MeasuredQueries, answers: Answers) -> Posterior:
-    """The posterior after those answers; goes on from the longest beginning of them that is remembered."""
-    from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
-
-    def key(n: int) -> tuple[str, str, Answers]:
-        return measured.setup, measured.symmetry, answers[:n]  # queries are named by their content
-
-    known = next((n for n in range(len(answers), 0, -1) if key(n) in _posteriors), 0)
-    if known:
-        posterior = _posteriors[key(known)]
-    else:
-        config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
-        posterior = Posterior.prior(measured.setup, config)
-    places = measured.index()
-    for n in range(known, len(answers)):
-        query, chosen = answers[n]
-        row = places[query]
-        posterior = posterior.updated(measured.differences[row], chosen == measured.queries[row].trajectory_a)
-    _posteriors[key(len(answers))] = posterior
-    while len(_posteriors) > KEPT_POSTERIORS:
-        _posteriors.pop(next(iter(_posteriors)), None)
-    return posterior
-
-
-_posteriors: dict[tuple[str, str, Answers], Posterior] = {}
-
-
-def beyond_after(
-    s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion, answers: Answers
-) -> FreePosterior:
-    """The posterior beyond the nine objectives after those answers; goes on from what is remembered, as above."""
-    from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
-    from desirepath.learning.preferences.posterior import PosteriorConfig
-
-    measured, differences = measured_queries(s, files, study), pair_differences(s, files, study)
-
-    def key(n: int) -> tuple[str, str, Answers]:
-        return measured.setup, measured.symmetry, answers[:n]
-
-    known = next((n for n in range(len(answers), 0, -1) if key(n) in _beyond), 0)
-    if known:
-        posterior = _beyond[key(known)]
-    else:
-        config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
-        posterior = FreePosterior.prior(measured.setup, FreeConfig(posterior=config))
-    places = measured.index()
-    for n in range(known, len(answers)):
-        query, chosen = answers[n]
-        row = places[query]
-        posterior = posterior.updated(differences[[row]], chosen == measured.queries[row].trajectory_a)
-    _beyond[key(len(answers))] = posterior
-    while len(_beyond) > KEPT_POSTERIORS:
-        _beyond.pop(next(iter(_beyond)), None)
-    return posterior
-
-
-_beyond: dict[tuple[str, str, Answers], FreePosterior] = {}
-
-
-def pair_differences(s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> PairDifferences:
-    """How the pairs of a study's query set differ by everything that may be preferred, once per process."""
-    set_id, symmetry = study.protocol["materials"]["query_set"], study.protocol.get("symmetry", "none")
-    known = _pairs.get((set_id, symmetry))
-    if known is None:
-        from desirepath.learning.measures.pairs import PairDifferences
-        from desirepath.learning.queries.queries import QuerySet
-
-        artefact, content = load_artefact(s, files, set_id, kind="query_set")
-        pairs = [(query.trajectory_a, query.trajectory_b) for query in QuerySet.from_bytes(content).queries]
-        known = PairDifferences.of(artefact.setup, pairs, left_right_symmetry=symmetry == "left_right")
-        _pairs[set_id, symmetry] = known
-    return known
-
-
-_pairs: dict[tuple[str, str], PairDifferences] = {}  # by content hash; 1 MB for 200 queries
-
-
-def measured_queries(s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> MeasuredQueries:
-    """The query set of a study's protocol, measured once per process."""
-    set_id, symmetry = study.protocol["materials"]["query_set"], study.protocol.get("symmetry", "none")
-    known = _measured.get((set_id, symmetry))
-    if known is None:
-        from desirepath.learning.preferences.spans import seen_in
-        from desirepath.learning.queries.queries import QuerySet
-
-        artefact, content = load_artefact(s, files, set_id, kind="query_set")
-        queries = QuerySet.from_bytes(content).queries
-        stored = tuple(queries_of(s, files, set_id))
-        known = MeasuredQueries(artefact.setup, symmetry, stored, seen_in(queries))
-        _measured[set_id, symmetry] = known
-    return known
-
-
 def prepare(database: Database, files: ArtefactStore) -> None:
     """Measure the query sets of the open studies that choose, before the first participant has to wait for it."""
     with database.session() as s:
         for study in s.scalars(select(Study).where(Study.state == "open")):
             row = protocol_row(s, study, newest_number(s, study))
-            how = set(_chosen_by(row))
-            if how - {"random"}:
-                measured_queries(s, files, row)
-            if BEYOND in how:
-                pair_differences(s, files, row)
+            if not (how := set(_chosen_by(row)) - {"random"}):
+                continue
+            remembered(files).measured(s, files, row)
+            if any(STRATEGIES[name].beyond for name in how):
+                remembered(files).pairs(s, files, row)
 
 
 def _chosen_by(row: Study | ProtocolVersion) -> Iterator[str]:
@@ -267,6 +266,3 @@ def _chosen_by(row: Study | ProtocolVersion) -> Iterator[str]:
         further = (entry.get("train") or {}).get("ask_on")
         if further:
             yield further["choose"]
-
-
-_measured: dict[tuple[str, str], MeasuredQueries] = {}  # by content hash, so never stale; 11 kB for 200 queries

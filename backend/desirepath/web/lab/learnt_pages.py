@@ -35,7 +35,7 @@ def learnt(request: Request, study_id: str, code: str, database: Db, files: File
         participant = the_participant(s, study, code)
         fragment = request.headers.get("X-Fragment")
         session = _session(s, participant)
-        now = None if not (fragment or wait) and takes_long(s, session) else learnt_in(s, files, session)
+        now = None if not (fragment or wait) and takes_long(s, files, session) else learnt_in(s, files, session)
         return lab_page(
             request,
             "lab/learnt_part.html" if fragment else "lab/learnt.html",

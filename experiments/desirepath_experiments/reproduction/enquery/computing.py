@@ -22,8 +22,8 @@ from desirepath.learning.queries.queries import Query, QueryConfig, generate_que
 from desirepath.learning.rewards.held_out import accuracy
 from desirepath.learning.rewards.linear import fit_linear
 from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
-from desirepath.learning.rewards.preference_weights import fit_weights
 from desirepath.learning.rewards.reward_model import RewardModel
+from desirepath.learning.rewards.weights import fit_weights
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import BaseConfig, train_base
 from desirepath.learning.td3.ensemble import PolicyEnsembleConfig, train_ensemble

@@ -19,7 +19,7 @@ from desirepath.learning.preferences.oracles import Oracle
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.queries.queries import Query
 from desirepath.learning.rewards.held_out import accuracy
-from desirepath.learning.rewards.interface_network import InterfaceConfig, fit_interface
+from desirepath.learning.rewards.interface import InterfaceConfig, fit_interface
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.report.made_up_cohorts import Cohort
 from desirepath.simulation.fast import rollout

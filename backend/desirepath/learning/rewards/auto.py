@@ -14,8 +14,15 @@ from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.preferences import Preference, usable
 from desirepath.learning.rewards.held_out import held_out_odds
 from desirepath.learning.rewards.mlp_ensemble import RewardEnsembleConfig, fit_mlp_ensemble
-from desirepath.learning.rewards.preference_weights import fit_weights
-from desirepath.learning.rewards.reward_model import Fit, Reduction, RewardModel, bradley_terry_loss
+from desirepath.learning.rewards.reward_model import (
+    Fit,
+    FitSettings,
+    Fitting,
+    Reduction,
+    RewardModel,
+    bradley_terry_loss,
+)
+from desirepath.learning.rewards.weights import fit_weights
 
 
 @dataclass(frozen=True)
@@ -76,3 +83,11 @@ def held_out_log_likelihood(preferences: Sequence[Preference], fit: Fit, *, fold
     fold_of = np.empty(len(preferences), dtype=np.int64)
     fold_of[np.random.default_rng([seed, 65]).permutation(len(preferences))] = np.arange(len(preferences)) % folds
     return -bradley_terry_loss(held_out_odds(preferences, fit, fold_of)) / len(preferences)
+
+
+def _fit(preferences: Sequence[Preference], asked: FitSettings) -> RewardModel:
+    symmetry = asked.left_right_symmetry
+    return choose_reward_model(preferences, seed=asked.seed, left_right_symmetry=symmetry).model
+
+
+FITTING = Fitting(_fit)

@@ -23,7 +23,7 @@ from desirepath.learning.preferences.posterior import (
 )
 from desirepath.learning.preferences.preferences import Preference, usable
 from desirepath.learning.preferences.spans import seen_differences
-from desirepath.learning.rewards.reward_model import Reduction, RewardModel
+from desirepath.learning.rewards.reward_model import FitSettings, Fitting, Reduction, RewardModel
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
 
@@ -110,3 +110,12 @@ def fit_weights(preferences: Sequence[Preference], config: PosteriorConfig | Non
     """
     setup, differences = answers_of(preferences)
     return WeightsRewardModel.of(Posterior.from_answers(setup, differences, [True] * len(differences), config))
+
+
+def _fit(preferences: Sequence[Preference], asked: FitSettings) -> WeightsRewardModel:
+    config = PosteriorConfig(left_right_symmetry=asked.left_right_symmetry, particles=asked.particles)
+    return fit_weights(preferences, config)
+
+
+MODEL = WeightsRewardModel
+FITTING = Fitting(_fit, takes_long=False)

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.preferences.preferences import Preference, usable
-from desirepath.learning.rewards.reward_model import Reduction, RewardModel
+from desirepath.learning.rewards.reward_model import FitSettings, Fitting, Reduction, RewardModel
 from desirepath.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
@@ -174,3 +174,11 @@ def _network(inputs: int, config: InterfaceConfig, random: np.random.Generator) 
 
 def _layers(network: nn.Sequential) -> tuple[Floats, ...]:
     return tuple(parameter.detach().numpy().copy() for parameter in network.parameters())
+
+
+def _fit(preferences: Sequence[Preference], asked: FitSettings) -> InterfaceRewardModel:
+    return fit_interface(preferences, InterfaceConfig(seed=asked.seed))
+
+
+MODEL = InterfaceRewardModel
+FITTING = Fitting(_fit)

@@ -1,0 +1,68 @@
+"""Registries: the plug-ins of a kind, by name. A plug-in is a module with an attribute that its registry names.
+
+The product's own are found by looking into a package, under the module's name; another distribution's by entry points,
+`NAME = package.module` in the registry's group. Names are known before anything is imported: forms list them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import cached_property
+from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import find_spec
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import Any, Generic, Literal, TypeVar
+
+T = TypeVar("T")
+
+
+class RegistryError(LookupError):
+    """A plug-in that is unknown, offered twice, or not what its registry needs."""
+
+
+class Registry(Generic[T]):
+    """group: of entry points; package: whose modules are looked at; attribute: what each plug-in's module ends with."""
+
+    def __init__(self, group: str, package: str, attribute: str) -> None:
+        self.group, self._package, self._attribute = group, package, attribute
+        self._loaded: dict[str, T] = {}
+
+    @cached_property
+    def modules(self) -> dict[str, str]:
+        """Name -> module, in the names' order. Raises RegistryError where two are offered under one name."""
+        spec, found = find_spec(self._package), dict[str, str]()
+        for folder in (spec and spec.submodule_search_locations) or ():
+            for name in (module.name for module in iter_modules([folder]) if not module.ispkg):
+                if re.search(rf"^{self._attribute}\b", Path(folder, f"{name}.py").read_text("utf-8"), re.MULTILINE):
+                    found[name.rstrip("_")] = f"{self._package}.{name}"  # break_.py: Python has that word
+        for entry in entry_points(group=self.group):
+            if found.setdefault(entry.name, entry.value) != entry.value:
+                taken = f"{entry.value} offers {entry.name!r}, as {found[entry.name]} does: rename one"
+                raise RegistryError(f"{self.group}: {taken}")
+        return dict(sorted(found.items()))
+
+    @property
+    def literal(self) -> Any:
+        """The type of a field that takes one of the names."""
+        return Literal[tuple(self.modules)]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.modules)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.modules
+
+    def __getitem__(self, name: str) -> T:
+        """Raises RegistryError saying what is known, or what a plug-in lacks."""
+        if name not in self.modules:
+            raise RegistryError(f"{self.group}: no {name!r}; known are {', '.join(self)}")
+        if name not in self._loaded:
+            try:
+                self._loaded[name] = getattr(import_module(self.modules[name]), self._attribute)
+            except (ImportError, AttributeError) as wrong:
+                needed = f"{name!r} is the module {self.modules[name]}, which needs {self._attribute}"
+                raise RegistryError(f"{self.group}: {needed}: {wrong}") from wrong
+        return self._loaded[name]
