@@ -47,7 +47,7 @@ class Settings(BaseSettings):
     peer_host: str = Field(
         "",
         description="name or address of this machine for the other server processes of this installation; default: "
-        "127.0.0.1 where the server listens on that, else the machine's own name",
+        "the machine's own name where the server listens on every address, else what it listens on",
     )
     public_url: str | None = Field(
         None, description="address participants reach the pages at, e.g. https://study.example.org"

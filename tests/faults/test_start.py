@@ -13,11 +13,17 @@ from pathlib import Path
 
 import httpx
 import pytest
+from sqlalchemy import select
 
 from desirepath.cli.loopback import free_port_pair
 from desirepath.settings import Settings
+from desirepath.store.models import ServerProcess
 from desirepath.web.replicas.only_server import running_server
-from tests.faults.installation import run_command
+from desirepath.web.replicas.supervisor import COUNTS
+from desirepath.web.server import _peer_host
+from tests import postgres
+from tests.faults.installation import Installation, Visitor, hear, run_command
+from tests.faults.test_killed_benchmark import alive, children
 
 
 def refused_to_start(data: Path, port: int | None = None, host: str = "127.0.0.1") -> str:
@@ -60,9 +66,12 @@ def test_a_port_that_is_taken(tmp_path: Path) -> None:
     assert "--port" in said
 
 
-def started(data: Path, port: int, host: str = "127.0.0.1", *, worker: bool = False) -> subprocess.Popen[str]:
+def started(
+    data: Path, port: int, host: str = "127.0.0.1", *, worker: bool = False, processes: int = 1
+) -> subprocess.Popen[str]:
     """A server of its own, once it has said where it is."""
     command = [sys.executable, "-m", "desirepath", "serve", "--data", str(data), "--port", str(port), "--host", host]
+    command += ["--processes", str(processes)]
     server = subprocess.Popen(
         command,
         env={**os.environ, "DESIREPATH_WORKER": str(worker).lower()},
@@ -118,13 +127,18 @@ def test_whatever_a_server_wrote_is_its_users_alone_and_none_of_it_in_a_log(tmp_
     }
 
 
-@pytest.mark.parametrize("host", ["::1", "[::1]", "::"])
-def test_an_ipv6_address(tmp_path: Path, host: str) -> None:
+@pytest.fixture
+def ipv6() -> None:
     with socket.socket(socket.AF_INET6) as probe:
         try:
             probe.bind(("::1", 0))
         except OSError:
             pytest.skip("this machine has no IPv6")
+
+
+@pytest.mark.usefixtures("ipv6")
+@pytest.mark.parametrize("host", ["::1", "[::1]", "::"])
+def test_an_ipv6_address(tmp_path: Path, host: str) -> None:
     port = free_port_pair()
     server = started(tmp_path / "data", port, host)
     try:
@@ -137,6 +151,43 @@ def test_an_ipv6_address(tmp_path: Path, host: str) -> None:
         assert f"port {port} on ::" in refused_to_start(tmp_path / "other", port, host)
     finally:
         ended(server)
+
+
+@pytest.mark.usefixtures("ipv6")
+def test_several_processes_at_an_ipv6_address_leave_nothing_when_killed(
+    postgres_server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever is killed takes nothing away: the folder of counts stood there until the next start."""
+    (temporary := tmp_path / "tmp").mkdir()
+    with postgres.holding(postgres_server, tmp_path / "none") as url:
+        installation, port = Installation(tmp_path / "data", url), free_port_pair()
+        monkeypatch.setenv("DESIREPATH_DATABASE_URL", url)
+        monkeypatch.setenv("TMPDIR", str(temporary))
+        supervisor = started(tmp_path / "data", port, "::1", processes=2)
+        servers = children(supervisor.pid)
+        try:
+            person = Visitor(f"http://[::1]:{port}", installation.study)
+            person.walk_to_first_trial()
+            assert person.open_page().status_code == 200
+            with person.stage() as stage:
+                hear(stage, '"type": "show"')
+            with installation.database.session() as s:
+                doors = list(s.scalars(select(ServerProcess.address)))
+            assert [one.rpartition(":")[0] for one in doors] == ["[::1]"] * 2
+            assert len(list(temporary.glob(f"{COUNTS}*"))) == 1
+        finally:
+            ended(supervisor, signal.SIGKILL)
+        until(lambda: not any(map(alive, servers)))
+        assert list(temporary.glob(f"{COUNTS}*")) == []
+        installation.database.close()
+
+
+@pytest.mark.parametrize(
+    ("host", "reached"), [("192.0.2.7", "192.0.2.7"), ("2001:db8::7", "[2001:db8::7]"), ("::", None)]
+)
+def test_other_processes_reach_one_where_it_listens(host: str, reached: str | None) -> None:
+    """A machine's own name may lead elsewhere: with Debian to 127.0.1.1."""
+    assert _peer_host(Settings(host=host, _env_file=None)) == (reached or socket.gethostname())
 
 
 def test_a_host_that_is_none(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import select, text
+from sqlalchemy.event import listens_for
 from sqlalchemy.exc import IntegrityError
 
 from desirepath.store.artefacts import ArtefactStore
@@ -351,3 +352,18 @@ def test_compacting_gives_up_while_somebody_reads_and_says_so(
     assert not database.compact()
     reader.close()
     assert database.compact()
+
+
+def test_however_long_somebody_reads_the_file_is_written_anew_once(database: Database, tmp_path: Path):
+    """It was once more each time the log could not be emptied, and nobody could answer meanwhile."""
+    said: list[str] = []
+    listens_for(database.engine, "checkout")(lambda raw, *_: raw.set_trace_callback(said.append))
+    reader = sqlite3.connect(tmp_path / "desirepath.sqlite", isolation_level=None, check_same_thread=False)
+    reader.execute("BEGIN")
+    reader.execute("SELECT * FROM setting").fetchall()
+    ends = threading.Timer(1.5, reader.close)
+    ends.start()
+    assert database.compact()
+    ends.join()
+    assert sum("wal_checkpoint" in one for one in said) > 1
+    assert said.count("VACUUM") == 1

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
-from importlib.metadata import entry_points
-from importlib.metadata import version as version_of
-from typing import Annotated
 
 from desirepath.collecting import ended_by_interrupt, without_collecting
 
 with ended_by_interrupt(), without_collecting():
+    from importlib.metadata import entry_points
+    from importlib.metadata import version as version_of
+    from typing import Annotated
+
     import typer
 
     from desirepath.cli import (

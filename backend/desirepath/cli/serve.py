@@ -59,13 +59,13 @@ def serve(
 def _serve(services: Services, *, demo: bool, processes: int) -> None:
     from desirepath.store.shipped_policies import register_shipped
     from desirepath.web.core.auth import ensure_first_user
-    from desirepath.web.replicas.supervisor import check_can_share, serve_many
+    from desirepath.web.replicas.supervisor import check_can_share, serve_many, serve_one
     from desirepath.web.server import run
 
     settings = services.settings
     check_can_share(services.database, processes)
     if settings.shares_ports:  # one of several; who started them has seen to everything else
-        run(services)
+        serve_one(services)
         return
     with services.database.one_starts():
         with services.database.transaction() as s:

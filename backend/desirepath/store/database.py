@@ -283,8 +283,7 @@ class Database:
         server's own write-ahead log and its backups are its administrator's (docs/deployment.md). Returns False if
         somebody kept reading what was before; an erasure's is then done at the next start.
         """
-        vacuum = self._vacuum_sqlite if self.is_sqlite else self._vacuum_postgresql
-        if not vacuum(time.monotonic() + COMPACT_TRIES_S):
+        if not (self._vacuum_sqlite() if self.is_sqlite else self._vacuum_postgresql()):
             return False
         self._forget_pending()
         return True
@@ -296,8 +295,9 @@ class Database:
         if self.file is not None:
             empty_log(self.file)
 
-    def _vacuum_postgresql(self, deadline: float) -> bool:
-        """Vacuum our tables, once nobody sees them as they were before; past the deadline anyhow."""
+    def _vacuum_postgresql(self) -> bool:
+        """Vacuum our tables, once nobody sees them as they were before; in the end anyhow."""
+        deadline = time.monotonic() + COMPACT_TRIES_S
         quoted = self.engine.dialect.identifier_preparer.quote
         tables = ", ".join(quoted(table.name) for table in Base.metadata.sorted_tables)
         with self.explained(), self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
@@ -309,22 +309,25 @@ class Database:
             connection.execute(text(f"VACUUM (INDEX_CLEANUP ON) {tables}"))
             return not seen
 
-    def _vacuum_sqlite(self, deadline: float) -> bool:
-        while not self._vacuum_sqlite_once():
-            if time.monotonic() > deadline:
-                return False
-            time.sleep(COMPACT_LOOK_S)
+    def _vacuum_sqlite(self) -> bool:
+        """Write the file anew, once: nobody else writes meanwhile. Then empty the log, once nobody is in it."""
+        for statement in ("VACUUM", "PRAGMA wal_checkpoint(TRUNCATE)"):
+            deadline = time.monotonic() + COMPACT_TRIES_S
+            while not self._done_alone(statement):
+                if time.monotonic() > deadline:
+                    return False
+                time.sleep(COMPACT_LOOK_S)
         return True
 
-    def _vacuum_sqlite_once(self) -> bool:
+    def _done_alone(self, statement: str) -> bool:
+        """Whether nobody kept SQLite from it; the caller tries again, nobody waits for us meanwhile."""
         raw = self.engine.raw_connection()
         try:
             cursor = raw.cursor()
-            cursor.execute("PRAGMA busy_timeout = 1000")  # the caller tries again; nobody waits for us meanwhile
+            cursor.execute("PRAGMA busy_timeout = 1000")
             cursor.execute("PRAGMA query_only = OFF")
-            cursor.execute("VACUUM")
-            busy, _, _ = cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
-            return not busy
+            busy = cursor.execute(statement).fetchone()  # of a checkpoint only
+            return not (busy and busy[0])
         except sqlite3.OperationalError as problem:
             if "locked" in str(problem) or "busy" in str(problem):
                 return False

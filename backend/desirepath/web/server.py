@@ -24,12 +24,12 @@ from desirepath.jobs.process import start_worker
 from desirepath.settings import Settings, in_url
 from desirepath.study.personalising import next_query
 from desirepath.web.application import create_application, create_stage_application
-from desirepath.web.core.addresses import LOOPBACK_NAMES
 from desirepath.web.core.dependencies import Services
 from desirepath.web.core.heads import BoundedProtocol
 from desirepath_stage.stage_server import StageServer
 
 PREPARE_AFTER_S = 1.0  # ours
+EVERY_ADDRESS = ("0.0.0.0", "::")  # noqa: S104
 log = structlog.get_logger("desirepath.server")
 
 
@@ -116,7 +116,7 @@ def listening_on(settings: Settings, port: int) -> socket.socket:
 def _peer_host(settings: Settings) -> str:
     if settings.peer_host:
         return in_url(settings.peer_host)
-    return in_url(settings.host) if settings.host in LOOPBACK_NAMES else socket.gethostname()
+    return socket.gethostname() if settings.host in EVERY_ADDRESS else in_url(settings.host)
 
 
 def _trusted(proxies: str) -> list[str]:

@@ -24,9 +24,10 @@ import structlog
 from desirepath.jobs.process import environment_of, start_worker
 from desirepath.settings import Settings
 from desirepath.store.database import Database
+from desirepath.web.core.dependencies import Services
 from desirepath.web.core.monitoring import COUNTED_TOGETHER
 from desirepath.web.replicas.peers import Peers
-from desirepath.web.server import ServerError, check_ports
+from desirepath.web.server import ServerError, check_ports, run
 
 AGAIN_AFTER_S = 2.0  # a process that dies at once is not started faster than this
 START_PATIENCE_S = 60.0
@@ -81,6 +82,16 @@ def serve_many(settings: Settings, peers: Peers, processes: int, *, on_ready: Ca
         _stop([*servers, *([worker] if worker is not None else [])])
         shutil.rmtree(counts, ignore_errors=True)
         os.close(held)
+
+
+def serve_one(services: Services) -> None:
+    """Serve as one of several; take the folder of counts away where the supervisor was killed and could not."""
+    supervisor, counts = os.getppid(), Path(os.environ.get(COUNTED_TOGETHER, ""))
+    try:
+        run(services)
+    finally:
+        if os.getppid() != supervisor and counts.name.startswith(COUNTS):
+            shutil.rmtree(counts, ignore_errors=True)
 
 
 def _counts_folder() -> tuple[Path, int]:
