@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
+from desirepath import Report
 from desirepath.jobs.aligning import align
 from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.kinds import InstantParams
@@ -118,9 +119,9 @@ def test_who_judges_a_crowd_gets_a_policy_of_their_own_blind_against_the_base_po
         rows = list(csv.DictReader(file))
     assert rows
     assert all(row[name] != "" for row in rows for name in SOCIAL)
-    data, load = read_folder(tmp_path / "out")
-    write_study_report(data, load, tmp_path / "report", who="simulated", command="desirepath report")
-    assert "Crowd" in (tmp_path / "report" / "report.html").read_text()
+    report = Report(tmp_path / "out", who="simulated")  # as a notebook reads a data set
+    assert report.findings.flow.analysed == 1
+    assert "Crowd" in report.write(tmp_path / "report").read_text()
 
 
 def test_the_interface_study_runs_among_pedestrians(client, services: Services, tmp_path: Path) -> None:
