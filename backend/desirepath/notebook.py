@@ -19,6 +19,7 @@ from desirepath.learning.preferences import posterior as beliefs
 from desirepath.learning.preferences.objectives import names_of
 from desirepath.learning.preferences.spans import seen_in
 from desirepath.learning.queries.choosing import next_query
+from desirepath.learning.queries.queries import QuerySet
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.environments import NavigationEnv
 from desirepath.simulation.fast import rollout as roll_out
@@ -26,7 +27,7 @@ from desirepath.simulation.setups import get_setup, require_same
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import Policy
-    from desirepath.learning.queries.queries import Query, QuerySet
+    from desirepath.learning.queries.queries import Query
     from desirepath.report.findings import Findings, Who
     from desirepath.simulation.scene import Scene
     from desirepath.simulation.setups import Setup
@@ -103,7 +104,7 @@ class Posterior:
 
     def ask_next(self, queries: QuerySet | Sequence[Query], seed: int = 0) -> Query:
         """Of these candidates the query whose answer would tell most. Raises LearningError for no candidates."""
-        candidates = list(getattr(queries, "queries", queries))
+        candidates = queries.queries if isinstance(queries, QuerySet) else queries
         random = np.random.default_rng(seed)
         return candidates[next_query(self.belief, seen_in(candidates), "information", random).index]
 
