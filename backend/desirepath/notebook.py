@@ -18,8 +18,9 @@ from desirepath.learning.policies.shipped import load_conditioned, load_policy, 
 from desirepath.learning.preferences import posterior as beliefs
 from desirepath.learning.preferences.objectives import names_of
 from desirepath.learning.preferences.spans import seen_in
-from desirepath.learning.queries.choosing import next_query
+from desirepath.learning.queries.choosing import Candidates
 from desirepath.learning.queries.queries import QuerySet
+from desirepath.learning.queries.strategies.information import Information
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.environments import NavigationEnv
 from desirepath.simulation.fast import rollout as roll_out
@@ -102,11 +103,13 @@ class Posterior:
         """After one more answer."""
         return Posterior(self.setup, self.belief.updated(seen_in([query])[0], a_chosen))
 
-    def ask_next(self, queries: QuerySet | Sequence[Query], seed: int = 0) -> Query:
+    def ask_next(self, queries: QuerySet | Sequence[Query]) -> Query:
         """Of these candidates the query whose answer would tell most. Raises LearningError for no candidates."""
-        candidates = queries.queries if isinstance(queries, QuerySet) else queries
-        random = np.random.default_rng(seed)
-        return candidates[next_query(self.belief, seen_in(candidates), "information", random).index]
+        asked = queries.queries if isinstance(queries, QuerySet) else queries
+        if not asked:
+            raise LearningError("queries = []: there is none to ask")
+        candidates = Candidates(seen_in(asked), range(len(asked)))
+        return asked[Information().ask_next(self.belief, candidates, np.random.default_rng(0)).index]
 
     def predict(self, queries: Sequence[Query]) -> np.ndarray[Any, np.dtype[np.float64]]:
         """(n,) probability that A is chosen."""
