@@ -195,9 +195,9 @@ def acts_alike_in_onnx(setup: str, shape: NetworkShape) -> Policy:
 
 
 def test_sb3_zip_of_before_the_rooms_were_rebuilt_still_opens() -> None:
-    """Its class travels by value under the module name it had then, `desirepath.learning.sb3_extractor`."""
+    """Its class travels by value under the module name it had then, `backend.learning.sb3_extractor`."""
     model = TD3.load(Path(__file__).parent / "old" / "policy_of_before_the_rooms.zip", device="cpu")
-    assert type(model.actor.features_extractor).__module__ == "desirepath.learning.sb3_extractor"
+    assert type(model.actor.features_extractor).__module__ == "backend.learning.sb3_extractor"
     seen = np.full((1, OPEN_FIELD.observation_size), 0.25, dtype=np.float32)
     acted = [-0.16083994507789612, 0.15350012481212616]  # by the policy it was exported from
     np.testing.assert_allclose(model.predict(seen, deterministic=True)[0][0], acted, atol=1e-5)

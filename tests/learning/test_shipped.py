@@ -10,22 +10,28 @@ import numpy as np
 import pytest
 
 from desirepath.installed import DATASETS
-from desirepath.learning.adaptable.policy import AdaptablePolicy
 from desirepath.learning.alignment.policy_library import PolicyLibrary
 from desirepath.learning.cards import Card, card_path, file_sha256
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.step_basis import StepBasis
+from desirepath.learning.pedestrians.crowd_evaluation import evaluate_crowds
+from desirepath.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
+from desirepath.learning.policies.adaptable import AdaptablePolicy
+from desirepath.learning.policies.attention import VARIANT, AttentionPolicy
 from desirepath.learning.policies.conditioned import ConditionedPolicy
-from desirepath.learning.policies.evaluate import compare_policies, evaluate_policy, mean_estimate, wilson
-from desirepath.learning.policies.policy import Policy
-from desirepath.learning.policies.shipped import load_ensemble, load_policy, load_queries, load_shipped
+from desirepath.learning.policies.evaluate import compare_policies, episodes, evaluate_policy, mean_estimate, wilson
+from desirepath.learning.policies.policy import Policy, PolicyError, read_policy
+from desirepath.learning.policies.shipped import load_driving, load_ensemble, load_policy, load_queries, load_shipped
 from desirepath.learning.policies.steerability import steerability_of
 from desirepath.learning.preferences.objectives import NAMES
 from desirepath.learning.queries.queries import QueryConfig, QuerySet, flaw, look_alike
 from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
 from desirepath.learning.shipped_files import load_card, resolve, shipped_names
 from desirepath.learning.td3.conditioned_training import CONFIGS
+from desirepath.simulation.acting import ActionError
+from desirepath.simulation.fast import rollout
 from desirepath.simulation.scenes import check_scene, draw_scene
+from desirepath.simulation.setups import get_setup
 
 EXPECTED = {
     *(f"{setup}/base" for setup in ("open_field", "study_room")),
@@ -246,3 +252,47 @@ def test_shipped_triples_are_all_three_pairs_of_three_drives_that_look_different
         assert len({frozenset((q.trajectory_a.digest(), q.trajectory_b.digest())) for q in three}) == 3
         assert not any(look_alike(query.trajectory_a, query.trajectory_b, config) for query in three)
         assert {flaw(trajectory, config) for trajectory in trajectories} == {None}
+
+
+DRIVING = sorted(
+    name
+    for name in shipped_names()
+    if load_card(name).kind in ("policy", "conditioned_policy", "adaptable_policy", "attention_policy")
+)
+
+
+@pytest.mark.parametrize("name", DRIVING)
+def test_every_shipped_policy_evaluates_with_the_same_keys(name: str) -> None:
+    policy = load_driving(name)
+    assert policy.setup == load_card(name).setup == policy.manifest()["setup"]
+    measured = evaluate_policy(policy, n=4)
+    kept = ("setup", "n", "success_rate", "collision_rate", "timeout_rate", "min_human_distance_m", "ceiling_m")
+    assert set(measured) >= {*kept, "path_length_m", "time_s", "engine", "seed"}
+    assert np.isfinite([measured[name] for name in (*kept[2:], "path_length_m", "time_s")]).all()
+
+
+def test_a_policy_with_sensors_of_its_own_drives_as_in_its_own_engine() -> None:
+    policy = load_driving("crowd_corridor/attention")
+    assert isinstance(policy, AttentionPolicy)
+    scenes = scene_set(policy.setup, 6, purpose=Purpose.FIGURE, seed=0)
+    variant = VARIANTS[VARIANT]
+    table = evaluate_crowds(actor_acts(policy.actor()), variant.given, scenes)
+    found = episodes(policy, scenes)
+    assert found.outcome.tolist() == table.outcome.tolist()
+    assert np.allclose(found.time, table.time_s)
+    driven = rollout(get_setup(policy.setup), policy.rollout_policy, scenes[:2])
+    assert [int(one.outcome) for one in driven] == table.outcome[:2].tolist()
+    assert compare_policies(policy, policy, n=4)["success_difference"]["value"] == 0
+    with pytest.raises(LearningError, match="does not read its setup's observation alone"):
+        load_policy("crowd_corridor/attention")
+    with pytest.raises(ActionError, match="fast engine"):
+        policy.rollout_policy.act(np.zeros((1, 3), np.float32))
+
+
+def test_what_is_no_policy_is_refused_by_its_format() -> None:
+    with pytest.raises(
+        PolicyError, match="format 'desirepath-queries-1' is unknown; known are the formats of adaptable"
+    ):
+        read_policy(resolve("study_room/queries_triples_50").read_bytes())
+    with pytest.raises(LearningError, match="takes no preference weights"):
+        load_driving("study_room/base@farther=1")

@@ -11,9 +11,9 @@ import torch
 from fastapi.testclient import TestClient
 
 from desirepath.learning.errors import LearningError
-from desirepath.learning.pedestrians.attention_policy import VARIANT, AttentionPolicy
 from desirepath.learning.pedestrians.crowd_networks import Actor
 from desirepath.learning.pedestrians.crowd_training import actor_to_arrays
+from desirepath.learning.policies.attention import VARIANT, AttentionPolicy
 from desirepath.store.artefacts import save_artefact
 from desirepath.web.application import create_application
 from desirepath.web.core.dependencies import Services

@@ -13,7 +13,7 @@ from desirepath.cli.science import find_policy
 
 if TYPE_CHECKING:
     from desirepath.explain.flow_files import FigureFiles
-    from desirepath.learning.policies.policy import Policy
+    from desirepath.learning.policies.policy import DrivingPolicy
     from desirepath.simulation.scene import Scene
 
 SetupFlag = Annotated[str | None, typer.Option(help="study_room or open_field; by default the policy's own.")]
@@ -93,10 +93,11 @@ def explain(
     """Show what a policy's lidar saw and how much each thing moved its command (PNG, SVG, CSV)."""
     from desirepath.explain.explanation_files import explanation_files
     from desirepath.explain.methods import checked
+    from desirepath.learning.policies.policy import network_of
     from desirepath.learning.policies.torch_actor import actor_of
 
     which, what = checked(method, command)
-    found = find_policy(policy)
+    found = network_of(find_policy(policy))
     shown = _scene({policy: found}, None, scene)
     made = explanation_files(
         actor_of(found), found.rollout_policy, shown, name=_title(policy), method=which, command=what, at_s=at
@@ -104,7 +105,7 @@ def explain(
     say({**made.numbers, "files": _written(made, out)}, as_json)
 
 
-def _scene(named: dict[str, Policy], setup: str | None, seed: int | None) -> Scene:
+def _scene(named: dict[str, DrivingPolicy], setup: str | None, seed: int | None) -> Scene:
     from desirepath.learning.scene_sets import Purpose, first_seed
     from desirepath.simulation.scenes import draw_scene
     from desirepath.simulation.setups import require_same

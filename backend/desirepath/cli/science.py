@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
     from desirepath.jobs.kinds import Params
-    from desirepath.learning.policies.policy import Policy
+    from desirepath.learning.policies.policy import DrivingPolicy
 
 train = typer.Typer(help="Train reward models and policies.", no_args_is_help=True)
 queries = typer.Typer(help="Make queries.", no_args_is_help=True)
@@ -214,18 +214,18 @@ def evaluate(
     say(evaluate_policy(find_policy(policy), n=scenes, seed=seed, engine=engine), as_json)
 
 
-def find_policy(reference: str) -> Policy:
+def find_policy(reference: str) -> DrivingPolicy:
     """The policy that was named on the command line: by id, path or shipped name, a conditioned one with its weights
     (`ID@farther=1`). Raises LookupError.
     """
-    from desirepath.learning.policies.shipped import load_policy, names_policy, policy_conditioned_on
+    from desirepath.learning.policies.shipped import load_driving, names_policy, policy_conditioned_on
     from desirepath.learning.shipped_files import shipped_names
     from desirepath.store.artefacts import ArtefactError, load_artefact
     from desirepath.store.models import Artefact
     from desirepath.store.shipped_policies import REGISTERED
 
     if names_policy(reference):
-        return load_policy(reference)
+        return load_driving(reference)
     artefact_id = reference.partition("@")[0]
     database, files = open_store()
     with database.session() as s:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.simulation import kernels as k
-from desirepath.simulation.acting import ActFunction, EpisodicPolicy, act_on, begin
+from desirepath.simulation.acting import ActFunction, EpisodicPolicy, begin
 from desirepath.simulation.fast import FastEngine, Floats, rollout
 from desirepath.simulation.scene import Pose, Scene, SceneError
 from desirepath.simulation.scenes import check_scene, scene_to_row
@@ -249,7 +249,7 @@ def _settled(
         if not len(moving):
             break
         actions[:, 1] = 0.0
-        actions[moving, 1] = np.clip(act_on(act, engine.observations[moving])[:, 1], -1.0, 1.0)
+        actions[moving, 1] = np.clip(begin(act, n, engine)(engine.observations[moving], moving)[:, 1], -1.0, 1.0)
         before = engine.poses[moving, 2].copy()
         engine.step(actions)
         turned[step] = turned[step - 1]
@@ -272,7 +272,7 @@ def _settled(
     observed = engine.start_at(np.column_stack([places, np.where(np.isnan(heading), facing, heading)]))
     limits, speed = setup.limits, np.full(n, np.nan)
     if len(known):
-        forward = np.clip(act_on(act, observed[known])[:, 0], -1.0, 1.0)
+        forward = np.clip(begin(act, n, engine)(observed[known], known)[:, 0], -1.0, 1.0)
         speed[known] = limits.v_min + (forward + 1) / 2 * (limits.v_max - limits.v_min)
     return heading, oscillation, speed
 
@@ -291,7 +291,7 @@ def _rolled_out(
     np.add.at(counts, cells, 1)
     points = max(1, math.ceil(setup.limits.v_max * CONTROL_DT_S / (grid.cell_m / PATH_POINTS_PER_CELL)))
     actions = np.zeros((n, 2), dtype=np.float32)
-    steer = begin(act, n)
+    steer = begin(act, n, engine)
     while not engine.dones.all():
         running = np.flatnonzero(~engine.dones)
         actions[running] = steer(engine.observations[running], running)

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from desirepath.jobs.context import JobContext
-from desirepath.jobs.kept_artefacts import keep, keep_trajectory, load_any_policy, load_policy
+from desirepath.jobs.kept_artefacts import keep, keep_trajectory, load_any_policy
 from desirepath.jobs.kinds import WEIGHED, CompareParams, EvaluateParams
 from desirepath.learning.policies.evaluate import compare_tables, describe_table, episode_columns, episodes
-from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.policy import DrivingPolicy
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.simulation.fast import EPISODE_COLUMNS, EpisodeTable, rollout
 from desirepath.simulation.scene import Scene
@@ -23,7 +23,7 @@ SCENES_AT_ONCE = 500  # the bar moves, and a cancel is heeded between two batche
 
 def evaluate_one(context: JobContext, params: EvaluateParams) -> dict[str, Any]:
     """One policy on `params.scenes` fresh scenes; keeps an evaluation with one row per scene."""
-    artefact, policy = load_policy(context, params.policy)
+    artefact, policy = load_any_policy(context, params.policy)
     scenes = _scenes(policy.setup, params.scenes, params.seed)
     table = _rolled_out(context, policy, scenes, 0.0, 0.95)
     measured = {**describe_table(policy.setup, table), "engine": "fast", "seed": params.seed}
@@ -109,7 +109,9 @@ def _scenes(setup: str, n: int, seed: int) -> list[Scene]:
     return scene_set(setup, n, purpose=Purpose.REPORT, seed=seed)
 
 
-def _rolled_out(context: JobContext, policy: Policy, scenes: list[Scene], first: float, last: float) -> EpisodeTable:
+def _rolled_out(
+    context: JobContext, policy: DrivingPolicy, scenes: list[Scene], first: float, last: float
+) -> EpisodeTable:
     """Every scene once, in batches."""
     part = context.progress.part(first, last)
     tables = []

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session as DbSession
 from desirepath.jobs.context import JobContext
 from desirepath.jobs.kinds import ANY_POLICY, Params
 from desirepath.learning.cards import source_commit
-from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.policy import DrivingPolicy, Policy
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefact_upkeep import LONGEST_NAME
 from desirepath.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectories
@@ -76,7 +76,7 @@ def load_conditioned(context: JobContext, reference: str) -> tuple[Artefact, Con
     return artefact, ConditionedPolicy.from_bytes(context.files.get(artefact.id))
 
 
-def load_any_policy(context: JobContext, reference: str, weights: str = "") -> tuple[Artefact, Policy]:
+def load_any_policy(context: JobContext, reference: str, weights: str = "") -> tuple[Artefact, DrivingPolicy]:
     """A policy and its artefact, a conditioned one at these weights (`farther=1`).
 
     Raises ArtefactError as `find_artefact` does, LearningError for weights that it does not take.

@@ -73,14 +73,15 @@ def _artefact(kind: str, default: Any = PydanticUndefined) -> Any:
 CONDITIONED, ADAPTABLE = "conditioned_policy", "adaptable_policy"
 WEIGHED = (CONDITIONED, ADAPTABLE)
 """Kinds of policies that take weights: of the nine objectives, or of chapter 5's three."""
-ANY_POLICY = "|".join(("policy", *WEIGHED))
+ANY_POLICY = "|".join(("policy", *WEIGHED, "attention_policy"))
+"""Kinds of artefact that drive."""
 
 
 def _checked_weights(words: str) -> str:
     """Raises ValueError saying what no policy can be conditioned on."""
     from desirepath.learning.adaptable.objectives import NAMES
-    from desirepath.learning.adaptable.policy import parsed_preference
     from desirepath.learning.errors import OppositeWeights
+    from desirepath.learning.policies.adaptable import parsed_preference
     from desirepath.learning.preferences.objectives import parsed_weights
 
     try:
@@ -109,7 +110,7 @@ else:
 class EvaluateParams(Params):
     """Measure one policy on fresh scenes."""
 
-    policy: str = _artefact("policy")
+    policy: str = _artefact(ANY_POLICY)
     scenes: int = _from("ours", 2_000, ge=20, le=MOST_SCENES)
     seed: int = _from("ours_report_scenes", 0, ge=0, le=LARGEST_SEED)
 

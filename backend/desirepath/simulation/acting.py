@@ -8,6 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +39,25 @@ class EpisodicPolicy(ABC):
         """Act in so many new episodes, side by side."""
 
 
-def begin(policy: ActFunction | EpisodicPolicy, episodes: int) -> EpisodeActs:
-    """Act in so many new episodes. Actions are checked for shape; raises ActionError where they are wrong."""
+class SensingPolicy(EpisodicPolicy):
+    """A policy with sensors of its own: it reads the engine that it drives in, not the setup's observation."""
+
+    @abstractmethod
+    def begin_in(self, engine: Any) -> EpisodeActs:
+        """Act in the episodes that this `FastEngine` has just begun. Raises ActionError where it cannot sense there."""
+
+    def act(self, observations: Floats) -> Floats:
+        raise ActionError("this policy has sensors of its own: roll it out on the fast engine")
+
+    def begin(self, episodes: int) -> EpisodeActs:
+        raise ActionError("this policy has sensors of its own: roll it out on the fast engine")
+
+
+def begin(policy: ActFunction | EpisodicPolicy, episodes: int, engine: object = None) -> EpisodeActs:
+    """Act in so many new episodes, those of the engine where one is given. Actions are checked for shape; raises
+    ActionError where they are wrong."""
+    if isinstance(policy, SensingPolicy) and engine is not None:
+        return policy.begin_in(engine)
     if isinstance(policy, EpisodicPolicy):
         return policy.begin(episodes)
     return lambda observations, _: act_on(policy, observations)

@@ -330,8 +330,12 @@ def rollout(
     max_steps: stop earlier than the setup's limit; the outcome of what is cut off is RUNNING.
     """
     limit = setup.max_steps if max_steps is None else min(max_steps, setup.max_steps)
-    steer = begin(act, len(scenes))
-    return _roll_out_all(setup, lambda _, observations, running: steer(observations, running), scenes, limit)
+
+    def steering(engine: FastEngine) -> _Choose:
+        steer = begin(act, len(scenes), engine)
+        return lambda _, observations, running: steer(observations, running)
+
+    return _roll_out_all(setup, steering, scenes, limit)
 
 
 def replay(setup: Setup, scenes: Sequence[Scene], actions: Sequence[Floats]) -> list[Trajectory]:
@@ -342,19 +346,21 @@ def replay(setup: Setup, scenes: Sequence[Scene], actions: Sequence[Floats]) -> 
     longest = min(setup.max_steps, max((len(a) for a in actions), default=0))
     padded = [np.concatenate([a, np.repeat(a[-1:], longest - len(a), axis=0)]) for a in actions]
     together = np.stack(padded) if padded else np.zeros((0, 0, 2), dtype=np.float32)
-    return _roll_out_all(setup, lambda step, _, running: together[running, step], scenes, longest)
+    return _roll_out_all(setup, lambda _: lambda step, _, running: together[running, step], scenes, longest)
+
+
+_Choose = Callable[[int, Floats, NDArray[np.int64]], Floats]
+"""(step, observations of those running, which those are) -> their actions."""
 
 
 def _roll_out_all(
-    setup: Setup,
-    choose: Callable[[int, Floats, NDArray[np.int64]], Floats],
-    scenes: Sequence[Scene],
-    limit: int,
+    setup: Setup, steering: Callable[[FastEngine], _Choose], scenes: Sequence[Scene], limit: int
 ) -> list[Trajectory]:
-    """One trajectory per scene. choose: (step, observations of those running, which those are) -> their actions."""
+    """One trajectory per scene. steering: how actions are chosen in this engine."""
     if not scenes:
         return []
     engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
+    choose = steering(engine)
     poses = [[pose.copy()] for pose in engine.poses]
     records: list[list[tuple[Floats, Floats, np.float32, Floats, np.bool_]]] = [[] for _ in scenes]
     actions = np.zeros((len(scenes), 2), dtype=np.float32)
@@ -437,7 +443,7 @@ def evaluate(act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[S
     engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
     actions = np.zeros((len(scenes), 2), dtype=np.float32)
     total = np.zeros(len(scenes), dtype=np.float64)
-    steer = begin(act, len(scenes))
+    steer = begin(act, len(scenes), engine)
     while not engine.dones.all():
         running = np.flatnonzero(~engine.dones)
         actions[running] = steer(engine.observations[running], running)

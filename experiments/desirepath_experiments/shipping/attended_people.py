@@ -18,8 +18,8 @@ from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, card_path
 from desirepath.learning.errors import LearningError
 from desirepath.learning.pedestrians.attended import as_trajectory, given_to_people, until
-from desirepath.learning.pedestrians.attention_policy import AttentionPolicy
 from desirepath.learning.pedestrians.crowd_networks import attention_weights
+from desirepath.learning.policies.attention import AttentionPolicy
 from desirepath.learning.scene_sets import Purpose, first_seed
 from desirepath.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
 from desirepath.simulation.scene import Scene

@@ -11,10 +11,10 @@ import numpy as np
 
 from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, card_path, file_sha256
-from desirepath.learning.pedestrians.attention_policy import VARIANT, AttentionPolicy
 from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
 from desirepath.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
 from desirepath.learning.pedestrians.crowd_planners import PLANNERS
+from desirepath.learning.policies.attention import VARIANT, AttentionPolicy
 from desirepath.learning.scene_sets import Purpose, describe
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS

@@ -24,7 +24,14 @@ from desirepath.learning.policies.policy import (
     stored_slowing,
 )
 from desirepath.learning.policies.shape import NetworkShape
-from desirepath.learning.preferences.objectives import NAMES, SIZE, check_weights, names_of, preference_weights
+from desirepath.learning.preferences.objectives import (
+    NAMES,
+    SIZE,
+    check_weights,
+    names_of,
+    parsed_weights,
+    preference_weights,
+)
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.slowing import Slowing
 
@@ -92,6 +99,9 @@ class ConditionedPolicy(StoredPolicy):
         recovery_policies = (self.base, unmoved) if self.base else ()
         slowing = self.slowing.weighted(float(weights[SLOWER])) if self.slowing else None
         return Policy(self.setup, shape, actor, critic, recovery_policies, slowing=slowing)
+
+    def driving(self, weights: str = "") -> Policy:
+        return self.at(parsed_weights(weights))
 
     @property
     def objectives(self) -> tuple[str, ...]:
@@ -183,3 +193,6 @@ def settings(extra: Mapping[str, Mapping[str, float]] | None = None, setup: str 
     alone = {name: {name: 1.0} for name in names_of(setup)}
     named: dict[str, Mapping[str, float]] = {"neutral": {}, **alone, **(extra or {})}
     return {name: preference_weights(weights) for name, weights in named.items()}
+
+
+STORED = ConditionedPolicy

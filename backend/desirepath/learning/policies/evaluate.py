@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from desirepath.learning.cards import SOCIAL
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.policy import DrivingPolicy
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import EpisodeTable
 from desirepath.simulation.fast import evaluate as evaluate_fast
@@ -92,7 +92,7 @@ def mean_estimate(values: NDArray[Any], *, seed: int = 0) -> Estimate:
     return mean_estimates({"values": values}, seed=seed)["values"]
 
 
-def episodes(policy: Policy, scenes: list[Scene], engine: str = "fast") -> EpisodeTable:
+def episodes(policy: DrivingPolicy, scenes: list[Scene], engine: str = "fast") -> EpisodeTable:
     """Roll out in every scene once, on the fast engine or (slowly) on PyBullet. LearningError for another engine."""
     setup = get_setup(require_same(policy=policy.setup, **{f"scene {k}": s.setup for k, s in enumerate(scenes)}))
     if engine == "fast":
@@ -105,7 +105,7 @@ def episodes(policy: Policy, scenes: list[Scene], engine: str = "fast") -> Episo
 
 
 def evaluate_policy(
-    policy: Policy, *, n: int = 2_000, seed: int = 0, engine: str = "fast", purpose: Purpose = Purpose.REPORT
+    policy: DrivingPolicy, *, n: int = 2_000, seed: int = 0, engine: str = "fast", purpose: Purpose = Purpose.REPORT
 ) -> dict[str, Any]:
     """The policy in n fresh scenes of its setup, SI units, keys as in DESIGN's table of commands.
 
@@ -157,7 +157,7 @@ def episode_columns(table: EpisodeTable) -> dict[str, NDArray[Any]]:
 
 
 def compare_policies(
-    first: Policy, second: Policy, *, n: int = 2_000, seed: int = 0, engine: str = "fast"
+    first: DrivingPolicy, second: DrivingPolicy, *, n: int = 2_000, seed: int = 0, engine: str = "fast"
 ) -> dict[str, Any]:
     """`second` against `first` in the same n fresh scenes.
 

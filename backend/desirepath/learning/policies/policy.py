@@ -17,7 +17,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.shape import NetworkShape
+from desirepath.registries import Registry
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy, RecoveringPolicy, Recovery
 from desirepath.simulation.npz import NpzError, from_npz, npz_header, to_npz
 from desirepath.simulation.setups import SetupError, get_setup
@@ -103,7 +105,19 @@ def stored_slowing(meta: Mapping[str, Any]) -> Slowing | None:
 
 
 class StoredPolicy(ABC):
-    """A kind of policy as a file: whatever `to_bytes` gives, `from_bytes` reads."""
+    """A kind of policy as a file: whatever `to_bytes` gives, `from_bytes` reads.
+
+    A kind is one module in this folder, found by looking, or one of another package by an entry point of
+    `desirepath.policies`; it ends with `STORED`, and stored files name it in their format: `NAME-VERSION`
+    (the product's: `desirepath-NAME-VERSION`).
+    """
+
+    setup: str
+
+    @abstractmethod
+    def driving(self, weights: str = "") -> DrivingPolicy:
+        """What drives, conditioned on weights as they are written behind `@` on the command line. Raises LearningError
+        for weights that it does not take."""
 
     @abstractmethod
     def to_bytes(self) -> bytes: ...
@@ -130,8 +144,52 @@ class StoredPolicy(ABC):
         return hashlib.sha256(self.to_bytes()).hexdigest()
 
 
+class DrivingPolicy(StoredPolicy):
+    """What drives a robot of its setup. Evaluation, comparison, flow fields and exports ask no more of it."""
+
+    @property
+    @abstractmethod
+    def rollout_policy(self) -> ActFunction | EpisodicPolicy:
+        """What acts in whole episodes."""
+
+    @abstractmethod
+    def manifest(self) -> dict[str, object]:
+        """What a foreign program needs to run it."""
+
+    def without_critic(self) -> DrivingPolicy:
+        """All of it that driving needs."""
+        return self
+
+    def driving(self, weights: str = "") -> DrivingPolicy:
+        if weights:
+            raise LearningError(f"this policy takes no preference weights: {weights!r} needs a conditioned policy")
+        return self
+
+
+FORMATS: Registry[type[StoredPolicy]] = Registry("desirepath.policies", "desirepath.learning.policies", "STORED")
+"""By the name in a stored file's format."""
+
+
+def read_policy(content: bytes) -> StoredPolicy:
+    """A stored policy of whatever kind. Raises PolicyError, or LearningError, for what is none."""
+    found = stored_format(content)
+    name = found.removeprefix("desirepath-").rpartition("-")[0].replace("-", "_")
+    if name not in FORMATS:
+        raise PolicyError(f"policy format {found!r} is unknown; known are the formats of {', '.join(FORMATS)}")
+    return FORMATS[name].from_bytes(content)
+
+
+def network_of(policy: DrivingPolicy) -> Policy:
+    """The policy, where it is one network that reads its setup's observation: what trainings start from, and what
+    gradients and other people's formats are made of. Raises LearningError for others."""
+    if not isinstance(policy, Policy):
+        kind = f"{type(policy).__name__} of {policy.setup}"
+        raise LearningError(f"{kind} does not read its setup's observation alone; needed is a policy that does")
+    return policy
+
+
 @dataclass(frozen=True)
-class Policy(StoredPolicy):
+class Policy(DrivingPolicy):
     """A deterministic actor of one setup.
 
     actor, critic: weight, bias, weight, bias, ... float32, weights (inputs, outputs), in the order of `NetworkShape`.
@@ -278,3 +336,6 @@ class Policy(StoredPolicy):
             meta.get("made_for", ""),
             stored_slowing(meta),
         )
+
+
+STORED = Policy

@@ -8,21 +8,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from desirepath.learning.adaptable.policy import FORMAT as ADAPTABLE
-from desirepath.learning.adaptable.policy import AdaptablePolicy, parsed_preference
 from desirepath.learning.cards import file_sha256
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.conditioned import FORMAT as CONDITIONED
+from desirepath.learning.policies.adaptable import AdaptablePolicy
 from desirepath.learning.policies.conditioned import ConditionedPolicy
-from desirepath.learning.policies.policy import Policy, stored_format
-from desirepath.learning.preferences.objectives import parsed_weights
+from desirepath.learning.policies.policy import DrivingPolicy, Policy, network_of, read_policy
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.learning.shipped_files import load_card, resolve, shipped_names
 
 if TYPE_CHECKING:
     from desirepath.learning.alignment.policy_library import PolicyLibrary
     from desirepath.learning.measures.step_basis import StepBasis
-    from desirepath.learning.pedestrians.attention_policy import AttentionPolicy
+    from desirepath.learning.policies.attention import AttentionPolicy
 
 
 def names_policy(reference: str) -> bool:
@@ -31,8 +28,8 @@ def names_policy(reference: str) -> bool:
     return name in shipped_names() or Path(name).is_file()
 
 
-def load_policy(reference: str) -> Policy:
-    """A policy by shipped name or path.
+def load_driving(reference: str) -> DrivingPolicy:
+    """What drives, by shipped name or path, whatever kind it is stored as.
 
     A conditioned policy may be given preference weights, `study_room/conditioned@farther=1,smoother=0.5`; without, all
     are zero. So may an adaptable one, `adaptable/policy@demonstration=0.5,distance=0.5`; without, a third each. Raises
@@ -41,20 +38,20 @@ def load_policy(reference: str) -> Policy:
     return policy_conditioned_on(resolve(reference.partition("@")[0]).read_bytes(), reference)
 
 
-def policy_conditioned_on(content: bytes, reference: str) -> Policy:
-    """The policy in `content`, conditioned on what stands behind `@` in its reference. Raises LearningError or
-    PolicyError.
+def load_policy(reference: str) -> Policy:
+    """As `load_driving`, one whose network reads the setup's observation: what trainings start from."""
+    return network_of(load_driving(reference))
+
+
+def policy_conditioned_on(content: bytes, reference: str) -> DrivingPolicy:
+    """What drives of the policy in `content`, conditioned on what stands behind `@` in its reference. Raises
+    LearningError or PolicyError.
     """
-    name, given, weights = reference.partition("@")
-    if stored_format(content) == CONDITIONED:
-        return ConditionedPolicy.from_bytes(content).at(parsed_weights(weights))
-    if stored_format(content) == ADAPTABLE:
-        return AdaptablePolicy.from_bytes(content).at(parsed_preference(weights))
-    if given:
-        raise LearningError(
-            f"{name} takes no preference weights: write it without @{weights}, or name a conditioned policy"
-        )
-    return Policy.from_bytes(content)
+    name, _, weights = reference.partition("@")
+    try:
+        return read_policy(content).driving(weights)
+    except LearningError as problem:
+        raise type(problem)(f"{name}: {problem}") from None
 
 
 def load_conditioned(name_or_path: str) -> ConditionedPolicy:
@@ -103,7 +100,7 @@ def load_shipped(name: str) -> Shipped:
     """
     from desirepath.learning.alignment.policy_library import PolicyLibrary
     from desirepath.learning.measures.step_basis import StepBasis
-    from desirepath.learning.pedestrians.attention_policy import AttentionPolicy
+    from desirepath.learning.policies.attention import AttentionPolicy
 
     path, card = resolve(name), load_card(name)
     if file_sha256(path) != card.sha256:

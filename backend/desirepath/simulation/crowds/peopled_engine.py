@@ -231,6 +231,11 @@ class PeopledEngine(FastEngine):
         return recorded(scene, people, facing)
 
     @property
+    def crowd(self) -> CrowdEngine:
+        """The engine behind it, for who has sensors of its own."""
+        return self._crowd
+
+    @property
     def rows(self) -> k.Rows:
         """(n, columns) the scenes that the robots are in now, without their pedestrians."""
         return scenes_to_rows([self.scene(i) for i in range(self.n_envs)])

@@ -16,8 +16,10 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.datastructures import FormData
 from starlette.responses import RedirectResponse, Response
 
+from desirepath.jobs.kinds import ANY_POLICY
 from desirepath.learning.cards import SOCIAL
-from desirepath.learning.policies.policy import Policy
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.policy import DrivingPolicy
 from desirepath.store.artefacts import Lineage, lineage, load_trajectory
 from desirepath.store.events import log_event
 from desirepath.store.models import Artefact, ArtefactParent, Job, Participant, Study
@@ -37,6 +39,7 @@ from desirepath.web.core.media import answers_with, media_of
 from desirepath.web.core.permits import in_studies, may_with, seen_artefacts
 from desirepath.web.core.roles import Right
 
+DRIVING = ANY_POLICY.split("|")
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 LINK_S = 300  # ours: how long a signed link to the store of files is good for
 
@@ -199,22 +202,24 @@ def policy_sb3(artefact_id: str, database: Db, files: Files) -> Response:
     from desirepath.learning.policies.export import (
         policy_to_sb3_zip,  # torch takes seconds to import; the server does without
     )
+    from desirepath.learning.policies.policy import network_of
 
-    return _exported(artefact_id, database, files, policy_to_sb3_zip, "zip")
+    return _exported(artefact_id, database, files, lambda policy: policy_to_sb3_zip(network_of(policy)), "zip")
 
 
 @router.get("/lab/policies/{artefact_id}/policy.onnx")
 def policy_onnx(artefact_id: str, database: Db, files: Files) -> Response:
     from desirepath.learning.policies.export import policy_to_onnx
+    from desirepath.learning.policies.policy import network_of
 
-    return _exported(artefact_id, database, files, policy_to_onnx, "onnx")
+    return _exported(artefact_id, database, files, lambda policy: policy_to_onnx(network_of(policy)), "onnx")
 
 
 @router.get("/lab/policies/{artefact_id}/manifest.json")
 def manifest(artefact_id: str, database: Db, files: Files) -> Response:
     """Observation layout, units and action scaling: what a robot needs to run the exported policy."""
 
-    def write(policy: Policy) -> bytes:
+    def write(policy: DrivingPolicy) -> bytes:
         return json.dumps(policy.manifest(), indent=2, sort_keys=True).encode()
 
     return _exported(artefact_id, database, files, write, "manifest.json")
@@ -287,6 +292,7 @@ def _card(request: Request, s: DatabaseSession, artefact: Artefact) -> Response:
         measured=measured,
         children=children,
         on_card=measured_of(artefact),
+        driving=DRIVING,
         social_measures=SOCIAL,
         held_out=_held_out(artefact),
         held_out_figure=_held_out_figure(request, artefact),
@@ -391,10 +397,21 @@ def _children(request: Request, s: DatabaseSession, artefact_id: str) -> list[Ar
     return list(s.scalars(made.order_by(Artefact.created_at.desc())).unique())
 
 
-def _exported(artefact_id: str, database: Db, files: Files, write: Callable[[Policy], bytes], ending: str) -> Response:
+def _exported(
+    artefact_id: str, database: Db, files: Files, write: Callable[[DrivingPolicy], bytes], ending: str
+) -> Response:
+    """A policy in another format, a conditioned one without preferences. Refused where the format cannot have it."""
+    from desirepath.learning.policies.policy import read_policy
+
     with database.session() as s:
-        found = _usable(s, artefact_id, "policy")
-    return _download(write(Policy.from_bytes(files.get(found.id))), f"policy-{found.id[:12]}.{ending}")
+        found = _usable(s, artefact_id)
+    if found.kind not in DRIVING:
+        raise LabRefusal(404, "no_artefact")
+    try:
+        written = write(read_policy(files.get(found.id)).driving())
+    except LearningError:
+        raise LabRefusal(404, "no_artefact") from None
+    return _download(written, f"policy-{found.id[:12]}.{ending}")
 
 
 def _download(data: bytes, filename: str) -> Response:

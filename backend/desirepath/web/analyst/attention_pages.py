@@ -93,7 +93,7 @@ def attention(
 def rolled_out(content: bytes, setup: str, seed: int) -> tuple[Trajectory, ShownAttention]:
     """The policy in that scene among two who walk, with what it attended to."""
     from desirepath.learning.pedestrians.attended import as_trajectory, attended
-    from desirepath.learning.pedestrians.attention_policy import AttentionPolicy
+    from desirepath.learning.policies.attention import AttentionPolicy
     from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, draw_crowd_scene
 
     policy = AttentionPolicy.from_bytes(content)

@@ -30,7 +30,7 @@ from desirepath.web.core.permits import may_with, seen_artefacts
 from desirepath.web.core.roles import Right, Rights
 
 if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
-    from desirepath.learning.policies.policy import Policy
+    from desirepath.learning.policies.policy import DrivingPolicy
 
 SIDES = ("a", "b")
 CONDITIONED, ADAPTABLE = "conditioned_policy", "adaptable_policy"
@@ -60,7 +60,7 @@ class Side:
         named = shipped_as(self.artefact.id) or self.artefact.id
         return f"{named}@{self.weights_in_words}" if self.weights_in_words else named
 
-    def policy(self, files: ArtefactStore) -> Policy:
+    def policy(self, files: ArtefactStore) -> DrivingPolicy:
         """What rolls out. Raises LearningError for weights that it cannot be conditioned on."""
         from desirepath.learning.policies.shipped import policy_conditioned_on
 

@@ -157,6 +157,8 @@ def _options(given: Mapping[str, str]) -> Options:
 def _drawn(
     request: Request, t: Catalogue, files: ArtefactStore, asked: Asked, options: Options, side: Side
 ) -> Explained:
+    from desirepath.learning.policies.policy import network_of
+
     words: dict[str, Any] = {
         **{name: t(f"explanation.words.{name}") for name in ("x", "y", "time", "score", "speed", "turning")},
         "title": t(f"explanation.titles.{options.command}", method=t(f"explanation.methods.{options.method}")),
@@ -164,7 +166,7 @@ def _drawn(
     }
     order = ExplanationOrder(
         side.name,
-        side.policy(files).without_critic().to_bytes(),
+        network_of(side.policy(files)).without_critic().to_bytes(),
         asked.scene_seed,
         options.method,
         options.command,

@@ -33,7 +33,7 @@ from desirepath.web.stage.replay_stages import Replay
 
 if TYPE_CHECKING:  # the simulator comes with these; a server that starts need not wait for it
     from desirepath.explain.flow_files import FigureFiles
-    from desirepath.learning.policies.policy import Policy
+    from desirepath.learning.policies.policy import DrivingPolicy
 
 router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 
@@ -91,7 +91,7 @@ def flow_file(request: Request, name: str, database: Db, files: Files) -> Respon
     return figure_file(request, name, figure.files[name], shown=SHOWN, mark=mark)
 
 
-def _drawn(request: Request, t: Catalogue, asked: Asked, policies: Sequence[Policy]) -> tuple[str, FigureFiles]:
+def _drawn(request: Request, t: Catalogue, asked: Asked, policies: Sequence[DrivingPolicy]) -> tuple[str, FigureFiles]:
     from desirepath.explain.flow_field import CELL_M
 
     order = FlowOrder(
@@ -103,7 +103,7 @@ def _drawn(request: Request, t: Catalogue, asked: Asked, policies: Sequence[Poli
     return services_of(request).figures.draw(order)
 
 
-def _replay(asked: Asked, policies: Sequence[Policy]) -> Replay:
+def _replay(asked: Asked, policies: Sequence[DrivingPolicy]) -> Replay:
     from desirepath.simulation.fast import rollout
     from desirepath.simulation.scenes import draw_scene
     from desirepath.simulation.setups import get_setup

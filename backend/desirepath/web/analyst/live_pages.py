@@ -36,7 +36,7 @@ from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
 from desirepath_stage.views import VIEWS
 
 if TYPE_CHECKING:
-    from desirepath.learning.adaptable.policy import AdaptablePolicy
+    from desirepath.learning.policies.adaptable import AdaptablePolicy
     from desirepath.learning.policies.conditioned import ConditionedPolicy
     from desirepath.simulation.scene import Scene
     from desirepath.store.models import Artefact
@@ -185,7 +185,7 @@ def _read(files: ArtefactStore, artefact: Artefact) -> ConditionedPolicy | Adapt
 
 @lru_cache(maxsize=4)
 def _parsed(kind: str, content: bytes) -> ConditionedPolicy | AdaptablePolicy:
-    from desirepath.learning.adaptable.policy import AdaptablePolicy
+    from desirepath.learning.policies.adaptable import AdaptablePolicy
     from desirepath.learning.policies.conditioned import ConditionedPolicy
 
     return (AdaptablePolicy if kind == ADAPTABLE else ConditionedPolicy).from_bytes(content)

@@ -170,11 +170,11 @@ def _draw(asked: dict[str, Any]) -> dict[str, Any]:
 def _flow(asked: dict[str, Any]) -> FigureFiles:
     from desirepath.explain.flow_files import flow_files
     from desirepath.explain.flow_words import Words
-    from desirepath.learning.policies.policy import Policy
+    from desirepath.learning.policies.policy import read_policy
     from desirepath.simulation.scenes import draw_scene
     from desirepath.simulation.setups import get_setup, require_same
 
-    policies = [(name, Policy.from_bytes(base64.b64decode(content))) for name, content in asked["policies"]]
+    policies = [(name, read_policy(base64.b64decode(content)).driving()) for name, content in asked["policies"]]
     setup = require_same(**{name: policy.setup for name, policy in policies})
     return flow_files(
         [(name, policy.rollout_policy) for name, policy in policies],

@@ -382,7 +382,8 @@ def explanations(
 ) -> None:
     """Are explanations true? Deletion and insertion against random orders, per method; milliseconds."""
     from desirepath.cli.science import find_policy
+    from desirepath.learning.policies.policy import network_of
     from desirepath_experiments.benchmarks.explanations import benchmark_explanations
 
-    result = benchmark_explanations(find_policy(policy), policy, scenes=scenes, seed=seed)
+    result = benchmark_explanations(network_of(find_policy(policy)), policy, scenes=scenes, seed=seed)
     say_and_write(result, out, as_json)

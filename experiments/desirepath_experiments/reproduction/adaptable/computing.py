@@ -13,7 +13,7 @@ from desirepath.analysis.frechet import frechet_distance
 from desirepath.analysis.metrics import collision_rate, success_rate, timeout_rate
 from desirepath.demonstrations.demonstrators import demonstrate
 from desirepath.learning.adaptable.objectives import NAMES, thesis_vectors
-from desirepath.learning.adaptable.policy import AdaptablePolicy
+from desirepath.learning.policies.adaptable import AdaptablePolicy
 from desirepath.learning.policies.cloning import CloningConfig, cloned
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.rewards.ranked_rollouts import (

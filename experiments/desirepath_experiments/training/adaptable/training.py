@@ -25,9 +25,9 @@ from desirepath.learning.adaptable.objectives import (
     sampled_in,
     scalarised,
 )
-from desirepath.learning.adaptable.policy import AdaptablePolicy
 from desirepath.learning.cards import stored_config
 from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.adaptable import AdaptablePolicy
 from desirepath.learning.policies.cloning import DEMONSTRATED_HEADS
 from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.policies.shape import NetworkShape

@@ -9,9 +9,9 @@ import pytest
 
 import desirepath.gymnasium_envs
 from desirepath.learning.adaptable.objectives import NAMES, check_preference, objective_rewards, thesis_vectors
-from desirepath.learning.adaptable.policy import AdaptablePolicy, parsed_preference
 from desirepath.learning.adaptable.vector_env import AdaptableEnv
 from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.adaptable import AdaptablePolicy, parsed_preference
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.rewards.ranked_rollouts import RankedRewardModel
 from desirepath.simulation.scenes import draw_scene, draw_scenes

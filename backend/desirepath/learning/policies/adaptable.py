@@ -60,6 +60,9 @@ class AdaptablePolicy(StoredPolicy):
         folded = (kept, bias + weights @ first[split - SIZE : split], *self.actor[2:])
         return Policy(self.setup, replace(self.shape, task_inputs=split - SIZE), folded)
 
+    def driving(self, weights: str = "") -> Policy:
+        return self.at(parsed_preference(weights))
+
     @property
     def objectives(self) -> tuple[str, ...]:
         """What it is conditioned on."""
@@ -110,3 +113,6 @@ def parsed_preference(text: str) -> Floats:
         except ValueError:
             raise LearningError(f"preference {part!r}: must be NAME=WEIGHT, NAME one of {', '.join(NAMES)}") from None
     return check_preference(found)
+
+
+STORED = AdaptablePolicy

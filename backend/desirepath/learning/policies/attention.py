@@ -6,15 +6,17 @@ Read without torch, which comes with whoever rolls it out.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.policy import DrivingPolicy
+from desirepath.simulation.acting import ActionError, EpisodeActs, Rows, SensingPolicy
 from desirepath.simulation.npz import from_npz, to_npz
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import get_setup
 
 if TYPE_CHECKING:
     from desirepath.learning.pedestrians.crowd_evaluation import CrowdRollout
@@ -22,10 +24,11 @@ if TYPE_CHECKING:
 
 FORMAT = "desirepath-attention-2"  # 1 was given both centroids, not the gap
 VARIANT = "ours"
+AT_ONCE = 500  # states through the network, whose features are a hundred times as many
 
 
 @dataclass(frozen=True)
-class AttentionPolicy:
+class AttentionPolicy(DrivingPolicy):
     """An actor with attention of `VARIANT`. setup: one of those that it was trained in, whose robot is the same in all.
     arrays: its numbers by name, as in `crowd_training.actor_to_arrays`."""
 
@@ -37,6 +40,28 @@ class AttentionPolicy:
         from desirepath.learning.pedestrians.crowd_training import actor_from_arrays  # torch comes with it
 
         return actor_from_arrays(VARIANT, {name: value.astype(np.float32) for name, value in self.arrays.items()})
+
+    @property
+    def rollout_policy(self) -> SensingPolicy:
+        """Senses what chapter 4's networks read, in the engine of crowds."""
+        return _Attending(self)
+
+    def manifest(self) -> dict[str, object]:
+        from desirepath.learning.pedestrians.crowd_networks import VARIANTS
+        from desirepath.learning.pedestrians.crowd_states import SIZES
+
+        given, limits = VARIANTS[VARIANT].given, get_setup(self.setup).limits
+        return {
+            "setup": self.setup,
+            "state": {"dtype": "float32", "shape": [SIZES[given]], "given": given, "source": "crowd_states.py"},
+            "action": {
+                "range": [-1.0, 1.0],
+                "linear_velocity_m_s": [limits.v_min, limits.v_max],
+                "angular_velocity_rad_s": [-limits.w_max, limits.w_max],
+            },
+            "control_rate_hz": 5,
+            "policy_sha256": self.digest(),
+        }
 
     def rolled_out(self, scene: Scene) -> CrowdRollout:
         """One episode in a scene with pedestrians."""
@@ -60,10 +85,26 @@ class AttentionPolicy:
         except (KeyError, TypeError, ValueError) as problem:
             raise LearningError(f"not a desirepath attention policy (.npz): {problem}") from None
 
-    @classmethod
-    def load(cls, path: Path) -> AttentionPolicy:
-        """Raises LearningError if the file is missing or something else."""
-        try:
-            return cls.from_bytes(path.read_bytes())
-        except OSError as problem:
-            raise LearningError(f"cannot read attention policy {path}: {problem.strerror}") from None
+
+class _Attending(SensingPolicy):
+    def __init__(self, policy: AttentionPolicy) -> None:
+        self._policy = policy
+
+    def begin_in(self, engine: Any) -> EpisodeActs:
+        from desirepath.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
+        from desirepath.learning.pedestrians.crowd_states import states
+
+        crowd = getattr(engine, "crowd", None)
+        if crowd is None:
+            raise ActionError(f"setup {engine.setup.name} has no pedestrians, whom an attention policy goes by")
+        acts, given = actor_acts(self._policy.actor()), VARIANTS[VARIANT].given
+
+        def act(_: NDArray[np.float32], rows: Rows) -> NDArray[np.float32]:
+            seen = states(crowd, given)[rows]
+            some = [acts(seen[first : first + AT_ONCE]) for first in range(0, len(seen), AT_ONCE)]
+            return np.concatenate(some)
+
+        return act
+
+
+STORED = AttentionPolicy
