@@ -87,7 +87,9 @@ class Settings(BaseSettings):
         "", max_length=80, description="what the pages of jobs call this machine; default: its own name"
     )
     standing_process: bool = Field(
-        True, description="keep one process loaded (about 350 MB), so that instant policies are there within seconds"
+        True,
+        description="keep one process loaded (about 350 MB) while participants are there: instant policies take "
+        "seconds",
     )
     contact: str = Field(
         "", description="whom participants may ask; where empty, they read: the person who sent you the link"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from desirepath.jobs import engine as engine_module
 from desirepath.jobs.engine import Engine, EngineState
 from desirepath.store.outbox import Queue
 
@@ -101,6 +102,17 @@ def test_submitting_twice_runs_once(engine, recorder):
     assert engine.state("never-heard-of") == EngineState.UNKNOWN
 
 
+def test_what_is_submitted_starts_at_once_though_idle_queues_hardly_look(engine, recorder, monkeypatch):
+    monkeypatch.setattr(engine_module, "IDLE_POLL_S", 3_600.0)
+    monkeypatch.setattr(engine_module, "STILL_BUSY_S", 1.0)
+    engine.submit("first", queue=Queue.ANALYSTS, priority=1)
+    recorder.wait_for("first")
+    threading.Event().wait(1.0 + 2 * engine_module.TRAINING_POLL_S)  # all queues have fallen asleep
+    for number in range(3):
+        engine.submit(f"later-{number}", queue=Queue.ANALYSTS, priority=1)
+    recorder.wait_for("later-0", "later-1", "later-2")
+
+
 def test_crash_gets_one_more_attempt_and_failure_none(engine, recorder):
     recorder.outcomes = {"crashing": "crashed", "failing": "failed"}
     for job in recorder.outcomes:
@@ -112,6 +124,7 @@ def test_crash_gets_one_more_attempt_and_failure_none(engine, recorder):
 
 KILLED = """
 import os, signal, sys, time
+from desirepath.jobs import engine as engine_module
 from desirepath.jobs.engine import Engine, Queue
 def attempt(job_id, number):
     if number == 1:

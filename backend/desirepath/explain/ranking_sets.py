@@ -11,11 +11,10 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from desirepath.explain.attribution import Actor, explain
 from desirepath.explain.in_sight import halts_in_sight
 from desirepath.explain.methods import AttributionError, Command, Method
 from desirepath.explain.sight import sight_of, thing_names
@@ -25,6 +24,9 @@ from desirepath.simulation.npz import from_npz, to_npz
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath.simulation.trajectory import STORED, Outcome, Trajectory
+
+if TYPE_CHECKING:
+    from desirepath.explain.attribution import Actor
 
 FORMAT = "desirepath-ranking-set-1"
 DRIVE_S = 3.0  # chapter 8: then the robot halts
@@ -160,6 +162,8 @@ def explained_rollout(
             f"scene {scene.seed}: the rollout is over ({whole.outcome.name.lower()}) after {whole.duration_s:.1f} s, "
             f"before the halt at {drive_s:.1f} s; leave the scene out"
         )
+    from desirepath.explain.attribution import explain  # torch and captum: not where a set is only read
+
     explained = explain(actor, sight_of(whole), method=method, command=command)
     things = tuple(thing_names(scene)[: len(scene.obstacles)])
     scores = explained.scores[:, : len(things)].astype(np.float32)

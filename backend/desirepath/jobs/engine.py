@@ -8,9 +8,12 @@ DBOS keeps one engine per process.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable
-from contextlib import closing
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from enum import StrEnum
+from functools import partial
 
 from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID, WorkflowStatus
 from sqlalchemy import make_url
@@ -20,9 +23,13 @@ from desirepath.store.outbox import Queue
 # The shape of the workflow below, not the product's version: a job that an older release began is taken up by a newer
 # one as long as the steps and their order stay the same. Raise it when they change.
 WORKFLOW_VERSION = "1"
-# Seconds between two looks of a queue; each costs 3 ms of processor time, also where nothing is ever queued.
+# Seconds between two looks of a queue while something runs; each costs 3 ms of processor time. What is submitted here
+# is taken up at once where there is room for it.
 INSTANT_POLL_S = 0.25  # a participant is waiting for a policy that takes a second
 TRAINING_POLL_S = 0.5  # half a minute of training follows
+IDLE_POLL_S = 10.0  # while nothing runs: for what another worker submitted
+STILL_BUSY_S = 5.0  # after a job: DBOS counts it as running for a moment longer
+UNUSED_SCHEDULE_S = 3_600.0
 
 MOST_SUBMITTED = 3  # of one job, each after the engine ended it without a result
 
@@ -57,7 +64,8 @@ class Engine:
     ) -> None:
         _use_wal(url)
         self._processes = processes
-        DBOS(
+        self._pause = _Pause()
+        self._dbos = DBOS(
             config=DBOSConfig(
                 name="desirepath",
                 system_database_url=url,
@@ -66,6 +74,7 @@ class Engine:
                 log_level="WARNING",
                 enable_otlp=False,
                 use_listen_notify=False,
+                scheduler_polling_interval_sec=UNUSED_SCHEDULE_S,
             )
         )
 
@@ -79,19 +88,25 @@ class Engine:
 
         @DBOS.workflow(name="job")
         def job(job_id: str) -> str:
-            outcome = "crashed"
-            for number in range(1, attempts + 1):
-                outcome = one_attempt(job_id, number)
-                if outcome != "crashed":
-                    break
-            concluded(job_id, outcome)
-            return outcome
+            with self._pause.busy():
+                outcome = "crashed"
+                for number in range(1, attempts + 1):
+                    outcome = one_attempt(job_id, number)
+                    if outcome != "crashed":
+                        break
+                concluded(job_id, outcome)
+                return outcome
 
         self._job = job
 
     def start(self) -> None:
         """Begin to take up work: first what a killed worker of this executor id left behind."""
         DBOS.launch()
+        # Two loops look for messages between workflows and for delayed ones: we have none.
+        self._dbos._sys_db._run_background_processes = False
+        self._dbos._background_jobs_stop_event.set()
+        for stop in self._dbos.background_thread_stop_events:
+            stop.wait = partial(self._pause.wait, stop)  # type: ignore[method-assign]
         for queue in Queue:
             DBOS.register_queue(
                 queue.value,
@@ -99,11 +114,13 @@ class Engine:
                 polling_interval_sec=INSTANT_POLL_S if queue is Queue.INSTANT else TRAINING_POLL_S,
                 on_conflict="always_update",
             )
+        self._pause.end()
 
     def submit(self, job_id: str, *, queue: Queue, priority: int) -> None:
         """Queue a job; smaller priorities first. Submitting the same job again changes nothing."""
         with SetWorkflowID(job_id), SetEnqueueOptions(priority=max(1, priority)):
             DBOS.enqueue_workflow(queue.value, self._job, job_id)
+        self._pause.end()
 
     def submit_again(self, job_id: str, *, queue: Queue, priority: int) -> bool:
         """Queue a job anew that the engine ended without a result, as when its own tables were away for long. False
@@ -112,12 +129,14 @@ class Engine:
             if DBOS.get_workflow_status(_workflow(job_id, number)) is None:
                 with SetWorkflowID(_workflow(job_id, number)), SetEnqueueOptions(priority=max(1, priority)):
                     DBOS.enqueue_workflow(queue.value, self._job, job_id)
+                self._pause.end()
                 return True
         return False
 
     def resume(self, job_id: str, *, queue: Queue) -> None:
         """Take up a job whose worker is gone for good."""
         DBOS.resume_workflow(self._newest(job_id)[0], queue_name=queue.value)
+        self._pause.end()
 
     def state(self, job_id: str) -> EngineState:
         """Where the engine has the job."""
@@ -140,7 +159,50 @@ class Engine:
 
     def stop(self) -> None:
         """Let go of everything; what runs is taken up by the next start."""
+        for stop in self._dbos.background_thread_stop_events:
+            stop.set()
+        self._pause.end()
         DBOS.destroy(destroy_registry=True)
+
+
+class _Pause:
+    """What DBOS's threads wait in between two looks: as long as they ask for while a job runs, longer while none does,
+    and not at all once something changes. DBOS itself only polls."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._changes = 0
+        self._running = 0
+        self._busy_until = 0.0
+        self._seen = threading.local()  # what each thread has looked after
+
+    def wait(self, stop: threading.Event, timeout: float) -> bool:
+        """In the place of `stop.wait(timeout)`: whether the thread is to end."""
+        with self._changed:
+            is_busy = self._running > 0 or time.monotonic() < self._busy_until
+            seen = getattr(self._seen, "changes", None)
+            self._changed.wait_for(
+                lambda: stop.is_set() or self._changes != seen, timeout if is_busy else max(timeout, IDLE_POLL_S)
+            )
+            self._seen.changes = self._changes
+        return stop.is_set()
+
+    def end(self, *, running: int = 0) -> None:
+        """There is something to look for. running: change of the number of running jobs."""
+        with self._changed:
+            self._changes += 1
+            self._running += running
+            self._busy_until = time.monotonic() + STILL_BUSY_S
+            self._changed.notify_all()
+
+    @contextmanager
+    def busy(self) -> Iterator[None]:
+        """A job runs in the block."""
+        self.end(running=1)
+        try:
+            yield
+        finally:
+            self.end(running=-1)
 
 
 def _workflow(job_id: str, number: int) -> str:

@@ -36,10 +36,12 @@ from desirepath.store.models import Job, utc_now
 from desirepath.store.outbox import ENDED, is_instant
 
 POLL_S = 0.2
+PARENT_POLL_S = 0.5  # where the system cannot tell
 HEARTBEAT_S = 2.0
 WRITE_TRIES = 10  # at the start and the end of a job, each with the database's own patience
 WAIT_S = (0.2, 5.0)  # before the second of these tries, and the longest; each waits twice as long as the one before
 ATTEMPT_TRIES = 5  # of an attempt whose process found the database away or the disk full, with the same waits
+STANDS_S = 600.0  # ours: how long the standing process outlasts the last sign of a participant
 KILL_AFTER_S = 3.0  # from asking the group to end to killing it
 FINAL_STATES = ENDED
 LOG_TAIL_BYTES = 2_000
@@ -137,19 +139,48 @@ def start_process(settings: Settings, job_id: str | None = None, attempt: str = 
 class Standing:
     """One process that stands ready with torch and the simulator loaded, for jobs that take less time than that.
 
-    While it works, further jobs get processes of their own. None is kept where `wanted` is false.
+    It is started by `want` and ended by `rest`. While it works, further jobs get processes of their own. None is kept
+    where `allowed` is false.
     """
 
-    def __init__(self, settings: Settings, *, wanted: bool) -> None:
-        self._settings, self._wanted = settings, wanted
+    def __init__(self, settings: Settings, *, allowed: bool) -> None:
+        self._settings, self._allowed = settings, allowed
         self._lock = threading.Lock()
-        self.ready = start_process(settings) if wanted else None  # stands by, for the next instant job
+        self._wanted_at: float | None = None
+        self._at_work: subprocess.Popen[bytes] | None = None
+        self.ready: subprocess.Popen[bytes] | None = None  # stands by, for the next instant job
+
+    def want(self) -> None:
+        """Somebody is there who may need it: start it, unless it runs."""
+        if not self._allowed:
+            return
+        with self._lock:
+            self._wanted_at = time.monotonic()
+            died = self.ready is not None and self.ready.poll() is not None
+            if self._at_work is None and (self.ready is None or died):
+                self.ready = start_process(self._settings)
+
+    def rest(self) -> None:
+        """End it if nobody has wanted it for `STANDS_S`."""
+        with self._lock:
+            if self._wanted_at is None or time.monotonic() - self._wanted_at < STANDS_S:
+                return
+            self._wanted_at = None
+            process, self.ready = self.ready, None
+        if process is not None:
+            end_group(process)
 
     def take(self, job_id: str, attempt: str = "") -> subprocess.Popen[bytes]:
         """The standing process if it is free and lives, else a fresh one, with that job."""
         with self._lock:
             process, self.ready = self.ready, None
-        if process is None or process.poll() is not None:
+            if self._allowed:
+                self._wanted_at = time.monotonic()  # where none stood ready, the next job shall find one
+            if process is not None and process.poll() is None:
+                self._at_work = process
+            else:
+                process = None
+        if process is None:
             return start_process(self._settings, job_id, attempt)
         assert process.stdin is not None  # noqa: S101  opened by start_process
         with contextlib.suppress(BrokenPipeError):  # it died just now, which `watch` finds
@@ -158,21 +189,23 @@ class Standing:
         return process
 
     def give_back(self, process: subprocess.Popen[bytes]) -> None:
-        """Take a process that has done its job; one that cannot stand, or has died, is replaced."""
+        """Take a process that has done its job; one that cannot stand, or has died, is replaced while one is wanted."""
         stands = process.stdout is not None and process.poll() is None
         with self._lock:
-            if stands and self._wanted and self.ready is None:
+            if process is self._at_work:
+                self._at_work = None
+            if stands and self._wanted_at is not None and self.ready is None:
                 self.ready = process
                 return
         end_group(process)
         with self._lock:
-            if self._wanted and self.ready is None:
+            if self._wanted_at is not None and self._at_work is None and self.ready is None:
                 self.ready = start_process(self._settings)
 
     def end(self) -> None:
         """Let go of the process that stands ready."""
         with self._lock:
-            process, self.ready, self._wanted = self.ready, None, False
+            process, self.ready, self._wanted_at, self._allowed = self.ready, None, None, False
         if process is not None:
             end_group(process)
 
@@ -329,6 +362,20 @@ def ended(process: subprocess.Popen[bytes], wait_s: float) -> int | None:
         return None
     line = process.stdout.readline()
     return int(line) if line else process.wait()  # an end of output: it died
+
+
+def wait_for_end_of(parent: int) -> None:
+    """Return once `parent`, the process that started this one, has ended, however it did."""
+    with contextlib.suppress(OSError, AttributeError):  # not on Linux, or it has ended already
+        handle = os.pidfd_open(parent)
+        try:
+            if os.getppid() == parent:
+                select.select([handle], [], [])
+            return
+        finally:
+            os.close(handle)
+    while os.getppid() == parent:
+        time.sleep(PARENT_POLL_S)
 
 
 def end_group(process: subprocess.Popen[bytes]) -> None:

@@ -27,7 +27,7 @@ from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.giving_way import must_give_way
 from desirepath.jobs.kinds import TaskParams, get_kind
 from desirepath.jobs.leases import end_attempt, holds
-from desirepath.jobs.process import FINAL_STATES, ExitCode, finish, log_file, patiently
+from desirepath.jobs.process import FINAL_STATES, ExitCode, finish, log_file, patiently, wait_for_end_of
 from desirepath.os_errors import in_words
 from desirepath.settings import Settings, get_settings
 from desirepath.store.artefacts import ArtefactStore
@@ -36,7 +36,6 @@ from desirepath.store.models import Job
 from desirepath.store.outbox import Queue, enqueue_job, queue_of
 from desirepath.store.places import StoreAway
 
-ORPHAN_POLL_S = 0.5
 TASKS = "desirepath.tasks"  # the group of entry points that do tasks of a sweep
 MEASURED_KINDS = ("align", "train_base")
 MEASURING_PRIORITY = 20  # after everything that somebody started
@@ -53,6 +52,7 @@ def main(worker_pid: int, job_id: str | None = None, attempt: str = "") -> ExitC
         return do(settings, job_id, attempt)
     with os.fdopen(os.dup(sys.stdout.fileno()), "w") as worker:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing but exit codes goes to the worker
+        os.nice(NICENESS[Queue.INSTANT])  # who has just joined waits for the first page meanwhile
         _load()
         while line := sys.stdin.readline().split():
             _log_into(log_file(settings, line[0]))
@@ -196,8 +196,7 @@ def _end_attempt(s: DatabaseSession, job: Job, attempt: str | None) -> None:
 
 def _end_with_worker(worker_pid: int) -> None:
     """A killed worker cannot end us, and the next one will start the job again: so end when ours is gone."""
-    while os.getppid() == worker_pid:
-        time.sleep(ORPHAN_POLL_S)
+    wait_for_end_of(worker_pid)
     os._exit(ExitCode.ORPHANED)
 
 

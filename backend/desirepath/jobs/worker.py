@@ -33,6 +33,7 @@ from desirepath.jobs.process import (
     log_folder,
     patiently,
     run_attempt,
+    wait_for_end_of,
 )
 from desirepath.settings import Settings
 from desirepath.store.artefacts import ArtefactStore
@@ -40,10 +41,11 @@ from desirepath.store.database import Database, StorageError, check_writable, sh
 from desirepath.store.models import Job
 from desirepath.store.outbox import queue_of
 from desirepath.store.shipped_policies import register_shipped
+from desirepath.store.worker_signals import Signal, SignalListener
 
-OUTBOX_POLL_S = 0.25  # a participant is waiting
-STALE_CHECK_S = 5.0
-PARENT_POLL_S = 0.5
+LOOK_S = 5.0  # between two looks where no signal comes
+DEAF_LOOK_S = 0.25  # where none can come: a participant is waiting
+ALIVE_S = 15.0
 DATABASE_AWAY_S = 1.0
 TIDY_S = 600.0
 LEFT_OVER_S = 3_600.0  # since a log was written last; a row is written before its log
@@ -53,10 +55,10 @@ log = structlog.get_logger("desirepath.worker")
 
 
 class Worker:
-    """One worker process: an engine, and the loop that feeds it until `stopping` is set."""
+    """One worker process: an engine, and the loop that feeds it until `stopping` is set; `woken` ends its sleep."""
 
-    def __init__(self, settings: Settings, stopping: threading.Event) -> None:
-        self._stopping = stopping
+    def __init__(self, settings: Settings, stopping: threading.Event, woken: threading.Event) -> None:
+        self._stopping, self._woken = stopping, woken
         check_writable(settings.data)
         self._settings = settings
         self._database = Database(settings.database)
@@ -66,7 +68,8 @@ class Worker:
         self._slot, self.name = _take_slot(settings)
         self._running: dict[str, subprocess.Popen[bytes]] = {}
         self._submitted: set[str] = set()
-        self._standing = Standing(settings, wanted=settings.standing_process)
+        self._signals = SignalListener(self._database, self.name.id.rpartition("-")[2], self._on_signal)
+        self._standing = Standing(settings, allowed=settings.standing_process)
         self._engine = Engine(
             settings.jobs_database,
             executor_id=self.name.id,
@@ -81,34 +84,46 @@ class Worker:
         """Work until stopped, then end all training processes; the next worker takes their jobs up."""
         stopping = self._stopping
         self._engine.start()
+        self._signals.start()
         log.info("worker ready", worker=self.name.id, processes=self._settings.training_processes)
-        until_check = until_tidy = 0.0
+        due = dict.fromkeys(("revive", "alive", "tidy"), 0.0)
         while not stopping.is_set():
             try:
                 self.submit_queued()
-                until_check -= OUTBOX_POLL_S
-                if until_check <= 0:
+                now = time.monotonic()
+                if now >= due["revive"]:
+                    self.revive_stale()
+                    self._standing.rest()
+                    due["revive"] = now + LOOK_S
+                if now >= due["alive"]:
                     beat(self._settings.data)
                     with self._database.transaction() as s:
                         say_alive(s, self.name, self._settings.training_processes)
-                    self.revive_stale()
-                    until_check = STALE_CHECK_S
-                    until_tidy -= STALE_CHECK_S
-                    if until_tidy <= 0:
-                        self.tidy_logs()
-                        until_tidy = TIDY_S
+                    due["alive"] = now + ALIVE_S
+                if now >= due["tidy"]:
+                    self.tidy_logs()
+                    due["tidy"] = now + TIDY_S
             except (StorageError, SQLAlchemyError) as problem:  # trainings go on meanwhile
                 log.warning("the worker waits for the database", problem=str(problem)[:200])
                 stopping.wait(DATABASE_AWAY_S)
-            stopping.wait(OUTBOX_POLL_S)
+                continue
+            self._woken.wait(LOOK_S if self._signals.hears else DEAF_LOOK_S)
+            self._woken.clear()
         self._standing.end()
         for job_id, process in list(self._running.items()):
             end_group(process)
             with contextlib.suppress(StorageError, SQLAlchemyError):
                 leave_to_the_next(self._database, self._settings, job_id)
 
+    def _on_signal(self, signal: Signal) -> None:
+        if signal is Signal.PARTICIPANT_PRESENT:
+            self._standing.want()
+        else:
+            self._woken.set()
+
     def close(self) -> None:
         """Leave nothing in the databases' logs that could stand in their files."""
+        self._signals.close()
         for database in (self._database, Database(self._settings.jobs_database)):
             database.close()
 
@@ -168,24 +183,27 @@ class Worker:
 
 def run_worker(settings: Settings, *, parent: int | None = None) -> None:
     """Work until SIGTERM or SIGINT, or until `parent`, the process that started us, is gone (a killed server)."""
-    stopping = threading.Event()
+    stopping, woken = threading.Event(), threading.Event()
+
+    def stop() -> None:
+        stopping.set()
+        woken.set()
+
+    def stop_with_parent(parent: int) -> None:
+        # A restarted server brings its own worker; one left over from before would train beside it, and on old code.
+        wait_for_end_of(parent)
+        stop()
+
     if parent is not None:
-        threading.Thread(target=_stop_with_parent, args=(parent, stopping), daemon=True).start()
+        threading.Thread(target=stop_with_parent, args=(parent,), daemon=True).start()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stopping.set())
-    worker = Worker(settings, stopping)
+        signal.signal(number, lambda *_: stop())
+    worker = Worker(settings, stopping, woken)
     worker.run()
     worker.close()
     # No orderly end of the engine: it would wait for the interrupted steps and record them as failed. Left as they
     # are, they are taken up by the next worker, exactly as after a kill.
     os._exit(0)
-
-
-def _stop_with_parent(parent: int, stopping: threading.Event) -> None:
-    """A restarted server brings its own worker; one left over from before would train beside it, and on old code."""
-    while os.getppid() == parent and not stopping.wait(PARENT_POLL_S):
-        pass
-    stopping.set()
 
 
 def _take_slot(settings: Settings) -> tuple[BufferedRandom, WorkerName]:

@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from desirepath.store.database import shared_now
 from desirepath.store.models import Job, utc_now
+from desirepath.store.worker_signals import Signal, signal_workers
 
 PARTICIPANT_WAITS = 1  # priority of a job that somebody in a session waits for; all after it give way to those
 REFINES = 2  # of one that looks for something better than what somebody sees already
@@ -66,6 +67,7 @@ def enqueue_job(
     )
     s.add(job)
     s.flush()
+    signal_workers(s, Signal.JOB_QUEUED)
     return job
 
 

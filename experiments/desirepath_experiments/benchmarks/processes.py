@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 
@@ -96,3 +97,47 @@ def _parent_of(pid: int) -> int | None:
         return int(Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[1])
     except OSError:
         return None
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What a process has used: processor time; bytes given to the system and written to the disk; how often one of its
+    threads slept and was woken. memory_mb: its share of what it holds with others (PSS), now."""
+
+    command: str
+    processor_s: float
+    written_bytes: int
+    disk_bytes: int
+    wakeups: int
+    memory_mb: float
+
+    def __sub__(self, before: Usage) -> Usage:
+        """What was used since then."""
+        return Usage(
+            self.command,
+            self.processor_s - before.processor_s,
+            self.written_bytes - before.written_bytes,
+            self.disk_bytes - before.disk_bytes,
+            self.wakeups - before.wakeups,
+            self.memory_mb,
+        )
+
+
+def usage_of(pid: int) -> Usage:
+    """What a process has used so far. Raises OSError when it has ended."""
+    process = Path(f"/proc/{pid}")
+    written = _numbers(process / "io")
+    return Usage(
+        command=command_of(pid).strip(),
+        processor_s=processor_s(pid),
+        written_bytes=written["wchar"],
+        disk_bytes=written["write_bytes"],
+        wakeups=sum(_numbers(one / "status")["voluntary_ctxt_switches"] for one in (process / "task").iterdir()),
+        memory_mb=_numbers(process / "smaps_rollup")["Pss"] / 1024,
+    )
+
+
+def _numbers(file: Path) -> dict[str, int]:
+    """The lines `name: number ...` of a file in /proc."""
+    lines = (line.partition(":") for line in file.read_text(encoding="utf-8").splitlines())
+    return {name: int(rest.split()[0]) for name, _, rest in lines if rest.split() and rest.split()[0].isdigit()}

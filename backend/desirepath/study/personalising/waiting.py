@@ -29,7 +29,7 @@ USUAL_S = {"instant": 5.0, "conditioning_search": 60.0, "train_demonstrations": 
 OTHERWISE_USUAL_S = 90.0
 LAST_ONES = 20  # ours: of so many trainings of one sort the median
 KNOWN_FOR_S = 30.0
-HEARD_OF = timedelta(seconds=30)  # workers say every 5 s that they live
+HEARD_OF = timedelta(seconds=45)  # workers say every 15 s that they live
 TOLD_FROM = 0.1  # of a training: its own pace counts from there on
 LEAST_S = 1.0  # of what is under way: nobody knows better in its last second
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import datetime
+from datetime import datetime, timedelta
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
@@ -12,10 +12,13 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.store.database import Database
 from desirepath.store.events import log_event
 from desirepath.store.models import Session
+from desirepath.store.worker_signals import Signal, signal_workers
 from desirepath.study.links import as_issued, token_hash
 from desirepath.study.personalising import alignment_jobs
 from desirepath.study.refusals import Refused, log_refusal
 from desirepath.study.session import states
+
+PRESENCE_TOLD_EVERY = timedelta(seconds=15)  # ours: an open page is noted every 20 s
 
 
 def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = True) -> Session:
@@ -63,6 +66,8 @@ def acting(
     try:
         with db.transaction(durable=durable) as s:
             session = find_session(s, token, now=now)
+            if session.last_seen_at is None or now - session.last_seen_at >= PRESENCE_TOLD_EVERY:
+                signal_workers(s, Signal.PARTICIPANT_PRESENT)
             session.last_seen_at = now
             if session.step_since is None and (session.opens_at is None or now >= session.opens_at):
                 session.step_since = now

@@ -15,6 +15,7 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.events import log_event
 from desirepath.store.models import Participant, RecruitingId, Session, Study, new_id, utc_now
 from desirepath.store.query_sets import StoredQuery, require_files
+from desirepath.store.worker_signals import Signal, signal_workers
 from desirepath.study.kinds import stored
 from desirepath.study.links import CODE_LETTERS, token_hash
 from desirepath.study.plan.assignment import Places
@@ -185,6 +186,8 @@ class _Door:
         self._s.flush()
         self._s.add_all([*self._recruiting_ids.values(), *(one.session for one in self._joined)])
         self._s.flush()
+        if self._joined:
+            signal_workers(self._s, Signal.PARTICIPANT_PRESENT)
         for one, key in zip(self._joined, self._first_keys, strict=True):
             session, study = one.session, one.session.study_id
             kind, language = session.simulated, session.language

@@ -168,6 +168,22 @@ def pages(
 
 @commands.command()
 @plain_errors
+def rest(
+    minutes: Annotated[float, typer.Option(min=0.1, help="How long nobody is there.")] = 3.0,
+    restarts: Annotated[int, typer.Option(min=1, help="Starts on a folder that is there.")] = 3,
+    jobs: Annotated[int, typer.Option(min=0, help="Jobs that are queued one after another then.")] = 10,
+    out: OutOption = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """The demo with nobody there: processor time, disk writes, wake-ups, memory; seconds to start; how soon a job
+    begins."""
+    from desirepath_experiments.benchmarks.at_rest import benchmark_rest
+
+    say_and_write(benchmark_rest(minutes=minutes, restarts=restarts, jobs=jobs, tell=tell), out, as_json)
+
+
+@commands.command()
+@plain_errors
 def finish(
     participants: Annotated[int, typer.Option(min=1, help="Who give their last answer at the same moment.")] = 10,
     oracle: Annotated[str, typer.Option(help="Who answers.")] = "min-human-distance",

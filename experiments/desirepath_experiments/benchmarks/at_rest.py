@@ -1,0 +1,108 @@
+"""`desirepath benchmark rest`: what an installation uses while nobody is there, and how soon a job starts then.
+
+What a process has used is read in `processes.py`.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+
+from desirepath.cli.loopback import loopback_server
+from desirepath.jobs.leases import attempts_at
+from desirepath.settings import Settings
+from desirepath.store.database import Database
+from desirepath.store.outbox import enqueue_job
+from desirepath_experiments.benchmarks.processes import Usage, family, processor_s, usage_of
+
+SETTLE_S = 60.0  # after the start: DBOS looks more often at first, what the first visitors need is loaded
+JOB_PATIENCE_S = 60.0
+BETWEEN_JOBS_S = 3.0  # a queue has room again a moment after the row says that a job is done
+JOB = ("evaluate", {"policy": "study_room/base", "scenes": 1})
+
+
+class RestBenchmarkError(RuntimeError):
+    """A job was not taken up."""
+
+
+def benchmark_rest(
+    *, minutes: float = 3.0, restarts: int = 3, jobs: int = 10, tell: Callable[[str], None] = lambda words: None
+) -> dict[str, Any]:
+    """Start `desirepath serve --demo` on a new folder, then again on the same one, and look at it while nobody comes.
+
+    Returns seconds of the wall clock and of the server's processor until the sign-in page was read: `new_folder`, and
+    `restart` (median of `restarts`); per minute at rest, of all processes: `processor_s`, `written_kb` (what they gave
+    to the system), `disk_kb` (what went to the disk), `wakeups`; `memory_mb`: proportional (PSS), at the end;
+    `processes`: the same of each; `job_start_ms`: from a job's row to its begin, median and slowest of `jobs`.
+    Raises RestBenchmarkError, ValueError.
+    """
+    if minutes <= 0 or restarts < 1:
+        raise ValueError(f"minutes = {minutes}, restarts = {restarts}: more than 0 minutes, at least one restart")
+    load = os.getloadavg()[0]
+    with tempfile.TemporaryDirectory(prefix="desirepath-rest-") as folder:
+        settings = Settings(data=Path(folder) / "data", database_url=None, artefacts_url=None)
+        new_folder = _started(settings)
+        again = [_started(settings) for _ in range(restarts)]
+        with loopback_server(settings, arguments=("--demo",)) as (_, server):
+            tell(f"at rest for {minutes:g} minutes, after {SETTLE_S:.0f} s")
+            time.sleep(SETTLE_S)
+            before = {pid: usage_of(pid) for pid in family(server.pid)}
+            time.sleep(minutes * 60)
+            used = [usage_of(pid) - before[pid] for pid in family(server.pid) if pid in before]
+            tell(f"{jobs} jobs")
+            waits = [_job_waits(settings) for _ in range(jobs)]
+    rows = [_per_minute(one, minutes) for one in used]
+    totals = {name: round(sum(row[name] for row in rows), 2) for name in rows[0] if name != "process"}
+    return {
+        "minutes": minutes,
+        "new_folder": new_folder,
+        "restart": {name: round(float(np.median([one[name] for one in again])), 2) for name in again[0]},
+        **totals,
+        "processes": rows,
+        "job_start_ms": {"median": round(float(np.median(waits))), "slowest": round(max(waits))} if waits else None,
+        "load_average": round(load, 1),
+    }
+
+
+def _started(settings: Settings) -> dict[str, float]:
+    began = time.perf_counter()
+    with loopback_server(settings, arguments=("--demo",)) as (url, server):
+        httpx.get(f"{url}/lab/sign-in", trust_env=False).raise_for_status()
+        return {"seconds": round(time.perf_counter() - began, 2), "processor_s": round(processor_s(server.pid), 2)}
+
+
+def _per_minute(used: Usage, minutes: float) -> dict[str, Any]:
+    return {
+        "process": used.command,
+        "processor_s": round(used.processor_s / minutes, 3),
+        "written_kb": round(used.written_bytes / 1e3 / minutes, 1),
+        "disk_kb": round(used.disk_bytes / 1e3 / minutes, 1),
+        "wakeups": round(used.wakeups / minutes, 1),
+        "memory_mb": round(used.memory_mb, 1),
+    }
+
+
+def _job_waits(settings: Settings) -> float:
+    """Milliseconds from a job's row to the begin of its attempt. Raises RestBenchmarkError."""
+    database = Database(settings.database)
+    try:
+        time.sleep(BETWEEN_JOBS_S)
+        with database.transaction() as s:
+            job = enqueue_job(s, JOB[0], JOB[1], created_by="benchmark")
+        deadline = time.monotonic() + JOB_PATIENCE_S
+        while time.monotonic() < deadline:
+            time.sleep(0.2)
+            with database.session() as s:
+                begun, ended = attempts_at(s, job.id)[:1], s.get_one(type(job), job.id).finished_at
+            if begun and ended:
+                return (begun[0].began_at - job.created_at).total_seconds() * 1e3
+        raise RestBenchmarkError(f"job {job.id} was not done within {JOB_PATIENCE_S:.0f} s")
+    finally:
+        database.close()

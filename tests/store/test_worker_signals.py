@@ -1,0 +1,63 @@
+"""Workers are told of committed jobs and of participants, by pipe and by NOTIFY."""
+
+from __future__ import annotations
+
+import os
+import queue
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from desirepath.store.database import Database
+from desirepath.store.outbox import enqueue_job
+from desirepath.store.worker_signals import Signal, SignalListener, signal_workers
+
+PATIENCE_S = 30
+Heard = queue.SimpleQueue[Signal]
+Listen = Callable[[Database, str], Heard]
+
+
+@pytest.fixture
+def listen() -> Iterator[Listen]:
+    """Begin to listen to a database as the worker of that name."""
+    listeners = []
+
+    def begin(database: Database, name: str) -> Heard:
+        heard: Heard = queue.SimpleQueue()
+        listeners.append(SignalListener(database, name, heard.put))
+        listeners[-1].start()
+        if not database.is_sqlite:
+            assert heard.get(timeout=PATIENCE_S) is Signal.JOB_QUEUED, "one may have been told before"
+        return heard
+
+    yield begin
+    for listener in listeners:
+        listener.close()
+
+
+def test_every_worker_hears_once_of_what_a_transaction_committed(either, listen):
+    either.migrate()
+    workers = [listen(either, name) for name in ("one", "two")]
+    with either.transaction() as s:
+        signal_workers(s, Signal.PARTICIPANT_PRESENT)
+        s.rollback()
+    with either.transaction() as s:
+        for _ in range(3):
+            enqueue_job(s, "evaluate", {})
+        assert all(worker.empty() for worker in workers), "nothing is told before the commit"
+    assert [worker.get(timeout=PATIENCE_S) for worker in workers] == [Signal.JOB_QUEUED] * 2
+    with either.transaction() as s:
+        signal_workers(s, Signal.PARTICIPANT_PRESENT)
+    assert [worker.get(timeout=PATIENCE_S) for worker in workers] == [Signal.PARTICIPANT_PRESENT] * 2
+    assert all(worker.empty() for worker in workers)
+
+
+def test_what_killed_workers_and_backups_leave_hinders_nobody(database, listen):
+    left, copied = (database.file.with_name(f"{database.file.name}.worker-{name}") for name in ("left", "copied"))
+    os.mkfifo(left)
+    copied.write_text("no pipe: out of a backup")
+    heard = listen(database, "copied")
+    assert copied.is_fifo()
+    with database.transaction() as s:
+        enqueue_job(s, "evaluate", {})
+    assert heard.get(timeout=PATIENCE_S) is Signal.JOB_QUEUED
