@@ -7,15 +7,16 @@ how legs move is the page's (`client/people.js`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.simulation.setups import ROBOT_RADIUS_M
+from desirepath.simulation.setups import Robot
 from desirepath_stage.shapes import Colour, Shape, ball, box, disc, flat, limb, merged, turned
 
 PERSON_DISC_RADIUS_M = 0.25  # ch. 7
+_MODEL_RADIUS_M, _MODEL_HEIGHT_M = 0.18, 0.42  # of the TurtleBot 2 that every robot is drawn as, in its own size
 
 _GRAPHITE: Colour = (58, 60, 64)
 _GRAPHITE_LIGHT: Colour = (92, 95, 100)
@@ -43,9 +44,10 @@ LEFT = RobotColours(top=(88, 150, 222), lamp=(226, 240, 255))
 RIGHT = RobotColours(top=(232, 150, 66), lamp=(255, 240, 216))
 
 
-def robot(colours: RobotColours = NEUTRAL) -> Shape:
-    """A TurtleBot 2: base, three plates on posts, a sensor bar, and a lamp arc at its front (+x). Opaque parts."""
-    r = ROBOT_RADIUS_M
+def robot(of: Robot, colours: RobotColours = NEUTRAL) -> Shape:
+    """A TurtleBot 2 of the robot's radius and height: base, three plates on posts, a sensor bar, and a lamp arc at its
+    front (+x). Opaque parts."""
+    r = _MODEL_RADIUS_M
     base = [(0, 0.012), (r * 0.92, 0.012), (r, 0.03), (r, 0.08), (r * 0.95, 0.098)]
     parts = [turned(base, _GRAPHITE, segments=32), turned([(r * 0.95, 0.098), (0, 0.1)], _GRAPHITE_LIGHT, segments=32)]
     arc = math.radians(55)
@@ -67,18 +69,25 @@ def robot(colours: RobotColours = NEUTRAL) -> Shape:
         box((0.01, 0.19, 0.024), (0.074, 0, 0.346), _GRAPHITE_LIGHT),
         box((0.03, 0.05, 0.065), (0.02, 0, 0.29), _GRAPHITE),
     ]
-    return merged([*parts, cap, bar, *sensor]).lit(turning=True)
+    return _sized(merged([*parts, cap, bar, *sensor]).lit(turning=True), of)
 
 
-def robot_glow(colours: RobotColours = NEUTRAL) -> Shape:
+def _sized(shape: Shape, of: Robot) -> Shape:
+    wide, tall = of.radius_m / _MODEL_RADIUS_M, of.height_m / _MODEL_HEIGHT_M
+    return replace(shape, positions=shape.positions * np.array([wide, wide, tall], np.float32))
+
+
+def robot_glow(of: Robot, colours: RobotColours = NEUTRAL) -> Shape:
     """What lies on the floor under the robot: its contact shadow and the light of its lamp ahead. Translucent."""
     shade = disc(0.25, 0.006, (38, 26, 18), alpha=0.62, rim_alpha=0.0)
     reach, half = 0.58, 0.5
     rays = 14
-    light = turned([(reach, 0.008), (ROBOT_RADIUS_M * 0.9, 0.008)], colours.lamp, segments=rays, start=-half, stop=half)
+    light = turned(
+        [(reach, 0.008), (_MODEL_RADIUS_M * 0.9, 0.008)], colours.lamp, segments=rays, start=-half, stop=half
+    )
     light.colours[: rays + 1, 3] = 0.0
     light.colours[rays + 1 :, 3] = 0.85
-    return merged([shade, light])
+    return _sized(merged([shade, light]), of)
 
 
 THIGH, SHIN, ARM = 1, 2, 3
@@ -154,9 +163,9 @@ def goal_ring(radius: float) -> Shape:
     return merged([inside, _ring(radius, 0.05)])
 
 
-def robot_ring() -> Shape:
+def robot_ring(of: Robot) -> Shape:
     """On the floor around a robot, which is found by it in any picture and keeps its own size. Translucent."""
-    return _ring(1.75 * ROBOT_RADIUS_M, 0.045)
+    return _ring(1.75 * of.radius_m, 0.045)
 
 
 def _ring(radius: float, width: float) -> Shape:

@@ -14,7 +14,7 @@ import viser
 from desirepath.explain.shown_explanation import ShownAttention, ShownExplanation, solids_of
 from desirepath.simulation.crowds.crowd_setups import PED_DEPTH_M, PED_WIDTH_M
 from desirepath.simulation.scene import Obstacle, Scene
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, get_setup
+from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath_stage import furniture
 from desirepath_stage.glb import Surface, to_glb
 from desirepath_stage.orders import Attention, Explained, Solid
@@ -37,7 +37,8 @@ def add_explained(api: viser.SceneApi, root: str, scene: Scene, shown: ShownExpl
     names: dict[str, str] = {"ring": f"{root}/ring", "line": f"{root}/line"}
     _add(api, names["ring"], _ring(scene.goal_radius), (scene.goal.x, scene.goal.y))
     _add(api, names["line"], squares(DASHES, 4, _GREEN))
-    beams = get_setup(scene.setup).lidar.beams
+    robot = get_setup(scene.setup).robot
+    beams = robot.lidar.beams
     if shown.lidar:
         names["rays"] = f"{root}/rays"
         _add(api, names["rays"], squares(beams, CORNERS_PER_RAY, _GREEN))
@@ -50,7 +51,9 @@ def add_explained(api: viser.SceneApi, root: str, scene: Scene, shown: ShownExpl
         names["attention"] = f"{root}/attention"
         attended = len(shown.attention.spatial[0]) + len(shown.attention.temporal[0])
         _add(api, names["attention"], squares(attended, CORNERS_PER_WEIGHT, _GREEN))
-    attention = _attention(shown.attention, names["attention"]) if shown.attention is not None else None
+    attention = None
+    if shown.attention is not None:
+        attention = _attention(shown.attention, names["attention"], robot.radius_m)
     person = scene.person
     order: Explained = {
         "objects": [
@@ -61,11 +64,12 @@ def add_explained(api: viser.SceneApi, root: str, scene: Scene, shown: ShownExpl
         "thickest_m": THICKEST_M,
         "rays": names.get("rays", ""),
         "beams": beams,
-        "range_m": get_setup(scene.setup).lidar.range_m,
+        "range_m": robot.lidar.range_m,
         "solids": [_solid(one) for one in scene.solids()],
         "person": {"name": "person", "x": person.pose.x, "y": person.pose.y, "radius": person.radius},
         "walker": [PED_DEPTH_M, PED_WIDTH_M],
-        "robot_radius": ROBOT_RADIUS_M,
+        "robot_radius": robot.radius_m,
+        "robot_height": robot.height_m,
         "line": names["line"],
         "goal": [scene.goal.x, scene.goal.y, scene.goal_radius],
         "attention": attention,
@@ -73,11 +77,11 @@ def add_explained(api: viser.SceneApi, root: str, scene: Scene, shown: ShownExpl
     return order, list(names.values())
 
 
-def _attention(shown: ShownAttention, mesh: str) -> Attention:
+def _attention(shown: ShownAttention, mesh: str, radius: float) -> Attention:
     spatial, temporal = (
         [[round(weight, 4) for weight in row] for row in rows] for rows in (shown.spatial, shown.temporal)
     )
-    return {"mesh": mesh, "spatial": spatial, "temporal": temporal, "radius": ROBOT_RADIUS_M}
+    return {"mesh": mesh, "spatial": spatial, "temporal": temporal, "radius": radius}
 
 
 def _solid(obstacle: Obstacle) -> Solid:

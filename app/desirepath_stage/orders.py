@@ -83,6 +83,7 @@ class Explained(TypedDict):
     person: Round
     walker: list[float]
     robot_radius: float
+    robot_height: float
     line: str
     goal: list[float]
 
@@ -96,7 +97,8 @@ class Walker(TypedDict):
 
 class ShowOrder(TypedDict):
     """A scene has been built; say so once all of it can be seen. halted: where the robot stands already, after its
-    rollout was watched. crowd: who walks beside the person. goal (x, y, radius): where it is shown, with a trail.
+    rollout was watched. robot_size: radius and height of each. crowd: who walks beside the person. goal (x, y, radius):
+    where it is shown, with a trail.
     """
 
     type: Literal["show"]
@@ -105,6 +107,7 @@ class ShowOrder(TypedDict):
     camera: CameraOrder
     meshes: list[str]
     robots: list[str]
+    robot_size: list[float]
     person: str
     crowd: list[Walker]
     goal: list[float] | None

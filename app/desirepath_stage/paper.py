@@ -14,7 +14,7 @@ import numpy as np
 from desirepath.demonstrations.stroke import drawn_limits
 from desirepath.simulation.pedestrians import where_on_route
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M
+from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath_stage import furniture
 from desirepath_stage.orders import Drawn, PaperOrder, StrokeTrouble, Surroundings, Track
 from desirepath_stage.views import View
@@ -67,7 +67,7 @@ def surroundings(scene: Scene, person: str) -> Surroundings:
             for index, solid in enumerate(scene.solids())
         ],
         "person": {"name": person, "x": pose.x, "y": pose.y, "radius": scene.person.radius},
-        "robot_radius": ROBOT_RADIUS_M,
+        "robot_radius": get_setup(scene.setup).robot.radius_m,
     }
 
 

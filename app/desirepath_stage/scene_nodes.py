@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from desirepath.simulation.pedestrians import where_on_route
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import Robot, get_setup
 from desirepath_stage import bodies, furniture, surfaces
 from desirepath_stage.glb import Surface, to_glb
 from desirepath_stage.shapes import Colour, Shape, disc, merged
@@ -86,13 +87,13 @@ def build(
         crowd.append(name)
     meshes += crowd
 
-    frames = []
+    frames, robot = [], get_setup(scene.setup).robot
     for index, colours in enumerate(robots):
         frame = f"{root}/robot{index}"
         api.add_frame(
             frame, show_axes=False, position=(scene.start.x, scene.start.y, 0.0), wxyz=_about_z(scene.start.yaw)
         )
-        api.add_glb(f"{frame}/body", _robot(colours), cast_shadow=False, receive_shadow=False)
+        api.add_glb(f"{frame}/body", _robot(robot, colours), cast_shadow=False, receive_shadow=False)
         frames.append(frame)
         meshes.append(f"{frame}/body")
     return Nodes(tuple(meshes), tuple(frames), f"{root}/person", tuple(crowd))
@@ -123,7 +124,8 @@ def add_marks(api: viser.SceneApi, root: str, scene: Scene, robots: Sequence[str
         (f"{root}/goal", _goal(scene.goal_radius), at),
         (f"{root}/trail", squares(TRAIL_PIECES, 4, (0, 0, 0)), _HERE),
     ]
-    marks += [(f"{robot}/ring", _robot_ring(), _HERE) for robot in robots]
+    ring = _robot_ring(get_setup(scene.setup).robot)
+    marks += [(f"{robot}/ring", ring, _HERE) for robot in robots]
     for name, glb, position in marks:
         api.add_glb(name, glb, position=position, cast_shadow=False, receive_shadow=False)
     return [name for name, _, _ in marks]
@@ -133,8 +135,8 @@ _HERE = (0.0, 0.0, 0.0)
 
 
 @cache
-def _robot_ring() -> bytes:
-    return to_glb([Surface(bodies.robot_ring(), translucent=True)])
+def _robot_ring(robot: Robot) -> bytes:
+    return to_glb([Surface(bodies.robot_ring(robot), translucent=True)])
 
 
 @cache
@@ -157,8 +159,8 @@ def _goal(radius: float) -> bytes:
 
 
 @cache
-def _robot(colours: bodies.RobotColours) -> bytes:
-    return to_glb([Surface(bodies.robot_glow(colours), translucent=True), Surface(bodies.robot(colours))])
+def _robot(robot: Robot, colours: bodies.RobotColours) -> bytes:
+    return to_glb([Surface(bodies.robot_glow(robot, colours), translucent=True), Surface(bodies.robot(robot, colours))])
 
 
 @cache

@@ -18,6 +18,7 @@ import viser
 
 from desirepath.explain.shown_explanation import ShownExplanation
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Floats, Trajectory
 from desirepath_stage import bodies, explained_nodes, scene_nodes, viser_hooks
 from desirepath_stage.beside import Beside
@@ -271,7 +272,7 @@ class Stage:
                 if goal:
                     marks = scene_nodes.add_marks(self._client.scene, self._root, scene, self._nodes.robots)
                     self._nodes = replace(self._nodes, meshes=(*self._nodes.meshes, *marks))
-                reasons = None
+                reasons, robot = None, get_setup(scene.setup).robot
                 if explained:
                     reasons, added = explained_nodes.add_explained(self._client.scene, self._root, scene, explained)
                     self._nodes = replace(self._nodes, meshes=(*self._nodes.meshes, *added))
@@ -283,6 +284,7 @@ class Stage:
                         "camera": camera.as_message(),
                         "meshes": list(self._nodes.meshes),
                         "robots": list(self._nodes.robots),
+                        "robot_size": [robot.radius_m, robot.height_m],
                         "person": self._nodes.person,
                         "crowd": [
                             {"name": name, "track": track}

@@ -80,7 +80,7 @@ def test_the_executed_commands_follow_the_spline_and_its_speeds(
         assume(False)
         return
     poses = made.trajectory.poses.astype(float)
-    limits = get_setup(setup).limits
+    limits = get_setup(setup).robot.limits
     steps = len(made.trajectory.actions)
     # Where the robot is after every step against the nearest point of the spline, and how fast it went there.
     dense = np.linspace(0, made.spline.length_m, 4000)

@@ -148,7 +148,7 @@ def test_a_stable_baselines_model_is_explained_alike(policy: Policy, sights: lis
 
 def test_the_true_explanation_beats_chance_and_the_reversed_one_loses(sights: list[Sight]) -> None:
     """Each sector weighs as a known number; taking out what weighs most changes most."""
-    weights = torch.linspace(0, 1, SETUP.lidar.sectors) ** 4
+    weights = torch.linspace(0, 1, SETUP.robot.lidar.sectors) ** 4
 
     def actor(seen: Tensor) -> Tensor:
         return torch.stack([(seen[:, SETUP.polar_size :] * weights).mean(dim=1), 0 * seen[:, 0]], dim=1)

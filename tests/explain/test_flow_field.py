@@ -27,7 +27,7 @@ from desirepath.simulation.scenes import check_scene, draw_scene
 from desirepath.simulation.setups import OPEN_FIELD, STUDY_ROOM, SetupError
 from desirepath.simulation.trajectory import Outcome
 
-GAIN = math.pi / (STUDY_ROOM.limits.w_max * 0.2)  # turns by exactly the goal's bearing in one step, where it can
+GAIN = math.pi / (STUDY_ROOM.robot.limits.w_max * 0.2)  # turns by exactly the goal's bearing in one step, where it can
 
 
 def room(**changes: object) -> Scene:
@@ -159,7 +159,7 @@ def test_shipped_policy_arrives_from_nearly_everywhere_and_gives_the_same_field_
     for name in ("free", "heading", "speed", "oscillation", "outcome", "traversals"):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
     assert first.share(Outcome.SUCCESS) > 0.85
-    assert np.nanmax(first.speed) <= setup.limits.v_max
+    assert np.nanmax(first.speed) <= setup.robot.limits.v_max
     places = [(scene.start.x, scene.start.y), (scene.goal.x, scene.goal.y)]
     assert (first.grid.cells_of(np.array(places)) >= 0).all()
 

@@ -196,7 +196,9 @@ def test_the_mirrored_world_is_the_same_world(name: str) -> None:
         np.testing.assert_allclose(there.next_observations[:, :polar], expected[:, :polar], atol=1e-5)
         np.testing.assert_allclose(there.rewards, here.rewards, atol=1e-4)
         np.testing.assert_array_equal(there.outcomes, here.outcomes)
-        beam_m.append(np.abs(there.next_observations[:, polar:] - expected[:, polar:]).ravel() * setup.lidar.range_m)
+        beam_m.append(
+            np.abs(there.next_observations[:, polar:] - expected[:, polar:]).ravel() * setup.robot.lidar.range_m
+        )
         terms = step_terms_of(actions, here.next_observations, setup)
         clearance = NAMES.index("clearance")
         mirrored = step_terms_of(actions * ACTION_SIGNS, there.next_observations, setup)

@@ -58,7 +58,7 @@ def test_the_temporal_stream_is_given_the_newer_centroid_and_the_gap_in_its_own_
     engine = CrowdEngine(n_envs=6)
     engine.reset(scenes)
     engine.step(np.zeros((6, 2), np.float32))
-    groups = engine.descriptors() / engine.setup.lidar.range_m
+    groups = engine.descriptors() / engine.setup.robot.lidar.range_m
     older, newer = groups[:, :, :2], groups[:, :, 2:]
     assert np.abs(newer - older).max() > 0.01, "somebody walks"
     _, (_, given) = Actor("ours").read.streams(torch.as_tensor(states(engine, "points_and_groups")))

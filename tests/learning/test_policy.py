@@ -49,7 +49,7 @@ def test_actions_and_commands_stay_in_the_setup_limits(policy: Policy) -> None:
     actions = policy.act(seen_by(policy))
     assert actions.dtype == np.float32
     assert (np.abs(actions) <= 1).all()
-    limits = get_setup(policy.setup).limits
+    limits = get_setup(policy.setup).robot.limits
     commands = policy.commands(actions)
     assert (commands[:, 0] >= limits.v_min).all()
     assert (commands[:, 0] <= limits.v_max).all()

@@ -52,7 +52,7 @@ def test_clearance_read_from_observations_agrees_with_the_engine(setup: Setup) -
     engine = FastEngine(setup, 400, scenes=draw_scenes(setup, range(400)), auto_reset=False)
     engine.step(np.zeros((400, 2), dtype=np.float32))
     seen = obstacle_clearance_m(engine.next_observations, setup)
-    truth = np.minimum(engine.obstacle_clearance, setup.lidar.range_m)
+    truth = np.minimum(engine.obstacle_clearance, setup.robot.lidar.range_m)
     assert (seen >= truth - 0.03).all()  # beams can pass a corner, never end before it
     assert np.mean(np.abs(seen - truth) < 0.1) > 0.8
 

@@ -22,7 +22,7 @@ from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.pedestrians import Crowd, Pedestrian, PedestrianError, where_on_route
 from desirepath.simulation.scene import Person, Pose, Room, Scene, SceneError
 from desirepath.simulation.scenes import draw_scene
-from desirepath.simulation.setups import CROWD_CORRIDOR, ROBOT_RADIUS_M, STUDY_ROOM
+from desirepath.simulation.setups import CROWD_CORRIDOR, STUDY_ROOM
 from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.benchmarks.crowd_reference import CrowdReference
 
@@ -53,7 +53,7 @@ def test_unseen_homes_have_one_who_walks_for_every_8_m2_that_the_robot_can_get_t
     numbers = []
     for seed in range(5):
         scene = draw_crowd_scene("crowd_home", seed, UNSEEN_HOMES)
-        inside = map_of(scene.room, boxes_of(scene), ROBOT_RADIUS_M)
+        inside = map_of(scene.room, boxes_of(scene), CROWD_CORRIDOR.robot.radius_m)
         seen, ahead = {inside.cell(scene.start.x, scene.start.y)}, [inside.cell(scene.start.x, scene.start.y)]
         while ahead:
             i, j = ahead.pop()

@@ -113,9 +113,9 @@ def test_the_person_stops_the_robot_half_a_metre_before() -> None:
 
 def rays_by_hand(setup: Setup, scene: Scene, pose: Pose) -> NDArray[np.float64]:
     """Every beam against every body, one by one, by the slab method."""
-    seen = np.full(setup.lidar.beams, setup.lidar.range_m)
-    for beam in range(setup.lidar.beams):
-        angle = pose.yaw + 2 * math.pi * beam / setup.lidar.beams
+    seen = np.full(setup.robot.lidar.beams, setup.robot.lidar.range_m)
+    for beam in range(setup.robot.lidar.beams):
+        angle = pose.yaw + 2 * math.pi * beam / setup.robot.lidar.beams
         dx, dy = math.cos(angle), math.sin(angle)
         for solid in scene.solids():
             c, s = math.cos(solid.pose.yaw), math.sin(solid.pose.yaw)
@@ -153,9 +153,9 @@ def test_each_beam_and_each_sector_equal_rays_traced_by_hand(name: str) -> None:
         by_hand = rays_by_hand(setup, scene, pose)
         assert raw_ranges(setup, scene, pose) == pytest.approx(by_hand, abs=1e-9)
         moved = FastEngine(setup, 1, scenes=[replace(scene, start=pose)])
-        pooled = by_hand.reshape(setup.lidar.sectors, -1).min(axis=1) / setup.lidar.range_m
+        pooled = by_hand.reshape(setup.robot.lidar.sectors, -1).min(axis=1) / setup.robot.lidar.range_m
         assert moved.observations[0, setup.polar_size :] == pytest.approx(pooled, abs=1e-6)
-        compared += int((by_hand < setup.lidar.range_m).sum())
+        compared += int((by_hand < setup.robot.lidar.range_m).sum())
     assert compared > 500
 
 

@@ -16,7 +16,7 @@ from desirepath.simulation.fast import FastEngine, raw_ranges, rollout
 from desirepath.simulation.reference import ReferenceEngine, rollout_reference
 from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import draw_scenes, scene_to_row
-from desirepath.simulation.setups import DEMONSTRATION_SETUPS, PREFERENCE_SETUPS, ROBOT_RADIUS_M, SETUPS
+from desirepath.simulation.setups import DEMONSTRATION_SETUPS, PREFERENCE_SETUPS, SETUPS
 from desirepath.simulation.trajectory import Outcome
 from tests.simulation.simple_policies import towards_goal
 
@@ -32,7 +32,7 @@ def say(what: str, **bounds: float | int) -> None:
 def signed_gap(row: NDArray[np.float64], x: float, y: float) -> float:
     """Distance (m) between the robot's body at (x, y) and the nearest thing, negative when they overlap."""
     person = kernels.person_distance(row, x, y) - row[kernels.PERSON_RADIUS]
-    return min(kernels.surface_distance(row, x, y), person) - ROBOT_RADIUS_M
+    return min(kernels.surface_distance(row, x, y), person) - SETUPS["study_room"].robot.radius_m
 
 
 def place(scene: Scene, rng: np.random.Generator, *, free: bool) -> Pose:
@@ -66,7 +66,7 @@ def test_raw_rays_agree_within_a_centimetre_at_the_99th_percentile(name: str) ->
         max=every.max(),
         over_1cm=(every > 0.01).sum(),
     )
-    assert every.size == SCENES * setup.lidar.beams
+    assert every.size == SCENES * setup.robot.lidar.beams
     assert p99 <= 0.01
 
 
@@ -139,7 +139,7 @@ def test_the_room_of_chapter_8_is_the_same_in_both_engines_its_rewards_too() -> 
         assert np.abs(fast.poses[:-1, :2] - reference.poses[:-1, :2]).max() < 0.005
         assert np.quantile(np.abs(fast.observations - reference.observations), 0.99) < 0.01  # a ray may miss a corner
         assert fast.rewards == pytest.approx(reference.rewards, abs=1e-4)
-        near = fast.observations[1:, setup.polar_size :].min(axis=1) * setup.lidar.range_m < 0.39
+        near = fast.observations[1:, setup.polar_size :].min(axis=1) * setup.robot.lidar.range_m < 0.39
         assert (fast.rewards[:-1][near] < -0.0019).all()  # time and nearness, each 0.001
 
 
@@ -174,7 +174,9 @@ def test_running_out_of_time_is_the_same_step_too() -> None:
     (fast,) = rollout(setup, lambda o: np.tile(turning, (len(o), 1)), [scene])
     with ReferenceEngine(setup) as reference:
         reference.reset(scene)
-        reference.raw_ranges = lambda pose=None: np.full(setup.lidar.beams, 6.0)  # rays do not matter here, and cost
+        reference.raw_ranges = lambda pose=None: np.full(
+            setup.robot.lidar.beams, 6.0
+        )  # rays do not matter here, and cost
         while not reference.done:
             reference.step(turning)
     assert (fast.outcome, len(fast.actions)) == (reference.outcome, reference.steps) == (Outcome.TIMEOUT, 500)

@@ -16,7 +16,7 @@ from PIL import Image
 
 from desirepath.simulation.scene import Obstacle, Pose
 from desirepath.simulation.scenes import draw_scene
-from desirepath.simulation.setups import ROBOT_RADIUS_M
+from desirepath.simulation.setups import STUDY_ROOM
 from desirepath_stage import bodies, furniture, scene_nodes, surfaces
 from desirepath_stage.glb import Surface, to_glb
 from desirepath_stage.shapes import Shape, ball, box, limb, merged, turned
@@ -55,7 +55,7 @@ def outward(shape: Shape) -> np.ndarray:
         limb((0, 0, 0), (1, 0.3, 0.2), 0.1, 0.05, (1, 2, 3)),
         turned([(0.2, 0), (0.2, 1), (0, 1)], (1, 2, 3)),
         bodies.mannequin(),
-        bodies.robot(),
+        bodies.robot(STUDY_ROOM.robot),
     ],
 )
 def test_every_triangle_shows_its_outside(shape: Shape) -> None:
@@ -91,8 +91,8 @@ def test_what_stands_in_a_home_stays_inside_what_the_robot_collides_with_and_inn
 
 
 def test_robot_and_person_have_their_size_and_a_front() -> None:
-    robot = bodies.robot().positions
-    assert np.hypot(robot[:, 0], robot[:, 1]).max() == pytest.approx(ROBOT_RADIUS_M, rel=0.03)
+    robot = bodies.robot(STUDY_ROOM.robot).positions
+    assert np.hypot(robot[:, 0], robot[:, 1]).max() == pytest.approx(STUDY_ROOM.robot.radius_m, rel=0.03)
     person = bodies.mannequin(1.8).positions
     assert person[:, 2].max() == pytest.approx(1.8, abs=0.03)
     assert person[:, 0].max() > 1.5 * -person[:, 0].min(), "nose, hands and feet reach forward"
@@ -224,9 +224,9 @@ def test_where_nothing_stands_a_close_frame_is_closer_and_still_holds_the_ring_a
     assert bare[3] - bare[1] < filled[3] - filled[1]
     for one in pair:
         rings = np.asarray(one.poses)[:, :2]
-        rings = rings[np.abs(rings[:, 1]) < hall.room.width / 2 - 1.75 * ROBOT_RADIUS_M]
-        assert (rings - 1.75 * ROBOT_RADIUS_M > bare[:2]).all()
-        assert (rings + 1.75 * ROBOT_RADIUS_M < bare[2:]).all()
+        rings = rings[np.abs(rings[:, 1]) < hall.room.width / 2 - 1.75 * STUDY_ROOM.robot.radius_m]
+        assert (rings - 1.75 * STUDY_ROOM.robot.radius_m > bare[:2]).all()
+        assert (rings + 1.75 * STUDY_ROOM.robot.radius_m < bare[2:]).all()
     assert hall.room.width / 2 < bare[3] < hall.room.width / 2 + hall.room.wall_thickness, (
         "a wall is told from the floor"
     )

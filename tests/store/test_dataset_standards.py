@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from desirepath.simulation.setups import ROBOT_RADIUS_M, get_setup
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
@@ -189,7 +189,7 @@ def test_clearance_can_be_computed_from_the_tables_alone(data_sets: Path):
     shown = pq.read_table(folder / "trajectories.parquet").to_pylist()
     metrics = {row["trajectory"]: row for row in pq.read_table(folder / "trajectory_metrics.parquet").to_pylist()}
     steps = pq.read_table(folder / "trajectory_steps.parquet").to_pandas()
-    assert {row["robot_radius_m"] for row in shown} == {ROBOT_RADIUS_M}
+    assert {row["robot_radius_m"] for row in shown} == {0.18}
     for row in shown:
         person = json.loads(row["scene"])["person"]["pose"]
         path = steps[steps.trajectory == row["trajectory"]]

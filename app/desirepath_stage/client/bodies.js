@@ -11,7 +11,7 @@
   const EASE_S = 0.15;
   const JUMP_M = 0.6; // nobody walks so far from one picture to the next
   const CORNERS = 16;
-  const [ROBOT, PERSON] = [[0.18, 0.42], [0.26, 1.7]]; // radius, height
+  const PERSON = [0.26, 1.7]; // radius, height
 
   /** @typedef {{place: number[], size: number[], gait: number[] | null, at: number}} Body */
   /** @type {Map<string, Body>} */
@@ -52,12 +52,12 @@
   }
 
   window.desirePath.bodies = {
-    /** These stand in the scene. @param {string[]} robots @param {string[]} people */
-    use(robots, people) {
+    /** These stand in the scene. robotSize: [radius, height], m. @param {string[]} robots @param {string[]} people @param {number[]} robotSize */
+    use(robots, people, robotSize) {
       bodies = new Map();
       const add = (/** @type {string} */ name, /** @type {number[]} */ size, /** @type {number[] | null} */ gait) =>
         bodies.set(name, { place: [NaN, NaN, 0], size, gait, at: 0 });
-      for (const name of robots) add(name, ROBOT, null);
+      for (const name of robots) add(name, robotSize, null);
       for (const name of people) add(name, PERSON, viser.gait(name));
     },
 

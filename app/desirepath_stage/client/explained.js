@@ -138,12 +138,12 @@
   /** The sign stands over the robot wherever it is seen, and on none of it. */
   function pinStop() {
     const project = order && halted ? viser.projector() : null;
-    const at = project?.(atX, atY, 0.42);
+    const [edge, top] = [order?.robot_radius ?? 0, order?.robot_height ?? 0];
+    const at = project?.(atX, atY, top);
     stop.hidden = !at;
     signs = [];
     if (!project || !at) return;
-    const edge = order?.robot_radius ?? 0;
-    const around = [[edge, 0], [-edge, 0], [0, edge], [0, -edge]].map(([dx, dy]) => project(atX + dx, atY + dy, 0.42)?.[1] ?? at[1]);
+    const around = [[edge, 0], [-edge, 0], [0, edge], [0, -edge]].map(([dx, dy]) => project(atX + dx, atY + dy, top)?.[1] ?? at[1]);
     const [x, foot] = [at[0], Math.min(...around) - 4];
     stop.style.transform = `translate(${x}px, ${foot}px) translate(-50%, -100%)`;
     signs = [{ x, foot, width: STOP_PX + 4, height: STOP_PX + 4 }];

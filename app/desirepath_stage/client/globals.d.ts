@@ -75,7 +75,7 @@ interface DesirePath {
     colour(name: string): string;
   };
   bodies: {
-    use(robots: string[], people: string[]): void;
+    use(robots: string[], people: string[], robotSize: number[]): void;
     put(name: string, x: number, y: number, yaw: number): void;
     uncover(pen: CanvasRenderingContext2D, project: Projector): void;
   };

@@ -27,7 +27,7 @@
         return;
       }
       viser.plainPicture(order.sharpness);
-      bodies.use(order.robots, [order.person, ...order.crowd.map(({ name }) => name)]);
+      bodies.use(order.robots, [order.person, ...order.crowd.map(({ name }) => name)], order.robot_size);
       scheme.use(order.meshes);
       trail.use(order.meshes.find((name) => name.endsWith("/trail")) ?? "");
       camera.use(order.camera);

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from desirepath.simulation import kernels
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import scene_to_row
-from desirepath.simulation.setups import ROBOT_RADIUS_M
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.social_metrics import SocialMetrics, social_metrics
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
@@ -82,7 +82,8 @@ def min_obstacle_distance(poses: ArrayLike, scenes: Sequence[Scene]) -> Array:
     paths = np.asarray(poses, dtype=float)[..., :2]
     return np.array(
         [
-            kernels.path_surface_distance(scene_to_row(scene), np.ascontiguousarray(path)) - ROBOT_RADIUS_M
+            kernels.path_surface_distance(scene_to_row(scene), np.ascontiguousarray(path))
+            - get_setup(scene.setup).robot.radius_m
             for path, scene in zip(paths, scenes, strict=True)
         ]
     )

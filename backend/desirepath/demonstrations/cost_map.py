@@ -17,7 +17,7 @@ from scipy.ndimage import gaussian_filter1d
 from desirepath.simulation import kernels as k
 from desirepath.simulation.scene import Pose, Scene, SceneError
 from desirepath.simulation.scenes import scene_to_row
-from desirepath.simulation.setups import ROBOT_RADIUS_M
+from desirepath.simulation.setups import get_setup
 
 Doubles = NDArray[np.float64]
 CELL_M = 0.05
@@ -64,7 +64,7 @@ def free_grid(scene: Scene, *, spare_m: float, around_person: bool = True) -> Gr
     row = scene_to_row(scene)
     if not around_person:
         row[k.PERSON_X] = math.inf
-    k.mark_free(row, grid.places(), ROBOT_RADIUS_M + spare_m, grid.free)
+    k.mark_free(row, grid.places(), get_setup(scene.setup).robot.radius_m + spare_m, grid.free)
     return grid
 
 

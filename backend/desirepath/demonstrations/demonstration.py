@@ -21,7 +21,7 @@ from desirepath.simulation.fast import Floats, replay
 from desirepath.simulation.npz import from_npz, to_npz
 from desirepath.simulation.scene import Pose, Scene, SceneError
 from desirepath.simulation.scenes import scene_to_row
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, get_setup
+from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
 FORMAT = "desirepath-demonstration-1"
@@ -178,7 +178,7 @@ def executed(start: Pose, commands: Doubles) -> Doubles:
 
 def as_actions(setup: Setup, commands: Doubles) -> Floats:
     """(T, 2) commands in m/s and rad/s as actions in [-1, 1]."""
-    limits = setup.limits
+    limits = setup.robot.limits
     forward = 2 * (commands[:, 0] - limits.v_min) / (limits.v_max - limits.v_min) - 1
     return np.stack([forward, commands[:, 1] / limits.w_max], axis=1).astype(np.float32)
 
@@ -235,22 +235,22 @@ def _pose_on(spline: PathSpline, s: float) -> Pose:
 def _check_turns(setup: Setup, poses: Doubles, commands: Doubles) -> None:
     sharpest = int(np.argmax(np.abs(commands[:, 1])))
     rate = abs(float(commands[sharpest, 1]))
-    if rate > setup.limits.w_max:
+    if rate > setup.robot.limits.w_max:
         raise StrokeProblem(
             "too_tight",
-            f"the robot would have to turn at {rate:.1f} rad/s, it can {setup.limits.w_max:.1f}",
+            f"the robot would have to turn at {rate:.1f} rad/s, it can {setup.robot.limits.w_max:.1f}",
             poses[sharpest],
             turn_rate_rad_s=rate,
-            limit_rad_s=setup.limits.w_max,
+            limit_rad_s=setup.robot.limits.w_max,
         )
 
 
 def _check_free(scene: Scene, spline: PathSpline) -> None:
     path = spline.points(np.arange(0.0, spline.length_m, BETWEEN_M))
-    row = scene_to_row(scene)
+    row, radius = scene_to_row(scene), get_setup(scene.setup).robot.radius_m
     for x, y in path:
-        near_solid = k.surface_distance(row, x, y) < ROBOT_RADIUS_M
-        near_person = k.person_distance(row, x, y) < ROBOT_RADIUS_M + scene.person.radius
+        near_solid = k.surface_distance(row, x, y) < radius
+        near_person = k.person_distance(row, x, y) < radius + scene.person.radius
         if near_solid or (near_person and scene.walk is None):  # who walks may be elsewhere by then: the rollout tells
             raise _collision(scene, np.array([x, y]), None)
 
@@ -286,6 +286,6 @@ def _collision(scene: Scene, at: NDArray[np.float64], step: int | None) -> Strok
         f"the robot would touch the {thing} at {at[0]:.2f}, {at[1]:.2f} m",
         at,
         thing=thing,
-        clearance_m=float(gaps[thing]) - ROBOT_RADIUS_M,
+        clearance_m=float(gaps[thing]) - get_setup(scene.setup).robot.radius_m,
         **after,
     )

@@ -13,7 +13,7 @@ import numpy as np
 from desirepath.analysis.metrics import measure
 from desirepath.demonstrations.demonstration import Demonstration
 from desirepath.demonstrations.stroke import Doubles
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M
+from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 
 # All ours. Smoothing leaves little of a wavering hand: speeds that jump between slowest and fastest ten times along a
 # path of 6 m come out near 0.1 m/s^2, and slowing down near the person from fastest to slowest near 0.02.
@@ -63,7 +63,11 @@ def qualities(demonstrations: Sequence[Demonstration], groups: Sequence[object])
         nearest = min(apart.values(), default=None)
         speeds = one.executed_speeds
         acceleration = float(np.abs(np.diff(speeds)).max(initial=0.0) / CONTROL_DT_S)
-        human = float(measured.min_human_distance[i]) - one.drawn_in.person.radius - ROBOT_RADIUS_M
+        human = (
+            float(measured.min_human_distance[i])
+            - one.drawn_in.person.radius
+            - get_setup(one.drawn_in.setup).robot.radius_m
+        )
         room = float(measured.min_obstacle_distance[i])
         flags = {
             "jerk": acceleration > JERKY_M_S2,

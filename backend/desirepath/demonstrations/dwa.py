@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from desirepath.demonstrations.demonstration import as_actions
 from desirepath.simulation import kernels as k
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup
+from desirepath.simulation.setups import CONTROL_DT_S, Setup
 
 Floats = NDArray[np.float32]
 FIRST_BEAM = 6  # after goal, person and velocity
@@ -38,7 +38,8 @@ class DwaConfig:
 
 def lidar_setup(setup: Setup) -> Setup:
     """The same environment as a robot sees it that knows its goal, its velocity and an unpooled scan."""
-    return replace(setup, solids=0, with_velocity=True, lidar=replace(setup.lidar, sectors=setup.lidar.beams))
+    unpooled = replace(setup.robot.lidar, sectors=setup.robot.lidar.beams)
+    return replace(setup, solids=0, with_velocity=True, robot=replace(setup.robot, lidar=unpooled))
 
 
 class Dwa:
@@ -47,7 +48,7 @@ class Dwa:
     def __init__(self, setup: Setup, config: DwaConfig | None = None) -> None:
         self.setup = lidar_setup(setup)
         self.config = config or DwaConfig()
-        angles = np.arange(self.setup.lidar.beams) * (2 * math.pi / self.setup.lidar.beams)
+        angles = np.arange(self.setup.robot.lidar.beams) * (2 * math.pi / self.setup.robot.lidar.beams)
         self._directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
     def act(self, observations: Floats) -> Floats:
@@ -55,12 +56,12 @@ class Dwa:
         setup, config = self.setup, self.config
         commands = np.empty((len(observations), 2))
         for i, seen in enumerate(observations.astype(np.float64)):
-            ranges = seen[FIRST_BEAM:] * setup.lidar.range_m
-            points = self._directions[ranges < setup.lidar.range_m - 1e-6]
-            points = points * ranges[ranges < setup.lidar.range_m - 1e-6, None]
+            ranges = seen[FIRST_BEAM:] * setup.robot.lidar.range_m
+            points = self._directions[ranges < setup.robot.lidar.range_m - 1e-6]
+            points = points * ranges[ranges < setup.robot.lidar.range_m - 1e-6, None]
             distance, bearing = seen[0] * setup.distance_scale_m, seen[1] * math.pi
             goal = np.array([distance * math.cos(bearing), distance * math.sin(bearing)])
-            speeds, turns = self._window(seen[4] * setup.limits.v_max, seen[5] * setup.limits.w_max)
+            speeds, turns = self._window(seen[4] * setup.robot.limits.v_max, seen[5] * setup.robot.limits.w_max)
             commands[i] = k.best_command(
                 speeds,
                 turns,
@@ -68,7 +69,7 @@ class Dwa:
                 np.ascontiguousarray(points),
                 round(config.ahead_s / CONTROL_DT_S),
                 CONTROL_DT_S,
-                ROBOT_RADIUS_M + config.spare_m,
+                setup.robot.radius_m + config.spare_m,
                 config.enough_clearance_m,
                 np.array([config.heading_weight, config.clearance_weight, config.speed_weight]),
             )
@@ -76,7 +77,7 @@ class Dwa:
 
     def _window(self, v: float, w: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Speeds and turn rates that can be reached within one step."""
-        config, limits = self.config, self.setup.limits
+        config, limits = self.config, self.setup.robot.limits
         reach = config.acceleration * CONTROL_DT_S
         low, high = max(limits.v_min, v - reach), min(limits.v_max, v + reach)
         turn = config.turn_acceleration * CONTROL_DT_S

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.demonstrations.cost_map import cheapest_path, cost_to_go, free_grid, smoothed
+from desirepath.demonstrations.cost_map import Grid, cheapest_path, cost_to_go, free_grid, smoothed
 from desirepath.simulation.scene import Person, Pose, Scene, SceneError
 from desirepath.simulation.scenes import check_scene
-from desirepath.simulation.setups import ROBOT_RADIUS_M
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.walks import Walk
 
 MODES = ("opposite", "random")
@@ -39,8 +39,7 @@ def walking_scene(scene: Scene, mode: str, seed: int) -> Scene:
     if mode not in MODES:
         raise SceneError("mode", mode, f"unknown; known: {', '.join(MODES)}")
     random = np.random.default_rng([seed, *mode.encode()])
-    spare = scene.person.radius - ROBOT_RADIUS_M + SPARE_M
-    grid = free_grid(scene, spare_m=spare, around_person=False)
+    grid = _free_for_person(scene)
     free = grid.places()[grid.free]
     for _ in range(TRIES):
         begin, end = (_beside(free, place, random) for place in (scene.goal, scene.start))
@@ -62,12 +61,18 @@ def walking_scene(scene: Scene, mode: str, seed: int) -> Scene:
     raise SceneError("walk", mode, f"no way found in {TRIES} tries; use another seed")
 
 
+def _free_for_person(scene: Scene) -> Grid:
+    """Where the person fits, whose own place does not count."""
+    spare = scene.person.radius - get_setup(scene.setup).robot.radius_m + SPARE_M  # the grid is made for the robot
+    return free_grid(scene, spare_m=spare, around_person=False)
+
+
 def record_walk(scene: Scene, duration_s: float, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """What a programmed person records who walks from where they stand to a free place and stays there: times (n,) s
     and poses (n, 3) m, rad, 30 a second for `duration_s`. Raises SceneError if no way was found.
     """
     random = np.random.default_rng([seed, *b"recorded"])
-    grid = free_grid(scene, spare_m=scene.person.radius - ROBOT_RADIUS_M + SPARE_M, around_person=False)
+    grid = _free_for_person(scene)
     free = grid.places()[grid.free]
     begin = np.array([scene.person.pose.x, scene.person.pose.y])
     for _ in range(TRIES):

@@ -81,7 +81,7 @@ class SocialCost:
 
     def steer(self, pose: Pose, person: Pose) -> Floats:
         """The action (2,) in [-1, 1] of a robot that is there, with the person there."""
-        config, limits = self._config, self._setup.limits
+        config, limits = self._config, self._setup.robot.limits
         moved = math.dist((person.x, person.y), (self._person.x, self._person.y)) > config.moved_m
         if moved or abs(k.wrap(person.yaw - self._person.yaw)) > config.turned_rad:
             self._plan(person)

@@ -36,7 +36,7 @@ CUBIC = 3
 
 def drawn_limits(setup: str) -> Limits:
     """What a drawn path's speeds are cut to in that setup."""
-    limits = get_setup(setup).limits
+    limits = get_setup(setup).robot.limits
     return replace(limits, v_min=max(limits.v_min, SLOWEST_M_S))
 
 

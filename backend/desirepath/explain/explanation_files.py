@@ -90,7 +90,7 @@ def explanation_files(
 
 def reach(setup: str, command: Command) -> tuple[float, float]:
     """The command's range in that setup, m/s or rad/s."""
-    limits = get_setup(setup).limits
+    limits = get_setup(setup).robot.limits
     return (limits.v_min, limits.v_max) if command == "speed" else (-limits.w_max, limits.w_max)
 
 
@@ -190,7 +190,6 @@ def _room(ax: Axes, trajectory: Trajectory, sight: Sight, explained: Explanation
 
     from desirepath.explain import scene_plots as plots
     from desirepath.explain.flow_field import grid_of
-    from desirepath.simulation.setups import ROBOT_RADIUS_M
 
     scene = trajectory.scene
     scores = dict(zip(explained.things, explained.scores[step], strict=True))
@@ -235,6 +234,6 @@ def _room(ax: Axes, trajectory: Trajectory, sight: Sight, explained: Explanation
     path = trajectory.poses
     ax.plot(path[: step + 1, 0], path[: step + 1, 1], color=plots.FIRST, linewidth=1.6, zorder=4)
     ax.plot(path[step:, 0], path[step:, 1], color=plots.FIRST, linewidth=0.8, linestyle="--", zorder=4)
-    ax.add_patch(Circle((x, y), ROBOT_RADIUS_M, facecolor=plots.FIRST, linewidth=0, zorder=7))
+    ax.add_patch(Circle((x, y), get_setup(scene.setup).robot.radius_m, facecolor=plots.FIRST, linewidth=0, zorder=7))
     left, right, bottom, top = grid_of(scene).extent
     ax.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")

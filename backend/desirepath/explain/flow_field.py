@@ -18,7 +18,7 @@ from desirepath.simulation.acting import ActFunction, EpisodicPolicy, begin
 from desirepath.simulation.fast import FastEngine, Floats, rollout
 from desirepath.simulation.scene import Pose, Scene, SceneError
 from desirepath.simulation.scenes import check_scene, scene_to_row
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
+from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup, require_same
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
 Doubles = NDArray[np.float64]
@@ -177,14 +177,10 @@ def grid_of(scene: Scene, cell_m: float = CELL_M) -> Grid:
 
 def free_cells(scene: Scene, grid: Grid) -> Flags:
     """(rows, columns): whether the robot's disc, centred in the cell, overlaps neither box, wall nor person."""
-    row, person = scene_to_row(scene), scene.person.radius
+    row, person, robot = scene_to_row(scene), scene.person.radius, get_setup(scene.setup).robot.radius_m
     return np.array(
         [
-            [
-                k.surface_distance(row, x, y) >= ROBOT_RADIUS_M
-                and k.person_distance(row, x, y) >= ROBOT_RADIUS_M + person
-                for x in grid.xs
-            ]
+            [k.surface_distance(row, x, y) >= robot and k.person_distance(row, x, y) >= robot + person for x in grid.xs]
             for y in grid.ys
         ],
         dtype=np.bool_,
@@ -205,8 +201,10 @@ def flow_field(act: ActFunction | EpisodicPolicy, setup: Setup, scene: Scene, *,
     Raises SetupError where scene and setup differ, SceneError for a bad scene, ValueError for a bad cell size.
     """
     require_same(policy=setup.name, scene=scene.setup)
-    if setup.limits.v_min != 0:
-        raise ValueError(f"setup {setup.name}: v_min = {setup.limits.v_min}; a robot that cannot stand cannot settle")
+    if setup.robot.limits.v_min != 0:
+        raise ValueError(
+            f"setup {setup.name}: v_min = {setup.robot.limits.v_min}; a robot that cannot stand cannot settle"
+        )
     check_scene(scene)
     grid = grid_of(scene, cell_m)
     free = free_cells(scene, grid)
@@ -270,7 +268,7 @@ def _settled(
     heading = _wrapped(heading)
     known = np.flatnonzero(np.isfinite(heading))
     observed = engine.start_at(np.column_stack([places, np.where(np.isnan(heading), facing, heading)]))
-    limits, speed = setup.limits, np.full(n, np.nan)
+    limits, speed = setup.robot.limits, np.full(n, np.nan)
     if len(known):
         forward = np.clip(begin(act, n, engine)(observed[known], known)[:, 0], -1.0, 1.0)
         speed[known] = limits.v_min + (forward + 1) / 2 * (limits.v_max - limits.v_min)
@@ -289,7 +287,7 @@ def _rolled_out(
     engine.start_at(poses)
     cells = grid.cells_of(poses[:, :2])
     np.add.at(counts, cells, 1)
-    points = max(1, math.ceil(setup.limits.v_max * CONTROL_DT_S / (grid.cell_m / PATH_POINTS_PER_CELL)))
+    points = max(1, math.ceil(setup.robot.limits.v_max * CONTROL_DT_S / (grid.cell_m / PATH_POINTS_PER_CELL)))
     actions = np.zeros((n, 2), dtype=np.float32)
     steer = begin(act, n, engine)
     while not engine.dones.all():

@@ -7,10 +7,9 @@ from numpy.typing import NDArray
 
 from desirepath.explain.shown_explanation import PERSON, people_of, solids_of
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M
+from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath.simulation.trajectory import Trajectory
 
-ROBOT_HEIGHT_M = 0.42  # as `app/desirepath_stage/bodies.py` draws it
 LEAST_IN_SIGHT = 0.5  # ours: of the robot, where people are asked what mattered to it
 _ACROSS, _UP = np.linspace(-0.95, 0.95, 9), np.linspace(0.08, 1.0, 7)  # shares of its radius and height
 
@@ -23,7 +22,8 @@ def share_in_sight(scene: Scene, x: float, y: float, at_s: float) -> float:
     eye = np.array([person_x, person_y, scene.person.eye_height_m])
     towards = np.array([x - person_x, y - person_y])
     aside = np.array([-towards[1], towards[0]]) / max(float(np.linalg.norm(towards)), 1e-9)
-    across, up = (grid.ravel() for grid in np.meshgrid(_ACROSS * ROBOT_RADIUS_M, _UP * ROBOT_HEIGHT_M))
+    robot = get_setup(scene.setup).robot
+    across, up = (grid.ravel() for grid in np.meshgrid(_ACROSS * robot.radius_m, _UP * robot.height_m))
     spots = np.column_stack([x + across * aside[0], y + across * aside[1], up])
     hidden = np.zeros(len(spots), np.bool_)
     crowd = solids_of(scene, people_of(scene), at_s) if scene.crowd else ()

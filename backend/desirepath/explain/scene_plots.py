@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from desirepath.explain.flow_field import FlowDifference, FlowField, grid_of
 from desirepath.explain.flow_words import ENGLISH, Words
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import ROBOT_RADIUS_M, get_setup
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
 Extent = tuple[float, float, float, float]
@@ -197,7 +197,7 @@ def _flow(ax: Axes, field: FlowField, norm: LogNorm) -> AxesImage:
     image = _image(ax, entered, field.grid.extent, MANY, norm)
     along_x, along_y = (np.ma.masked_invalid(part) for part in field.velocity())
     if along_x.count() > 0 and min(field.grid.shape) > 1:
-        fastest = get_setup(field.scene.setup).limits.v_max
+        fastest = get_setup(field.scene.setup).robot.limits.v_max
         width = THINNEST + (THICKEST - THINNEST) * np.nan_to_num(field.speed) / fastest
         left, right, bottom, top = field.grid.extent
         ax.streamplot(
@@ -253,7 +253,11 @@ def _frame(axes: Sequence[Axes], scene: Scene, extent: Extent, words: Words, *, 
         ax.add_patch(Circle(goal, scene.goal_radius, fill=False, edgecolor=INK, linewidth=1.3, zorder=6))
         ax.plot(*goal, marker="x", color=INK, markersize=4, zorder=6)
         start = scene.start
-        ax.add_patch(Circle((start.x, start.y), ROBOT_RADIUS_M * 0.6, facecolor=INK, linewidth=0, zorder=6))
+        ax.add_patch(
+            Circle(
+                (start.x, start.y), get_setup(scene.setup).robot.radius_m * 0.6, facecolor=INK, linewidth=0, zorder=6
+            )
+        )
         reach = 0.4
         ax.plot(
             [start.x, start.x + reach * math.cos(start.yaw)],
@@ -300,7 +304,7 @@ def _legend(figure: Figure, words: Words, flowing: Scene | None, lines: Sequence
         Line2D([], [], linestyle="none", marker="o", color=PERSON, markersize=6, label=words.person),
     ]
     if flowing is not None:
-        fastest = get_setup(flowing.setup).limits.v_max
+        fastest = get_setup(flowing.setup).robot.limits.v_max
         marks.append(Line2D([], [], color=INK, linewidth=THICKEST, label=words.streams.format(fastest=f"{fastest:g}")))
     columns = 2 if lines or figure.get_figwidth() < 1.5 * PANEL_IN else 4
     handles = [*marks, *lines]

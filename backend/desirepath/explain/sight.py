@@ -62,7 +62,7 @@ class Sight:
     def provider(self) -> NDArray[np.int64]:
         """(T, sectors) which thing a pooled ray ends at, by index; -1: none within range."""
         nearest = self.ranges.argmin(axis=1)
-        hit = self.ranges.min(axis=1) < self.setup.lidar.range_m
+        hit = self.ranges.min(axis=1) < self.setup.robot.lidar.range_m
         return np.where(hit, nearest, -1)
 
     @cached_property
@@ -78,9 +78,9 @@ class Sight:
         Who takes out the person also takes out what the robot is told of where they stand, if it is: as far as it is
         ever said, straight ahead.
         """
-        ranges = np.where(removed[:, :, None], self.setup.lidar.range_m, self.ranges).min(axis=1)
+        ranges = np.where(removed[:, :, None], self.setup.robot.lidar.range_m, self.ranges).min(axis=1)
         changed = self.observations.copy()
-        changed[:, self.first_ray :] = ranges / self.setup.lidar.range_m
+        changed[:, self.first_ray :] = ranges / self.setup.robot.lidar.range_m
         if self.setup.person_inputs is not None:
             gone = removed[:, self.things.index(PERSON)]
             for which, value in zip(self.setup.person_inputs, (FAR, AHEAD), strict=True):
@@ -98,7 +98,7 @@ def sight_of(trajectory: Trajectory) -> Sight:
     people = scene.person_poses(trajectory.times[:steps])
     solids = scene.solids()
     beams = beams_of(setup)
-    ranges = np.empty((steps, len(solids) + 1, setup.lidar.sectors))
+    ranges = np.empty((steps, len(solids) + 1, setup.robot.lidar.sectors))
     for number, solid in enumerate(solids):
         row = scene_to_row(_only(scene, [solid], NOBODY))
         for step, (x, y, yaw) in enumerate(poses):

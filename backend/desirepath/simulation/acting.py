@@ -109,8 +109,10 @@ class RecoveringPolicy(EpisodicPolicy):
         first, or where the robot cannot stand.
         """
         require_lidar(setup)
-        if setup.limits.v_min > 0:
-            raise SetupError(f"setup {setup.name}: v_min = {setup.limits.v_min}; a robot that cannot stand cannot stop")
+        if setup.robot.limits.v_min > 0:
+            raise SetupError(
+                f"setup {setup.name}: v_min = {setup.robot.limits.v_min}; a robot that cannot stand cannot stop"
+            )
         self._scale = setup.distance_scale_m
         self._policies = (usual, *recovery_policies, _stand)
         self.recovery = recovery or Recovery()

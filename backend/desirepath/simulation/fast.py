@@ -18,7 +18,7 @@ from desirepath.simulation import kernels as k
 from desirepath.simulation.acting import ActFunction, ActionError, EpisodicPolicy, begin
 from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import ScenePool, check_scene, columns_of, row_to_scene, scene_to_row, scenes_to_rows
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, require_same
+from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup, require_same
 from desirepath.simulation.social_metrics import SocialMetrics, social_metrics
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
@@ -29,10 +29,10 @@ def rules_of(setup: Setup, progress_weight: float = 0.0) -> k.Rules:
     """The setup's numbers for the compiled step; `progress_weight` is reward per metre of progress (training only)."""
     return k.Rules(
         dt=CONTROL_DT_S,
-        robot_radius=ROBOT_RADIUS_M,
-        v_min=setup.limits.v_min,
-        v_max=setup.limits.v_max,
-        w_max=setup.limits.w_max,
+        robot_radius=setup.robot.radius_m,
+        v_min=setup.robot.limits.v_min,
+        v_max=setup.robot.limits.v_max,
+        w_max=setup.robot.limits.w_max,
         max_steps=setup.max_steps,
         loop_age=setup.self_intersection_min_age_steps,
         distance_scale=setup.distance_scale_m,
@@ -53,7 +53,7 @@ def rules_of(setup: Setup, progress_weight: float = 0.0) -> k.Rules:
 
 def beams_of(setup: Setup, *, pooled: bool = True) -> k.Beams:
     """The setup's lidar for the compiled scan; unpooled, every beam is a sector of its own."""
-    lidar = setup.lidar
+    lidar = setup.robot.lidar
     angles = np.arange(3 * lidar.beams) * (2 * math.pi / lidar.beams)
     return k.Beams(
         number=lidar.beams,
@@ -494,7 +494,7 @@ def table_of(trajectories: Sequence[Trajectory]) -> EpisodeTable:
             "steps": len(trajectory.actions),
             "path_length": np.linalg.norm(np.diff(path, axis=0), axis=1).sum(),
             "min_human_distance": np.linalg.norm(path - people, axis=2).min(),
-            "min_clearance": k.path_surface_distance(row, path) - ROBOT_RADIUS_M,
+            "min_clearance": k.path_surface_distance(row, path) - get_setup(scene.setup).robot.radius_m,
             "self_intersections": trajectory.self_intersections,
             "accumulated_angle": np.abs((turns + np.pi) % (2 * np.pi) - np.pi).sum(),
             "path_area": k.path_area(path, scene.goal.x, scene.goal.y),

@@ -19,7 +19,7 @@ Floats = NDArray[np.float32]
 
 def observation_bounds(setup: Setup) -> tuple[Floats, Floats]:
     """Lowest and highest (n,) of each input; distances are bounded by how far a robot can drive in an episode."""
-    far = FARTHEST_AT_START_M + setup.limits.v_max * CONTROL_DT_S * setup.max_steps
+    far = FARTHEST_AT_START_M + setup.robot.limits.v_max * CONTROL_DT_S * setup.max_steps
     low, high = np.zeros(setup.observation_size), np.ones(setup.observation_size)
     if setup.solids:
         distances = np.r_[0, setup.polar_size : setup.observation_size : 3]
@@ -35,5 +35,5 @@ def observation_bounds(setup: Setup) -> tuple[Floats, Floats]:
         low[path], high[path] = -far / setup.distance_scale_m, far / setup.distance_scale_m
         if setup.with_velocity:
             velocity = setup.polar_size - 2
-            low[velocity], low[velocity + 1] = setup.limits.v_min / setup.limits.v_max, -1.0
+            low[velocity], low[velocity + 1] = setup.robot.limits.v_min / setup.robot.limits.v_max, -1.0
     return low.astype(np.float32), high.astype(np.float32)

@@ -24,13 +24,13 @@ from desirepath.simulation.acting import ActFunction, ActionError, EpisodicPolic
 from desirepath.simulation.fast import EpisodeTable, Floats, rules_of, table_of
 from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import check_scene, scene_to_row
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup, SetupError, require_same
+from desirepath.simulation.setups import CONTROL_DT_S, Setup, SetupError, require_same
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
 DriveMode = Literal["velocity", "wheels"]
 
 SUBSTEPS = 48  # physics steps per control step: 240 Hz, PyBullet's own default
-BODY_HEIGHT_M = 0.4
+WHEELED_ROBOT = "turtlebot2"  # whose wheels `turtlebot.urdf` has
 WHEEL_RADIUS_M = 0.035  # Kobuki TurtleBot 2
 WHEEL_SEPARATION_M = 0.23  # Kobuki TurtleBot 2
 WHEEL_TORQUE_NM = 10.0
@@ -74,13 +74,17 @@ class ReferenceEngine:
     def __init__(self, setup: Setup, *, drive_mode: DriveMode = "velocity", progress_weight: float = 0.0) -> None:
         if drive_mode not in TOUCH_M:
             raise ValueError(f"drive_mode = {drive_mode!r}: must be one of {', '.join(TOUCH_M)}")
+        if drive_mode == "wheels" and setup.robot.name != WHEELED_ROBOT:
+            raise SetupError(
+                f"setup {setup.name}: only {WHEELED_ROBOT} has wheels in PyBullet; use drive_mode velocity"
+            )
         if setup.crowded:
             raise SetupError(f"setup {setup.name}: PyBullet has no pedestrians here; the fast engine has")
         self.setup, self.drive_mode = setup, drive_mode
         self._rules = rules_of(setup, progress_weight)
         self._p = pybullet()
         self._client = self._p.connect(self._p.DIRECT)
-        angles = np.arange(setup.lidar.beams) * (2 * math.pi / setup.lidar.beams)
+        angles = np.arange(setup.robot.lidar.beams) * (2 * math.pi / setup.robot.lidar.beams)
         self._beam_cos, self._beam_sin = np.cos(angles), np.sin(angles)
         self._path = np.zeros((setup.max_steps + 1, 2))
         self._commands = np.zeros((1, 2, 2))
@@ -137,8 +141,10 @@ class ReferenceEngine:
         for body in self._solids:
             p.setCollisionFilterGroupMask(body, -1, _SOLID, _ROBOT | _RAY, **on)
         if self.drive_mode == "velocity":
-            shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=ROBOT_RADIUS_M, height=BODY_HEIGHT_M, **on)
-            self._robot, self._rest_height = p.createMultiBody(6.0, shape, -1, **on), BODY_HEIGHT_M / 2
+            shape = p.createCollisionShape(
+                p.GEOM_CYLINDER, radius=self.setup.robot.radius_m, height=self.setup.robot.height_m, **on
+            )
+            self._robot, self._rest_height = p.createMultiBody(6.0, shape, -1, **on), self.setup.robot.height_m / 2
             p.changeDynamics(self._robot, -1, linearDamping=0.0, angularDamping=0.0, **on)
             p.setCollisionFilterGroupMask(self._robot, -1, _ROBOT, 0, **on)
         else:
@@ -181,7 +187,7 @@ class ReferenceEngine:
     def raw_ranges(self, pose: Pose | None = None) -> NDArray[np.float64]:
         """Every lidar beam from `pose` (default: the robot's): (beams,) metres, one ray-cast thread."""
         x, y, yaw = (pose.x, pose.y, pose.yaw) if pose is not None else self.pose
-        lidar = self.setup.lidar
+        lidar = self.setup.robot.lidar
         c, s = lidar.range_m * math.cos(yaw), lidar.range_m * math.sin(yaw)
         ends = np.empty((lidar.beams, 3))
         ends[:, 0] = x + c * self._beam_cos - s * self._beam_sin
@@ -204,9 +210,9 @@ class ReferenceEngine:
 
     def _near(self, reach: float) -> list[int]:
         """The solids whose bounding boxes lie within `reach` metres of the robot's body."""
-        margin = ROBOT_RADIUS_M + reach + 0.01
+        margin = self.setup.robot.radius_m + reach + 0.01
         low = [self.pose[0] - margin, self.pose[1] - margin, 0.02]
-        high = [self.pose[0] + margin, self.pose[1] + margin, BODY_HEIGHT_M]
+        high = [self.pose[0] + margin, self.pose[1] + margin, self.setup.robot.height_m]
         found = self._p.getOverlappingObjects(low, high, physicsClientId=self._client) or ()
         return sorted({body for body, _ in found} & set(self._solids))
 
@@ -261,7 +267,7 @@ class ReferenceEngine:
         goal_x, goal_y = row[k.GOAL_X] - x, row[k.GOAL_Y] - y
         person_x, person_y = row[k.PERSON_X] - x, row[k.PERSON_Y] - y
         self.human_distance = math.hypot(person_x, person_y)
-        self.obstacle_clearance = k.surface_distance(row, x, y) - ROBOT_RADIUS_M
+        self.obstacle_clearance = k.surface_distance(row, x, y) - self.setup.robot.radius_m
         if self.setup.solids:  # chapter 2 assumes that all positions are known: nothing is measured by rays
             self.observation = np.zeros(self.setup.observation_size, dtype=np.float32)
             k.observe_solids(row, self.pose, scale, self.observation)
@@ -273,8 +279,10 @@ class ReferenceEngine:
         if self.setup.with_person:
             task += [self.human_distance / scale, k.wrap(math.atan2(person_y, person_x) - yaw) / math.pi]
         if self.setup.with_velocity:
-            task += [v / self.setup.limits.v_max, w / self.setup.limits.w_max]
-        pooled = self.raw_ranges().reshape(self.setup.lidar.sectors, -1).min(axis=1) / self.setup.lidar.range_m
+            task += [v / self.setup.robot.limits.v_max, w / self.setup.robot.limits.w_max]
+        pooled = (
+            self.raw_ranges().reshape(self.setup.robot.lidar.sectors, -1).min(axis=1) / self.setup.robot.lidar.range_m
+        )
         self.observation = np.concatenate([task, pooled]).astype(np.float32)
 
     def step(self, action: NDArray[np.floating[Any]]) -> None:
@@ -287,7 +295,7 @@ class ReferenceEngine:
         numbers = np.asarray(action, dtype=np.float64)
         if numbers.shape != (2,) or not np.isfinite(numbers).all():
             raise ActionError(f"action = {numbers.tolist()}: must be two finite numbers in [-1, 1]")
-        limits, rules, row = self.setup.limits, self._rules, self._row
+        limits, rules, row = self.setup.robot.limits, self._rules, self._row
         forward, turning = np.clip(numbers, -1.0, 1.0)
         v, w = (forward + 1) / 2 * (limits.v_max - limits.v_min) + limits.v_min, turning * limits.w_max
         goal = np.array([row[k.GOAL_X], row[k.GOAL_Y]])

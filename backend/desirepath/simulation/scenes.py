@@ -15,14 +15,8 @@ from numpy.typing import NDArray
 from desirepath.simulation import home_interiors
 from desirepath.simulation import kernels as k
 from desirepath.simulation.scene import OBSTACLE_KINDS, Obstacle, Person, Pose, Room, Scene, SceneError
-from desirepath.simulation.setups import ROBOT_RADIUS_M, SETUPS, Setup
+from desirepath.simulation.setups import SETUPS, Setup
 
-SPACING = k.Spacing(  # ours: the thesis only says "avoiding already occupied poses"
-    robot_radius=ROBOT_RADIUS_M,
-    spare_at_ends=0.15,
-    gap_between_bodies=0.10,
-    spare_on_the_way=0.05,
-)
 LARGEST_SEED = 2**53 - 1  # stays exact in JSON and JavaScript
 OVERLAP_TOLERANCE_M = 1e-6  # drawn coordinates are rounded to this
 FIRST_UNIFORMS = 1024
@@ -37,6 +31,13 @@ PEOPLED_NUMBERS = {
     "crowd_hall": 45,
 }
 """By setup with pedestrians, its number in seeds."""
+
+
+def spacing_of(setup: Setup) -> k.Spacing:
+    """How much room drawn scenes leave. Ours: the thesis only says "avoiding already occupied poses"."""
+    return k.Spacing(
+        robot_radius=setup.robot.radius_m, spare_at_ends=0.15, gap_between_bodies=0.10, spare_on_the_way=0.05
+    )
 
 
 Draw = Callable[[NDArray[np.float64], k.Row, k.Spacing], bool]
@@ -98,13 +99,14 @@ def draw_rows(setup: str | Setup, seeds: Sequence[int] | NDArray[np.int64]) -> k
     if setup.crowded:
         return _peopled_rows(setup, seeds)
     tag, draw, _ = _RECIPES[setup.name]
+    spacing = spacing_of(setup)
     rows = np.zeros((len(seeds), columns_of(setup)))
     rows[:, k.GOAL_RADIUS], rows[:, k.PERSON_RADIUS] = setup.goal_radius_m, Person(Pose(0.0, 0.0)).radius
     for row, seed in zip(rows, seeds, strict=True):
         _check_seed(int(seed))
         size = FIRST_UNIFORMS
         # A longer draw from the same seed begins with the same numbers, so retrying changes nothing but the supply.
-        while not draw(np.random.Generator(np.random.PCG64([int(seed), tag])).random(size), row, SPACING):
+        while not draw(np.random.Generator(np.random.PCG64([int(seed), tag])).random(size), row, spacing):
             size *= 4
             if size > MOST_UNIFORMS:
                 raise SceneError("seed", int(seed), f"gave no solvable {setup.name} scene; use another seed")
@@ -259,7 +261,7 @@ def _check_numbers(scene: Scene) -> None:
             raise SceneError(name, value, "must be a finite number above 0 m")
 
 
-def _check_bodies(scene: Scene, row: k.Row) -> None:
+def _check_bodies(scene: Scene, row: k.Row, robot_m: float) -> None:
     columns = [k.FIRST_BOX + k.BOX_COLUMNS * i for i in range(len(scene.obstacles))]
     person = scene.person
     for i, o in enumerate(columns):
@@ -275,11 +277,11 @@ def _check_bodies(scene: Scene, row: k.Row) -> None:
         raise SceneError("person.pose", person.pose, "stands in a wall or outside the room")
     for name, pose in (("start", scene.start), ("goal", scene.goal)):
         for i, o in enumerate(columns):
-            if k.box_distance(row, o, pose.x, pose.y) < ROBOT_RADIUS_M:
+            if k.box_distance(row, o, pose.x, pose.y) < robot_m:
                 raise SceneError(name, pose, f"the robot would touch obstacles[{i}]")
-        if k.surface_distance(row, pose.x, pose.y) < ROBOT_RADIUS_M:
+        if k.surface_distance(row, pose.x, pose.y) < robot_m:
             raise SceneError(name, pose, "the robot would touch a wall or be outside the room")
-        if k.person_distance(row, pose.x, pose.y) < ROBOT_RADIUS_M + person.radius:
+        if k.person_distance(row, pose.x, pose.y) < robot_m + person.radius:
             raise SceneError(name, pose, "the robot would touch the person")
 
 
@@ -305,12 +307,13 @@ def check_scene(scene: Scene) -> None:
     if scene.room is not None:
         heights["room.wall_height"] = scene.room.wall_height
     for name, height in heights.items():
-        if height <= setup.lidar.height_m:
-            raise SceneError(name, height, f"must exceed the lidar's {setup.lidar.height_m} m")
+        if height <= setup.robot.lidar.height_m:
+            raise SceneError(name, height, f"must exceed the lidar's {setup.robot.lidar.height_m} m")
     row = scene_to_row(scene)
-    _check_bodies(scene, row)
+    _check_bodies(scene, row, setup.robot.radius_m)
     _check_walk(scene)
     if math.dist((scene.start.x, scene.start.y), (scene.goal.x, scene.goal.y)) <= scene.goal_radius:
         raise SceneError("goal", scene.goal, f"lies within goal_radius {scene.goal_radius} m of the start")
-    if not k.reachable(row, ROBOT_RADIUS_M):
-        raise SceneError("goal", scene.goal, "cannot be reached from the start by a robot of 0.18 m radius")
+    if not k.reachable(row, setup.robot.radius_m):
+        problem = f"cannot be reached from the start by a robot of {setup.robot.radius_m:g} m radius"
+        raise SceneError("goal", scene.goal, problem)

@@ -9,7 +9,6 @@ import math
 from dataclasses import dataclass, replace
 
 CONTROL_DT_S = 0.2  # 5 Hz everywhere
-ROBOT_RADIUS_M = 0.18  # Kobuki TurtleBot 2
 
 
 class SetupError(ValueError):
@@ -33,6 +32,22 @@ class Lidar:
     sectors: int
     range_m: float
     height_m: float = 0.3
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What drives: a disc of `radius_m` on the floor, `height_m` tall, with differential drive."""
+
+    name: str
+    radius_m: float
+    height_m: float
+    limits: Limits
+    lidar: Lidar
+
+
+def _turtlebot2(limits: Limits, lidar: Lidar) -> Robot:
+    """The Kobuki TurtleBot 2 of all chapters, as fast as a chapter let it drive."""
+    return Robot("turtlebot2", radius_m=0.18, height_m=0.42, limits=limits, lidar=lidar)
 
 
 @dataclass(frozen=True)
@@ -77,8 +92,7 @@ class Setup:
     """
 
     name: str
-    limits: Limits
-    lidar: Lidar
+    robot: Robot
     reward: CoreReward
     goal_radius_m: float
     max_steps: int
@@ -114,7 +128,7 @@ class Setup:
     @property
     def surroundings_size(self) -> int:
         """Length of the rest of the observation: lidar sectors, or three numbers per solid."""
-        return 3 * self.solids if self.solids else self.lidar.sectors
+        return 3 * self.solids if self.solids else self.robot.lidar.sectors
 
     @property
     def observation_size(self) -> int:
@@ -146,11 +160,12 @@ class Setup:
             polar += [{"name": f"path_{k}_{axis}", "unit": "m", "divided_by": self.distance_scale_m} for axis in "xy"]
         if self.with_velocity:
             polar += [
-                {"name": "linear_velocity", "unit": "m/s", "divided_by": self.limits.v_max},
-                {"name": "angular_velocity", "unit": "rad/s", "divided_by": self.limits.w_max},
+                {"name": "linear_velocity", "unit": "m/s", "divided_by": self.robot.limits.v_max},
+                {"name": "angular_velocity", "unit": "rad/s", "divided_by": self.robot.limits.w_max},
             ]
         return polar + [
-            {"name": f"lidar_{i}", "unit": "m", "divided_by": self.lidar.range_m} for i in range(self.lidar.sectors)
+            {"name": f"lidar_{i}", "unit": "m", "divided_by": self.robot.lidar.range_m}
+            for i in range(self.robot.lidar.sectors)
         ]
 
     def _solids_layout(self) -> list[dict[str, object]]:
@@ -168,8 +183,10 @@ class Setup:
 
 OPEN_FIELD = Setup(
     name="open_field",  # ch. 6; table 6.1
-    limits=Limits(0.0, 0.5),
-    lidar=Lidar(beams=360, sectors=30, range_m=6.0),
+    robot=_turtlebot2(
+        Limits(0.0, 0.5),
+        Lidar(beams=360, sectors=30, range_m=6.0),
+    ),
     reward=CoreReward(goal=20.0, collision=-1.2, timeout=-20.0, self_intersection=-2.0),
     goal_radius_m=0.4,
     max_steps=500,
@@ -178,8 +195,10 @@ OPEN_FIELD = Setup(
 )
 STUDY_ROOM = Setup(
     name="study_room",  # ch. 7; equation 7.1 and the public code
-    limits=Limits(0.0, 1.0),
-    lidar=Lidar(beams=720, sectors=60, range_m=6.0),
+    robot=_turtlebot2(
+        Limits(0.0, 1.0),
+        Lidar(beams=720, sectors=60, range_m=6.0),
+    ),
     reward=CoreReward(
         goal=20.0,
         collision=-20.0,
@@ -203,8 +222,10 @@ def _demonstrated(name: str, solids: int) -> Setup:
     """
     return Setup(
         name=name,
-        limits=Limits(0.1, 0.25),
-        lidar=Lidar(beams=360, sectors=60, range_m=6.0),
+        robot=_turtlebot2(
+            Limits(0.1, 0.25),
+            Lidar(beams=360, sectors=60, range_m=6.0),
+        ),
         reward=CoreReward(goal=0.0, collision=-5.0, timeout=-2.5, self_intersection=0.0),
         goal_radius_m=0.3,
         max_steps=300,
@@ -219,8 +240,10 @@ CORRIDOR = _demonstrated("corridor", solids=4)
 ROOM = _demonstrated("room", solids=7)
 EXPLAINED_ROOM = Setup(
     name="explained_room",  # ch. 8, section 8.3.2; goal radius, episode length and discount as in ch. 7 (ours)
-    limits=Limits(0.0, 1.0, 0.6),  # ours: with ch. 7's half turn per second a policy never slows down (mean 0.99 m/s)
-    lidar=Lidar(beams=360, sectors=15, range_m=6.0),
+    robot=_turtlebot2(
+        Limits(0.0, 1.0, 0.6),  # ours: with ch. 7's half turn per second a policy never slows down (mean 0.99 m/s)
+        Lidar(beams=360, sectors=15, range_m=6.0),
+    ),
     reward=CoreReward(
         goal=20.0,
         collision=-20.0,
@@ -239,8 +262,10 @@ EXPLAINED_ROOM = Setup(
 )
 ADAPTABLE = Setup(
     name="adaptable",  # ch. 5, sections 5.3.2.1, 5.3.4.1 and 5.4.1; goal radius ours
-    limits=Limits(0.0, 0.5),
-    lidar=Lidar(beams=720, sectors=30, range_m=4.0),
+    robot=_turtlebot2(
+        Limits(0.0, 0.5),
+        Lidar(beams=720, sectors=30, range_m=4.0),
+    ),
     reward=CoreReward(goal=0.0, collision=-1000.0, timeout=0.0, self_intersection=0.0),  # 125 per metre beside it
     goal_radius_m=0.4,
     max_steps=300,
@@ -250,8 +275,10 @@ ADAPTABLE = Setup(
 )
 HOME = Setup(
     name="home",  # ch. 3, sections 3.3.4 and 3.4; the goal's reward is that of exploration, half of a demonstration's
-    limits=Limits(0.0, 0.5),
-    lidar=Lidar(beams=180, sectors=30, range_m=6.0),  # ours, for the obstacle avoider that records depth frames
+    robot=_turtlebot2(
+        Limits(0.0, 0.5),
+        Lidar(beams=180, sectors=30, range_m=6.0),  # ours, for the obstacle avoider that records depth frames
+    ),
     reward=CoreReward(goal=5.0, collision=-5.0, timeout=-2.5, self_intersection=0.0),
     goal_radius_m=0.3,  # ours, as in ch. 2
     max_steps=150,
@@ -260,8 +287,10 @@ HOME = Setup(
 )
 CROWD_CORRIDOR = Setup(
     name="crowd_corridor",  # ch. 4, sections 4.4.3, 4.4.6, 4.5.1; its reward is `crowd_setups.CrowdReward`
-    limits=Limits(0.0, 1.0),
-    lidar=Lidar(beams=1440, sectors=180, range_m=3.5),
+    robot=_turtlebot2(
+        Limits(0.0, 1.0),
+        Lidar(beams=1440, sectors=180, range_m=3.5),
+    ),
     reward=CoreReward(goal=0.0, collision=-10.0, timeout=0.0, self_intersection=0.0),
     goal_radius_m=0.2,
     max_steps=150,
@@ -277,8 +306,10 @@ CROWD_OFFICE = replace(CROWD_CORRIDOR, name="crowd_office")
 CROWD_HOME = replace(CROWD_CORRIDOR, name="crowd_home")  # never trained in: section 4.5.6
 CROWD_HALL = Setup(
     name="crowd_hall",  # ours: the study room's robot and reward in a hall where people walk, for people to judge
-    limits=Limits(0.0, 1.0),
-    lidar=Lidar(beams=360, sectors=36, range_m=6.0),
+    robot=_turtlebot2(
+        Limits(0.0, 1.0),
+        Lidar(beams=360, sectors=36, range_m=6.0),
+    ),
     reward=CoreReward(
         goal=20.0, collision=-20.0, timeout=-20.0, self_intersection=-2.0, time_per_step=-0.02, jerk_weight=0.0
     ),

@@ -67,6 +67,8 @@ def person_distance_input(setup: Setup) -> int:
     """Where the person's distance is observed. Raises SetupError where it is not, or where a robot cannot stand."""
     if setup.person_inputs is None:
         raise SetupError(f"setup {setup.name}: the person's distance is not observed, so nothing can be slowed by it")
-    if setup.limits.v_min != 0:
-        raise SetupError(f"setup {setup.name}: v_min = {setup.limits.v_min}; shares of full speed begin at standing")
+    if setup.robot.limits.v_min != 0:
+        raise SetupError(
+            f"setup {setup.name}: v_min = {setup.robot.limits.v_min}; shares of full speed begin at standing"
+        )
     return setup.person_inputs[0]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from desirepath.simulation.kernels import compiled
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import ROBOT_RADIUS_M
+from desirepath.simulation.setups import get_setup
 
 Doubles = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ def social_metrics(
     straight, facing = np.zeros(len(scenes)), np.zeros(len(scenes))
     steps_s = np.broadcast_to(np.asarray(dt, dtype=np.float64), len(scenes))
     for k, (row, path, scene, step_s) in enumerate(zip(found, paths, scenes, steps_s, strict=True)):
-        contact = ROBOT_RADIUS_M + scene.person.radius
+        contact = get_setup(scene.setup).robot.radius_m + scene.person.radius
         everybody = _people(scene, len(path), step_s) if people is None else people[k]
         if len(everybody) == 1:
             _of_path(np.ascontiguousarray(path), np.ascontiguousarray(everybody[0]), contact, step_s, row)

@@ -141,7 +141,7 @@ def attained(
     goals = np.array([(s.goal.x, s.goal.y) for s in repeated])
     people = np.array([(s.person.pose.x, s.person.pose.y) for s in repeated])
     typical = typical_differences(setup.name)
-    straight = np.linalg.norm(goals - starts[:, :2], axis=1).max() / setup.limits.v_max / CONTROL_DT_S
+    straight = np.linalg.norm(goals - starts[:, :2], axis=1).max() / setup.robot.limits.v_max / CONTROL_DT_S
     waits = [k for k, name in enumerate(names_of(setup.name)) if name in ("slower_near_person", "waits")]
     most = None if weights[waits].any() else round(PATIENCE * straight)
     random = np.random.default_rng([config.seed, 72])
@@ -159,7 +159,7 @@ def attained(
         genes[:, 0] = kept
         genes[:, 1 : copies // 3] = mean + 0.3 * (genes[:, 1 : copies // 3] - mean)  # some stay close by
         curves = _Curves(genes.reshape(-1, SIZE), starts, goals, people)
-        rolled_out = course.steered(curves.steer(setup.limits.w_max), most)
+        rolled_out = course.steered(curves.steer(setup.robot.limits.w_max), most)
         gained = gains(rolled_out.measured / typical) @ weights
         scores = np.where(rolled_out.success, gained, NOT_ARRIVED + 0.1 * gained.clip(-100, 100)).reshape(n, copies)
         order = np.argsort(-scores, axis=1)

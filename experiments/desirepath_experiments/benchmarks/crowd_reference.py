@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from desirepath.simulation.crowds import crowd_setups as settings
 from desirepath.simulation.crowds.crowd_kernels import SUBSTEPS as LOOKS
 from desirepath.simulation.pedestrians import Pedestrian, where_on_route
-from desirepath.simulation.reference import BODY_HEIGHT_M, SUBSTEPS, pybullet
+from desirepath.simulation.reference import SUBSTEPS, pybullet
 from desirepath.simulation.scene import Scene, SceneError
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Setup
+from desirepath.simulation.setups import CONTROL_DT_S, Setup
 from desirepath.simulation.trajectory import Outcome
 
 Doubles = NDArray[np.float64]
@@ -30,7 +30,7 @@ class CrowdReference:
     def __init__(self, setup: Setup) -> None:
         self.setup, self._p = setup, pybullet()
         self._client = self._p.connect(self._p.DIRECT)
-        self.pose, self.ranges = np.zeros(3), np.zeros(setup.lidar.beams)
+        self.pose, self.ranges = np.zeros(3), np.zeros(setup.robot.lidar.beams)
         self.outcome, self.steps = Outcome.RUNNING, 0
 
     def __enter__(self) -> CrowdReference:
@@ -54,7 +54,9 @@ class CrowdReference:
             self._box(settings.PED_DEPTH_M, settings.PED_WIDTH_M, settings.PED_HEIGHT_M, where_on_route(one, 0.0))
             for one in self._who
         ]
-        shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=ROBOT_RADIUS_M, height=BODY_HEIGHT_M, **on)
+        shape = p.createCollisionShape(
+            p.GEOM_CYLINDER, radius=self.setup.robot.radius_m, height=self.setup.robot.height_m, **on
+        )
         self._robot = p.createMultiBody(6.0, shape, -1, **on)
         p.setCollisionFilterGroupMask(self._robot, -1, 2, 0, **on)  # rays are in group 1; contact is asked for
         p.changeDynamics(self._robot, -1, linearDamping=0.0, angularDamping=0.0, **on)
@@ -71,11 +73,11 @@ class CrowdReference:
 
     def _stand(self) -> None:
         turned = self._p.getQuaternionFromEuler([0, 0, self.pose[2]])
-        where = [*self.pose[:2], BODY_HEIGHT_M / 2]
+        where = [*self.pose[:2], self.setup.robot.height_m / 2]
         self._p.resetBasePositionAndOrientation(self._robot, where, turned, physicsClientId=self._client)
 
     def _look(self) -> None:
-        lidar = self.setup.lidar
+        lidar = self.setup.robot.lidar
         angles = self.pose[2] + np.arange(lidar.beams) * (2 * math.pi / lidar.beams)
         reach = np.stack([np.cos(angles), np.sin(angles), np.zeros(lidar.beams)], axis=1) * lidar.range_m
         start = np.array([*self.pose[:2], lidar.height_m])
@@ -89,7 +91,7 @@ class CrowdReference:
 
     def step(self, action: Any) -> None:
         """One control step with an action (2,) in [-1, 1]."""
-        p, on, limits = self._p, {"physicsClientId": self._client}, self.setup.limits
+        p, on, limits = self._p, {"physicsClientId": self._client}, self.setup.robot.limits
         v = (float(action[0]) + 1) / 2 * (limits.v_max - limits.v_min) + limits.v_min
         w = float(action[1]) * limits.w_max
         hit = False

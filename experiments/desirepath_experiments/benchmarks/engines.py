@@ -102,7 +102,7 @@ def benchmark_simulate(
         "pybullet_steps_per_s_velocity_mode": rate["velocity"],
         "ratio_velocity_mode": rate["fast"] / rate["velocity"],
         "setup": chosen.name,
-        "lidar_beams": chosen.lidar.beams,
+        "lidar_beams": chosen.robot.lidar.beams,
         "fast_environments": n_envs,
         "pybullet_drive_mode": "wheels",
         "pybullet_substeps": SUBSTEPS,

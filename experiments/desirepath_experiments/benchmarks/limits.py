@@ -64,7 +64,7 @@ def benchmark_limits(setup: str = "open_field") -> dict[str, Any]:
         },
         "simulator": {
             "steps_per_s": steps_per_s,
-            "ns_per_beam": 1e9 / steps_per_s / chosen.lidar.beams,
+            "ns_per_beam": 1e9 / steps_per_s / chosen.robot.lidar.beams,
             "bytes_per_step": step_bytes,
             "share_of_memory": step_bytes * steps_per_s / 1e9 / copied,
         },

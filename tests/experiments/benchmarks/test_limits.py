@@ -44,5 +44,5 @@ def test_shares_follow_from_the_numbers_beside_them(measured: dict[str, object])
     assert isinstance(simulator, dict)
     assert update["gflops"] == pytest.approx(update["gflop"] / update["ms"] * 1e3)
     assert update["share_of_peak"] == pytest.approx(update["gflops"] / measured["matmul_gflops"])
-    assert simulator["ns_per_beam"] == pytest.approx(1e9 / simulator["steps_per_s"] / OPEN_FIELD.lidar.beams)
+    assert simulator["ns_per_beam"] == pytest.approx(1e9 / simulator["steps_per_s"] / OPEN_FIELD.robot.lidar.beams)
     assert 0 < simulator["share_of_memory"] < 1

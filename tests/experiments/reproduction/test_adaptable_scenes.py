@@ -33,9 +33,9 @@ def test_start_and_goal_lie_six_to_twelve_metres_apart_with_the_person_between_a
 def test_the_robot_sees_goal_person_and_thirty_ranges_within_four_metres() -> None:
     engine = FastEngine(ADAPTABLE, 50, seed=1)
     assert engine.observations.shape == (50, 34)
-    assert ADAPTABLE.lidar.beams == 720
+    assert ADAPTABLE.robot.lidar.beams == 720
     assert (engine.observations[:, 4:] <= 1).all()
-    assert (ADAPTABLE.limits.v_max, ADAPTABLE.limits.w_max) == (0.5, math.pi)
+    assert (ADAPTABLE.robot.limits.v_max, ADAPTABLE.robot.limits.w_max) == (0.5, math.pi)
 
 
 def test_a_person_walks_from_the_goal_to_the_start_and_touches_no_box() -> None:

@@ -47,11 +47,11 @@ def test_costs_are_above_the_best_and_the_cheapest_commands_lead_along_the_path(
     assert costs.shape == (12, len(COMMANDS))
     np.testing.assert_array_equal(costs.min(axis=1), 0)
     assert costs.max() <= MOST_M
-    moves = actions_of_commands(engine.setup.limits)[costs.argmin(axis=1)]
+    moves = actions_of_commands(engine.setup.robot.limits)[costs.argmin(axis=1)]
     before = engine.path_left_m()
     for _ in range(5):
         engine.step(moves)
-        moves = actions_of_commands(engine.setup.limits)[costs_by_velocity(engine).argmin(axis=1)]
+        moves = actions_of_commands(engine.setup.robot.limits)[costs_by_velocity(engine).argmin(axis=1)]
     assert np.median(before - engine.path_left_m()) > 0.2
 
 
@@ -110,7 +110,7 @@ def test_a_mirrored_state_is_what_is_sensed_in_the_mirror(given):
 
 def test_costs_are_mirrored_with_their_commands(monkeypatch):
     one, mirror = begun(8, noise_m=0.0), mirror_of_state("ranges")
-    turns, known = actions_of_commands(one.setup.limits)[:, 1], MIRRORED >= 0
+    turns, known = actions_of_commands(one.setup.robot.limits)[:, 1], MIRRORED >= 0
     np.testing.assert_allclose(turns[MIRRORED[known]], -turns[known])
     assert list(np.flatnonzero(~known)) == [22], "turning about is to the left"
     other, grounds = in_the_mirror(one), {scene: ground_of(scene) for scene in one.scenes}

@@ -223,12 +223,14 @@ def test_raw_si_units_and_a_scan_from_behind_are_converted(study_queries: QueryS
     goal = next(k for k, one in enumerate(layout) if one["name"] == "goal_distance")
     assert theirs[:, goal] == pytest.approx(ours[:, goal] * STUDY_ROOM.distance_scale_m, rel=1e-5)
     first = STUDY_ROOM.polar_size
-    scan = ours[:, first : first + STUDY_ROOM.lidar.sectors] * STUDY_ROOM.lidar.range_m
-    behind = STUDY_ROOM.lidar.sectors // 2
+    scan = ours[:, first : first + STUDY_ROOM.robot.lidar.sectors] * STUDY_ROOM.robot.lidar.range_m
+    behind = STUDY_ROOM.robot.lidar.sectors // 2
     assert theirs[:, first] == pytest.approx(scan[:, behind - 1], rel=1e-5)  # clockwise from behind: the left side
     assert theirs[:, first + 1] == pytest.approx(scan[:, behind - 2], rel=1e-5)
     speed = theirs[:, STUDY_ROOM.observation_size]
-    commanded = STUDY_ROOM.limits.v_min + (ours[:, -2] + 1) / 2 * (STUDY_ROOM.limits.v_max - STUDY_ROOM.limits.v_min)
+    commanded = STUDY_ROOM.robot.limits.v_min + (ours[:, -2] + 1) / 2 * (
+        STUDY_ROOM.robot.limits.v_max - STUDY_ROOM.robot.limits.v_min
+    )
     assert speed == pytest.approx(commanded, abs=1e-5)
 
 
@@ -248,14 +250,14 @@ def test_single_columns_have_a_unit_scale_and_offset_of_their_own(study_queries:
     inputs = [{"of": "observation", "columns": columns, "lidar": {"first_deg": 0, "turns": "counter_clockwise"}}]
     stated = {"format": "desirepath-reward-2", "setup": "study_room", "file": "net.onnx", "inputs": inputs}
     read = read_manifest(json.dumps(stated).encode(), "x")
-    assert read.width == 2 + STUDY_ROOM.lidar.sectors
+    assert read.width == 2 + STUDY_ROOM.robot.lidar.sectors
     ours = study_queries.queries[0].trajectory_a.observations
     names = [one["name"] for one in STUDY_ROOM.observation_layout()]
     theirs = read.conversion(ours)
     assert theirs[:, 0] == pytest.approx(ours[:, names.index("goal_bearing")] * 180, rel=1e-4, abs=1e-3)
     person = ours[:, names.index("person_distance")] * STUDY_ROOM.distance_scale_m
     assert theirs[:, 1] == pytest.approx(person - 1.0, abs=1e-4)
-    assert theirs[:, 2] == pytest.approx(2 * ours[:, names.index("lidar_0")] * STUDY_ROOM.lidar.range_m, rel=1e-5)
+    assert theirs[:, 2] == pytest.approx(2 * ours[:, names.index("lidar_0")] * STUDY_ROOM.robot.lidar.range_m, rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -354,4 +356,4 @@ def test_the_guide_lists_every_input_and_its_example_is_read() -> None:
         (row,) = [line for line in part.splitlines() if line.startswith(f"| `{setup}` |")]
         names = [name for name in quantities(get_setup(setup), "observation") if not name.startswith("lidar")]
         assert [name for name in names if f"`{name}` (" not in row] == []
-        assert f"`lidar_{get_setup(setup).lidar.sectors - 1}`" in row
+        assert f"`lidar_{get_setup(setup).robot.lidar.sectors - 1}`" in row

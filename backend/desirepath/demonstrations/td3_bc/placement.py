@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.simulation import kernels as k
-from desirepath.simulation.scenes import SPACING, ScenePool, scenes_to_rows
+from desirepath.simulation.scenes import ScenePool, scenes_to_rows, spacing_of
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath.simulation.trajectory import Trajectory
 
@@ -32,16 +32,17 @@ class Placements:
     def __init__(
         self, trajectories: Sequence[Trajectory], *, near: float, mixed: float = 0.0, seed: int, walking: bool = True
     ) -> None:
-        self._anywhere = ScenePool(trajectories[0].scene.setup, seed)
+        setup = get_setup(trajectories[0].scene.setup)
+        self._anywhere, self._spacing = ScenePool(setup, seed), spacing_of(setup)
         self._rows = scenes_to_rows([one.scene for one in trajectories])
         self._poses = [one.poses.astype(float) for one in trajectories]
         self._people = [one.scene.person_poses(one.times) for one in trajectories]
-        longest = np.arange(2 * get_setup(trajectories[0].scene.setup).max_steps + 1) * CONTROL_DT_S
+        longest = np.arange(2 * setup.max_steps + 1) * CONTROL_DT_S
         self._walks = [
             one.scene.person_poses(longest) if walking and one.scene.walk is not None else None for one in trajectories
         ]
         self._near, self._mixed = near, mixed
-        self._steps = get_setup(trajectories[0].scene.setup).max_steps
+        self._steps = setup.max_steps
         self._random = np.random.default_rng([seed, 0xDE])
 
     def take(self, count: int) -> tuple[k.Rows, NDArray[np.int64]]:
@@ -94,9 +95,8 @@ class Placements:
         ahead[:, :2] += row[k.PERSON_X : k.PERSON_X + 2] - ahead[0, :2]
         return ahead
 
-    @staticmethod
-    def _fits(row: k.Row) -> bool:
-        robot = SPACING.robot_radius + SPACING.spare_on_the_way
+    def _fits(self, row: k.Row) -> bool:
+        robot = self._spacing.robot_radius + self._spacing.spare_on_the_way
         for column in (k.START_X, k.GOAL_X):
             x, y = row[column], row[column + 1]
             if k.surface_distance(row, x, y) < robot or k.person_distance(row, x, y) < robot + row[k.PERSON_RADIUS]:

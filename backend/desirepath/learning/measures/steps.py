@@ -98,7 +98,7 @@ class SeenSteps:
     def words(self) -> dict[str, Doubles]:
         """By name of WORDS, (n,) each: what the state that a step led to is like, and how it was acted."""
         after, scale = self.next_observations, self.setup.distance_scale_m
-        lidar = after[:, self.setup.polar_size :] * self.setup.lidar.range_m
+        lidar = after[:, self.setup.polar_size :] * self.setup.robot.lidar.range_m
         sectors = lidar.shape[1]
         bearings = (np.arange(sectors) + 0.5) * 2 * math.pi / sectors
         ahead = np.cos(bearings) >= math.cos(AHEAD_RAD)

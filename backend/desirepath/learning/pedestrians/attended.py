@@ -113,7 +113,7 @@ def given_to_people(rolled_out: CrowdRollout, spatial: Doubles, temporal: Double
 def _owners(rolled_out: CrowdRollout, k: int) -> tuple[NDArray[np.int64], Doubles, Doubles]:
     """Of each lidar point of state k: whose body it is on (-1: nobody's), its bearing and distance from the robot."""
     setup = get_setup(rolled_out.scene.setup)
-    points = rolled_out.states[k, : 2 * SECTORS].reshape(SECTORS, 2).astype(np.float64) * setup.lidar.range_m
+    points = rolled_out.states[k, : 2 * SECTORS].reshape(SECTORS, 2).astype(np.float64) * setup.robot.lidar.range_m
     x, y, yaw = rolled_out.poses[k]
     c, s = math.cos(yaw), math.sin(yaw)
     world = np.stack([x + c * points[:, 0] - s * points[:, 1], y + s * points[:, 0] + c * points[:, 1]], axis=1)

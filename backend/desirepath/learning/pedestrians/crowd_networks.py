@@ -194,7 +194,9 @@ class Chooser(Actor):
         self.tables, self.which = tables, which
         self.head = perceptron(self.read.size, 128, 64, 64, tables * len(COMMANDS), last=False)
         initialise(self)
-        self.register_buffer("actions", torch.as_tensor(actions_of_commands(CROWD_CORRIDOR.limits)), persistent=False)
+        self.register_buffer(
+            "actions", torch.as_tensor(actions_of_commands(CROWD_CORRIDOR.robot.limits)), persistent=False
+        )
 
     def costs(self, states: Tensor) -> Tensor:
         """(b, tables, 24), the dearest 1."""

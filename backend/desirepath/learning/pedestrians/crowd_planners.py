@@ -16,7 +16,7 @@ from desirepath.learning.pedestrians.foresight import constant_velocity, foresig
 from desirepath.simulation.crowds import avoidance_kernels as avoid
 from desirepath.simulation.crowds.crowd_engine import PERSON_RADIUS_M, CrowdEngine
 from desirepath.simulation.kernels import best_command
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M
+from desirepath.simulation.setups import CONTROL_DT_S
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -28,7 +28,7 @@ DWA_WEIGHTS = np.array([1.0, 1.0, 0.4])  # ours: heading, clearance, speed
 
 def _towards(engine: CrowdEngine, directions: Doubles, speeds: Doubles) -> Floats:
     """Actions that turn to a direction (rad, robot's frame) and move at that speed (m/s) as far as they face it."""
-    limits = engine.setup.limits
+    limits = engine.setup.robot.limits
     v = speeds * np.clip(np.cos(directions), 0, 1) ** 3
     w = np.clip(TURN_GAIN * directions, -limits.w_max, limits.w_max)
     scaled = 2 * (v - limits.v_min) / (limits.v_max - limits.v_min) - 1
@@ -43,14 +43,16 @@ def follow(engine: CrowdEngine) -> Floats:
 
 def dwa(engine: CrowdEngine) -> Floats:
     """The dynamic window approach on the lidar, with the path's point 1.2 m ahead as its goal."""
-    limits = engine.setup.limits
+    limits = engine.setup.robot.limits
     speeds = np.linspace(0.0, limits.v_max, DWA_SPEEDS)
     turns = np.linspace(-limits.w_max / 2, limits.w_max / 2, DWA_TURNS)
     actions = np.zeros((engine.n_envs, 2), np.float32)
     for i in np.flatnonzero(~engine.dones):
-        seen = engine.points[i][engine.ranges[i] < engine.setup.lidar.range_m - 1e-3]
+        seen = engine.points[i][engine.ranges[i] < engine.setup.robot.lidar.range_m - 1e-3]
         goal = engine.path_points[i, 4]
-        v, w = best_command(speeds, turns, goal, seen, DWA_STEPS, CONTROL_DT_S, ROBOT_RADIUS_M + 0.03, 0.5, DWA_WEIGHTS)
+        v, w = best_command(
+            speeds, turns, goal, seen, DWA_STEPS, CONTROL_DT_S, engine.setup.robot.radius_m + 0.03, 0.5, DWA_WEIGHTS
+        )
         actions[i] = 2 * v / limits.v_max - 1, w / limits.w_max
     return actions
 
@@ -64,7 +66,7 @@ def _by_velocities(engine: CrowdEngine, *, forces: bool) -> Floats:
         xy = np.vstack([w.robots[i, :2], w.people_xy[i, :people]])
         now = engine.robot_v[i]
         v = np.vstack([now, w.people_v[i, :people] * (w.speeds[i, :people] > 0)[:, None]])
-        radii = np.array([ROBOT_RADIUS_M + 0.05, *[PERSON_RADIUS_M] * people])
+        radii = np.array([engine.setup.robot.radius_m + 0.05, *[PERSON_RADIUS_M] * people])
         c, s = math.cos(yaw), math.sin(yaw)
         ahead = engine.path_points[i, 3]
         offset = np.array([c * ahead[0] - s * ahead[1], s * ahead[0] + c * ahead[1]])

@@ -67,4 +67,4 @@ def states(engine: CrowdEngine, given: Given) -> Floats:
     else:
         parts = [engine.ranges]
     flat = np.concatenate([part.reshape(n, -1) for part in (*parts, path)], axis=1)
-    return np.asarray(flat / engine.setup.lidar.range_m, dtype=np.float32)
+    return np.asarray(flat / engine.setup.robot.lidar.range_m, dtype=np.float32)

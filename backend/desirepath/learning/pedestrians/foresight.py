@@ -19,7 +19,7 @@ from desirepath.simulation.crowds.crowd_engine import CrowdEngine
 from desirepath.simulation.crowds.crowd_maps import boxes_of
 from desirepath.simulation.crowds.crowd_setups import PED_DEPTH_M, PED_WIDTH_M
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M, Limits
+from desirepath.simulation.setups import CONTROL_DT_S, Limits, get_setup
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -58,7 +58,7 @@ def actions_of_commands(limits: Limits) -> Floats:
 
 def foresight(engine: CrowdEngine) -> Floats:
     """(n, 2) actions in [-1, 1]. Who avoids others is foreseen as if they walked their routes straight on."""
-    limits, bodies = engine.setup.limits, _bodies(engine)
+    limits, bodies = engine.setup.robot.limits, _bodies(engine)
     actions = np.zeros((engine.n_envs, 2), np.float32)
     for i, ground in _running(engine):
         v, w = search.best_first_command(
@@ -70,7 +70,7 @@ def foresight(engine: CrowdEngine) -> Floats:
 
 def constant_velocity(engine: CrowdEngine) -> Floats:
     """(n, 2) actions in [-1, 1]: the cheapest command where everybody walks on as now."""
-    chosen: Floats = actions_of_commands(engine.setup.limits)[costs_by_velocity(engine).argmin(axis=1)]
+    chosen: Floats = actions_of_commands(engine.setup.robot.limits)[costs_by_velocity(engine).argmin(axis=1)]
     return chosen
 
 
@@ -96,7 +96,8 @@ def _running(engine: CrowdEngine) -> Iterator[tuple[int, search.Ground]]:
 
 def _bodies(engine: CrowdEngine) -> search.Bodies:
     half = PED_DEPTH_M / 2, PED_WIDTH_M / 2
-    return search.Bodies(ROBOT_RADIUS_M, *half, engine.setup.limits.w_max, CONTROL_DT_S, STEPS_AHEAD)
+    robot = engine.setup.robot
+    return search.Bodies(robot.radius_m, *half, robot.limits.w_max, CONTROL_DT_S, STEPS_AHEAD)
 
 
 def _scaled(v: Doubles, w: Doubles, limits: Limits) -> Floats:
@@ -140,7 +141,9 @@ def ground_of(scene: Scene) -> search.Ground:
     sides = scene.room.length, scene.room.width
     xs, ys = (np.arange(-side / 2 - CELL_M, side / 2 + 2 * CELL_M, CELL_M) for side in sides)
     cell = (round((goal.x - xs[0]) / CELL_M), round((goal.y - ys[0]) / CELL_M))
-    length = search.lengths_to_goal(np.concatenate([boxes, np.array(stands)]), ROBOT_RADIUS_M, cell, xs, ys)
+    length = search.lengths_to_goal(
+        np.concatenate([boxes, np.array(stands)]), get_setup(scene.setup).robot.radius_m, cell, xs, ys
+    )
     return search.Ground(
         boxes, length, search.downhill(length, CELL_M), xs[0], ys[0], CELL_M, goal.x, goal.y, scene.goal_radius
     )

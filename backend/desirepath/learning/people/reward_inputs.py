@@ -112,7 +112,7 @@ class Quantity:
 def quantities(setup: Setup, of: Of) -> dict[str, Quantity]:
     """What a part of our steps holds, by name, in its order."""
     if of == "action":
-        limits = setup.limits
+        limits = setup.robot.limits
         half = (limits.v_max - limits.v_min) / 2
         return {
             "linear_velocity": Quantity(0, "m/s", half, limits.v_min + half),

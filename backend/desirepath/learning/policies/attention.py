@@ -50,7 +50,7 @@ class AttentionPolicy(DrivingPolicy):
         from desirepath.learning.pedestrians.crowd_networks import VARIANTS
         from desirepath.learning.pedestrians.crowd_states import SIZES
 
-        given, limits = VARIANTS[VARIANT].given, get_setup(self.setup).limits
+        given, limits = VARIANTS[VARIANT].given, get_setup(self.setup).robot.limits
         return {
             "setup": self.setup,
             "state": {"dtype": "float32", "shape": [SIZES[given]], "given": given, "source": "crowd_states.py"},

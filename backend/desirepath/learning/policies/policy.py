@@ -258,7 +258,7 @@ class Policy(DrivingPolicy):
 
     def commands(self, actions: Floats) -> Floats:
         """actions (n, 2) in [-1, 1] -> (n, 2) linear velocity (m/s) and angular velocity (rad/s)."""
-        limits = get_setup(self.setup).limits
+        limits = get_setup(self.setup).robot.limits
         speed = limits.v_min + (actions[:, 0] + 1) / 2 * (limits.v_max - limits.v_min)
         return np.stack([speed, actions[:, 1] * limits.w_max], axis=1).astype(np.float32)
 
@@ -269,7 +269,7 @@ class Policy(DrivingPolicy):
     def manifest(self) -> dict[str, object]:
         """What a foreign program needs to run the exported policy: inputs in order with units, outputs with scaling."""
         setup = get_setup(self.setup)
-        limits, lidar = setup.limits, setup.lidar
+        limits, lidar = setup.robot.limits, setup.robot.lidar
         return {
             "setup": self.setup,
             "observation": {

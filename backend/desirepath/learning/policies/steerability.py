@@ -60,7 +60,8 @@ class Course:
         self.setup = require_same(**{f"scene {k}": scene.setup for k, scene in enumerate(scenes)})
         setup = get_setup(self.setup)
         if blind:
-            setup = replace(setup, lidar=replace(setup.lidar, beams=1, sectors=1))
+            one_beam = replace(setup.robot.lidar, beams=1, sectors=1)
+            setup = replace(setup, robot=replace(setup.robot, lidar=one_beam))
         self._engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
         self.scenes = list(scenes)
         self._starts = self._engine.poses.copy()

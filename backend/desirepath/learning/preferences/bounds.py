@@ -15,7 +15,7 @@ from desirepath.simulation.kernels import surface_distance
 from desirepath.simulation.pedestrians import Pedestrian
 from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import scene_to_row
-from desirepath.simulation.setups import ROBOT_RADIUS_M, get_setup
+from desirepath.simulation.setups import get_setup
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,11 @@ class SceneBounds:
         """The straight way to the goal's edge."""
         return self.goal_m - self.scene.goal_radius
 
+    @property
+    def robot_m(self) -> float:
+        """The robot's radius."""
+        return get_setup(self.scene.setup).robot.radius_m
+
 
 def ceiling_m(bounds: SceneBounds) -> float:
     """Spec 06's ceiling of the distance to the person, to the goal's centre, which its edge may pass by its radius."""
@@ -42,7 +47,7 @@ def ceiling_m(bounds: SceneBounds) -> float:
 
 
 def contact_m(bounds: SceneBounds) -> float:
-    return bounds.scene.person.radius + ROBOT_RADIUS_M
+    return bounds.scene.person.radius + bounds.robot_m
 
 
 def straight_left(bounds: SceneBounds) -> float:
@@ -56,7 +61,7 @@ def straight_right(bounds: SceneBounds) -> float:
 def start_clearance_m(bounds: SceneBounds) -> float:
     """What the start has, at most 0.8 m."""
     scene = bounds.scene
-    free = surface_distance(scene_to_row(scene), scene.start.x, scene.start.y) - ROBOT_RADIUS_M
+    free = surface_distance(scene_to_row(scene), scene.start.x, scene.start.y) - bounds.robot_m
     return min(free, CLEARANCE_CAP_M)
 
 
@@ -78,7 +83,7 @@ def standing_m_s(bounds: SceneBounds) -> float:
 
 def full_speed_s(bounds: SceneBounds) -> float:
     """The straight way at full speed."""
-    return bounds.way_m / get_setup(bounds.scene.setup).limits.v_max
+    return bounds.way_m / get_setup(bounds.scene.setup).robot.limits.v_max
 
 
 def nearest_ceiling_m(bounds: SceneBounds) -> float:
@@ -97,7 +102,7 @@ def _crowd(scene: Scene) -> tuple[Pedestrian, ...]:
 
 def touching_m(bounds: SceneBounds) -> float:
     """From centre to centre of a pedestrian's narrow side."""
-    return PED_DEPTH_M / 2 + ROBOT_RADIUS_M
+    return PED_DEPTH_M / 2 + bounds.robot_m
 
 
 def always(bounds: SceneBounds) -> float:

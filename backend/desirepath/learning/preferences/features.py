@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.simulation.scene import Person, Pose
-from desirepath.simulation.setups import ROBOT_RADIUS_M, Setup, require_person
+from desirepath.simulation.setups import Setup, require_person
 
 Floats = NDArray[np.float32]
 
@@ -39,7 +39,7 @@ def obstacle_clearance_m(observations: Floats, setup: Setup) -> Floats:
     for a setup without lidar, or whose robot is not told where the person is.
     """
     require_person(setup)
-    sectors = setup.lidar.sectors
+    sectors = setup.robot.lidar.sectors
     width = 2 * math.pi / sectors
     centres = ((np.arange(sectors) + 0.5) * width).astype(np.float32)
     person_m = np.maximum(observations[:, 2] * setup.distance_scale_m, PERSON_RADIUS_M)
@@ -47,7 +47,7 @@ def obstacle_clearance_m(observations: Floats, setup: Setup) -> Floats:
     apart = np.abs(centres[None] - (observations[:, 3] * math.pi)[:, None])  # in [0, 3 pi]
     apart = np.minimum(apart, np.abs(2 * math.pi - apart))
     ranges = np.where(apart < half_angle[:, None], np.float32(1.0), observations[:, setup.polar_size :])
-    clearance: Floats = ranges.min(axis=1) * np.float32(setup.lidar.range_m) - np.float32(ROBOT_RADIUS_M)
+    clearance: Floats = ranges.min(axis=1) * np.float32(setup.robot.lidar.range_m) - np.float32(setup.robot.radius_m)
     return clearance
 
 

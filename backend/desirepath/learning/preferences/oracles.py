@@ -95,7 +95,7 @@ def _seconds_to_person(trajectories: Sequence[Trajectory]) -> Doubles:
     """Distance over speed near the person: a product, which no weighted sum of measures is."""
     judged, typical = measures(trajectories), _typical(trajectories)
     near, speed = (MEASURES.index(name) for name in ("min_human_distance_m", "speed_near_person_m_s"))
-    full_speed = get_setup(trajectories[0].scene.setup).limits.v_max
+    full_speed = get_setup(trajectories[0].scene.setup).robot.limits.v_max
     value: Doubles = judged[:, near] / np.maximum(judged[:, speed] / full_speed, 0.1) / typical[near]
     return value
 

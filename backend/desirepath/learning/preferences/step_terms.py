@@ -165,6 +165,6 @@ def after_nobody(steps: Steps) -> Floats:
 def moving_beside_people(steps: Steps) -> Floats:
     """Not waiting while somebody walks near; the way around them is priced, too, as beside a person."""
     near = np.clip((NEAR_PERSON_M + 0.5 - steps.around.nearest_walking) / 0.5, 0, 1)
-    moving = np.clip(steps.speed * steps.setup.limits.v_max / MOVES_M_S, 0, 1)
+    moving = np.clip(steps.speed * steps.setup.robot.limits.v_max / MOVES_M_S, 0, 1)
     found: Floats = -0.85 * near * moving - 0.15 * steps.speed * steps.off_course
     return found

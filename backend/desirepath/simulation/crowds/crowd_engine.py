@@ -23,7 +23,7 @@ from desirepath.simulation.crowds.crowd_scenes import CrowdConditions, draw_crow
 from desirepath.simulation.crowds.descriptor_kernels import describe_all
 from desirepath.simulation.pedestrians import MOST_KNOTS, MOST_PEDESTRIANS, Pedestrian
 from desirepath.simulation.scene import Scene, SceneError
-from desirepath.simulation.setups import CONTROL_DT_S, CROWD_CORRIDOR, ROBOT_RADIUS_M, Setup
+from desirepath.simulation.setups import CONTROL_DT_S, CROWD_CORRIDOR, Setup
 from desirepath.simulation.trajectory import Outcome
 from desirepath.simulation.walks import Walk
 
@@ -69,15 +69,15 @@ def crowd_rules(setup: Setup, reward: settings.CrowdReward, noise_m: float) -> k
     """The setup's numbers for the compiled step."""
     return k.CrowdRules(
         dt=CONTROL_DT_S,
-        radius=ROBOT_RADIUS_M,
-        v_min=setup.limits.v_min,
-        v_max=setup.limits.v_max,
-        w_max=setup.limits.w_max,
+        radius=setup.robot.radius_m,
+        v_min=setup.robot.limits.v_min,
+        v_max=setup.robot.limits.v_max,
+        w_max=setup.robot.limits.w_max,
         max_steps=setup.max_steps,
         goal_radius=setup.goal_radius_m,
-        range_m=setup.lidar.range_m,
-        beams=setup.lidar.beams,
-        sectors=setup.lidar.sectors,
+        range_m=setup.robot.lidar.range_m,
+        beams=setup.robot.lidar.beams,
+        sectors=setup.robot.lidar.sectors,
         noise=noise_m,
         depth=settings.PED_DEPTH_M / 2,
         width=settings.PED_WIDTH_M / 2,
@@ -252,7 +252,7 @@ class CrowdEngine:
         targets = np.take_along_axis(w.routes, w.heading_for[:, :, None, None], axis=2)[:, :, 0]
         avoid.choose_velocities(
             which, self._forces, w.people_xy, w.people_v, w.people, w.speeds, targets, w.robots, self.robot_v,
-            w.boxes, w.box_count, PERSON_RADIUS_M, ROBOT_RADIUS_M, avoid.OrcaRules(), avoid.ForceRules(),
+            w.boxes, w.box_count, PERSON_RADIUS_M, self.setup.robot.radius_m, avoid.OrcaRules(), avoid.ForceRules(),
         )  # fmt: skip
 
     def descriptors(self) -> Doubles:

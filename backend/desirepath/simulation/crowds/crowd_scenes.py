@@ -26,7 +26,7 @@ from desirepath.simulation.crowds.crowd_setups import (
 from desirepath.simulation.pedestrians import MOST_PEDESTRIANS, Behaviour, Crowd, Pedestrian
 from desirepath.simulation.scene import Person, Pose, Room, Scene, SceneError
 from desirepath.simulation.scenes import PEOPLED_NUMBERS
-from desirepath.simulation.setups import ROBOT_RADIUS_M
+from desirepath.simulation.setups import get_setup
 
 Doubles = NDArray[np.float64]
 FROM_START_M = 1.2  # ours: nobody begins nearer to the robot
@@ -94,7 +94,8 @@ def people_scene(scene: Scene, conditions: CrowdConditions, random: np.random.Ge
         for number in range(_how_many(conditions, scene, random))
     ]
     stands = int(random.integers(conditions.standing[0], conditions.standing[1] + 1))
-    standing = _standing(room, boxes, free, (start, goal), stands, random)
+    robot_m = get_setup(scene.setup).robot.radius_m
+    standing = _standing(room, boxes, free, (start, goal), stands, robot_m, random)
     yaw = math.atan2(path[1][1] - path[0][1], path[1][0] - path[0][0]) + random.uniform(-0.3, 0.3)
     person = Person(Pose(*standing[0].route[0], standing[0].yaw))
     return Scene(
@@ -112,7 +113,7 @@ def people_scene(scene: Scene, conditions: CrowdConditions, random: np.random.Ge
 
 def _how_many(conditions: CrowdConditions, scene: Scene, random: np.random.Generator) -> int:
     if conditions.area_m2 is not None and scene.room is not None:
-        fits = map_of(scene.room, boxes_of(scene), ROBOT_RADIUS_M)
+        fits = map_of(scene.room, boxes_of(scene), get_setup(scene.setup).robot.radius_m)
         parts, _ = label(fits.free)
         reached = CELL_M**2 * int((parts == parts[fits.cell(scene.start.x, scene.start.y)]).sum())
         return min(max(1, int(reached / conditions.area_m2)), MOST_PEDESTRIANS - conditions.standing[1])
@@ -156,9 +157,10 @@ def _standing(
     free: Doubles,
     ends: tuple[Doubles, Doubles],
     number: int,
+    robot_m: float,
     random: np.random.Generator,
 ) -> list[Pedestrian]:
-    """Who stands leaves the robot a way of its own width (checked by A*) and stands clear of its goal."""
+    """Who stands leaves the robot (`robot_m` its radius) a way of its own width, checked by A*, and its goal free."""
     free = free[np.linalg.norm(free - ends[1], axis=1) > FROM_START_M / 2]
     found: list[Pedestrian] = []
     for _ in range(TRIES):
@@ -168,7 +170,7 @@ def _standing(
         yaw = random.uniform(-math.pi, math.pi)
         more = np.array([(x, y, PED_DEPTH_M / 2, PED_WIDTH_M / 2, math.cos(yaw), math.sin(yaw))])
         trial = np.concatenate([boxes, more])
-        around = map_of(room, trial, ROBOT_RADIUS_M + 0.06)
+        around = map_of(room, trial, robot_m + 0.06)
         if around.way(ends[0], ends[1]):
             boxes = trial
             found.append(Pedestrian(((tidy(x), tidy(y)),), 0.0, tidy(yaw)))

@@ -19,7 +19,7 @@ from desirepath.simulation.crowds.crowd_kernels import nearest_wall
 from desirepath.simulation.fast import FastEngine, Floats, StartPool
 from desirepath.simulation.scene import Pose, Scene, SceneError
 from desirepath.simulation.scenes import ScenePool, row_to_scene, scenes_to_rows
-from desirepath.simulation.setups import ROBOT_RADIUS_M, Setup
+from desirepath.simulation.setups import Setup
 from desirepath.simulation.trajectory import Outcome
 
 Doubles = NDArray[np.float64]
@@ -144,7 +144,7 @@ class PeopledEngine(FastEngine):
         goals = self._goals[which]
         nearer = np.linalg.norm(goals - before[:, :2], axis=1) - np.linalg.norm(goals - here[:, :2], axis=1)
         self.rewards[which] = self._progress * nearer + self._earned(which, crossed)
-        limits = self.setup.limits
+        limits = self.setup.robot.limits
         commands = np.clip(np.asarray(actions, np.float64)[which], -1, 1)
         commands[:, 0] = ((commands[:, 0] + 1) / 2 * (limits.v_max - limits.v_min) + limits.v_min) / limits.v_max
         self.next_observations[which] = self._observed(which, commands)
@@ -180,7 +180,9 @@ class PeopledEngine(FastEngine):
 
     def _clearance(self, which: NDArray[np.int64]) -> Floats:
         """(n,) m from the robot's surface to the nearest wall or obstacle."""
-        return np.array([nearest_wall(self._crowd.world, int(i)) - ROBOT_RADIUS_M for i in which], dtype=np.float32)
+        return np.array(
+            [nearest_wall(self._crowd.world, int(i)) - self.setup.robot.radius_m for i in which], dtype=np.float32
+        )
 
     def _observed(self, which: NDArray[np.int64], commands: Doubles) -> Floats:
         """(n, observation) as the setup's layout says. commands: (n, 2) of full speed and of the fastest turn."""
@@ -214,7 +216,7 @@ class PeopledEngine(FastEngine):
             columns += list(self._crowd.path_points[which].reshape(len(which), -1).T / setup.distance_scale_m)
         if setup.with_velocity:
             columns += list(commands.T)
-        ranges = self._crowd.ranges[which] / setup.lidar.range_m
+        ranges = self._crowd.ranges[which] / setup.robot.lidar.range_m
         return np.concatenate([np.stack(columns, axis=1), np.clip(ranges, 0.0, 1.0)], axis=1).astype(np.float32)
 
     def _note_walks(self, which: NDArray[np.int64]) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from desirepath.simulation.setups import ROBOT_RADIUS_M
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.dataset.columns import FLOATS, TRAJECTORY_FOLDER
@@ -95,7 +95,7 @@ def _row(row: TrajectoryRow, trajectory: Trajectory) -> Row:
         "outcome": Outcome(row.outcome).name.lower(),
         "steps": row.steps,
         "dt_s": trajectory.dt,
-        "robot_radius_m": ROBOT_RADIUS_M,
+        "robot_radius_m": get_setup(row.setup).robot.radius_m,
         "duration_s": row.duration_s,
         "self_intersections": trajectory.self_intersections,
         "made_by": row.made_by,

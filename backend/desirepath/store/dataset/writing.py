@@ -23,7 +23,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from desirepath.csv_text import csv_text
-from desirepath.simulation.setups import ROBOT_RADIUS_M, get_setup
+from desirepath.simulation.setups import get_setup
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.dataset.coding_rows import code_rows, coding_rows
@@ -206,10 +206,10 @@ def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], st
     for name in sorted({row.setup for row in stored}):
         setup = get_setup(name)
         setups[name] = {
-            "limits": asdict(setup.limits),
+            "limits": asdict(setup.robot.limits),
             "core_reward": asdict(setup.reward),
             "goal_radius_m": setup.goal_radius_m,
-            "robot_radius_m": ROBOT_RADIUS_M,
+            "robot_radius_m": setup.robot.radius_m,
             "observation_layout": setup.observation_layout(),
         }
     _write_json(

@@ -15,7 +15,7 @@ import numpy as np
 from desirepath.simulation import kernels as k
 from desirepath.simulation.scene import Obstacle, Person, Pose, Scene
 from desirepath.simulation.scenes import check_scene, draw_scene, scene_to_row
-from desirepath.simulation.setups import ADAPTABLE, ROBOT_RADIUS_M
+from desirepath.simulation.setups import ADAPTABLE, get_setup
 from desirepath.simulation.walks import Walk
 
 WALKING_SPEED_M_S = 0.5  # section 5.4.2
@@ -33,7 +33,7 @@ def walking_person(scene: Scene) -> Scene | None:
     way = np.array([start.x - goal.x, start.y - goal.y])
     length = float(np.linalg.norm(way))
     towards, yaw = way / length, math.atan2(way[1], way[0])
-    begin_m = scene.person.radius + 2 * ROBOT_RADIUS_M
+    begin_m = scene.person.radius + 2 * get_setup(scene.setup).robot.radius_m
     row = scene_to_row(scene)
     for s in np.arange(begin_m, length, 0.05):
         x, y = np.array([goal.x, goal.y]) + s * towards

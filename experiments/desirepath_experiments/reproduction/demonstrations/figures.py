@@ -210,7 +210,7 @@ def unseen_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Pi
 
 def speeds_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
     """Figure 2.5a: the speeds demonstrated near the person, and those executed."""
-    limits = get_setup(environment).limits
+    limits = get_setup(environment).robot.limits
     style = "slow_near_person" if "slow_near_person" in plan.budget.styles else plan.budget.styles[0]
     arrays = load(plan.judged[first_cell(plan, environment, style, OURS)].key).arrays
     share = np.linspace(0, 1, PROFILE_POINTS)

@@ -68,7 +68,7 @@ def _what_for(actor: Actor, sight: Sight, step: int) -> tuple[str, float]:
 
 def slowing(actor: Actor, trajectories: Sequence[Trajectory]) -> dict[str, object]:
     """Over trajectories of one setup: mean speed, how many slow down at all, slow-downs per trajectory, for what."""
-    limits = get_setup(trajectories[0].scene.setup).limits
+    limits = get_setup(trajectories[0].scene.setup).robot.limits
     events = [slow_downs(actor, sight_of(one), one.actions) for one in trajectories]
     every = [one for of in events for one in of]
     things = Counter("a wall" if one.thing in WALLS else one.thing for one in every)

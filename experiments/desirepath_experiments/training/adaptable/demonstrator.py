@@ -37,13 +37,13 @@ def demonstrated_actions(observations: Floats) -> Floats:
     here = np.arctan2(-to_person[:, 1], -to_person[:, 0])  # direction from the person to the robot
     there = np.arctan2(*(to_goal - to_person).T[::-1])  # and to the goal
     left = np.mod(here - there, 2 * math.pi)  # still to go around, clockwise
-    half_step = ADAPTABLE.limits.v_max * CONTROL_DT_S / 2 / ORBIT_M
+    half_step = ADAPTABLE.robot.limits.v_max * CONTROL_DT_S / 2 / ORBIT_M
     around = here - math.pi / 2 - half_step - np.arctan(PULL_PER_M * (person_m - ORBIT_M))
     heading = np.where(person_m > APPROACH_UNTIL_M, person, around)
     leaves = (left < LEAVES_AT_RAD) | (left > 2 * math.pi - PAST_RAD)
     heading = np.where(leaves, goal, heading)
     error = np.mod(heading + math.pi, 2 * math.pi) - math.pi
-    turn = np.clip(error / (ADAPTABLE.limits.w_max * CONTROL_DT_S), -1, 1)
+    turn = np.clip(error / (ADAPTABLE.robot.limits.w_max * CONTROL_DT_S), -1, 1)
     forward = 2 * np.clip(np.cos(error), 0, 1) ** 2 - 1
     return np.stack([forward, turn], axis=1).astype(np.float32)
 

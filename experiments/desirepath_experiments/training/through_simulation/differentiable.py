@@ -17,7 +17,7 @@ from torch import Tensor
 from desirepath.learning.preferences.measures import CLEARANCE_CAP_M, MEASURES, NEAR_PERSON_M, NEAREST_BAND_M
 from desirepath.simulation import kernels as k
 from desirepath.simulation.fast import FastEngine
-from desirepath.simulation.setups import CONTROL_DT_S, ROBOT_RADIUS_M
+from desirepath.simulation.setups import CONTROL_DT_S
 from desirepath.simulation.trajectory import Outcome
 
 Act = Callable[[Tensor, Tensor], Tensor]
@@ -83,13 +83,14 @@ def roll_out(engine: FastEngine, act: Act, most_steps: int, *, cut: float, kept:
     cut, kept: of gradients from step to step (`_PassedBack`).
     """
     setup, n, polar = engine.setup, engine.n_envs, engine.setup.polar_size
+    radius = setup.robot.radius_m
     rows = torch.tensor(engine.rows, dtype=torch.float32)
     person_x, person_y, goal_x, goal_y = (rows[:, c] for c in (k.PERSON_X, k.PERSON_Y, k.GOAL_X, k.GOAL_Y))
-    reach = rows[:, k.PERSON_RADIUS] + ROBOT_RADIUS_M
+    reach = rows[:, k.PERSON_RADIUS] + radius
     x, y, yaw = torch.tensor(engine.poses, dtype=torch.float32).unbind(1)
     v, w = torch.zeros(n), torch.zeros(n)
     distances, sides = [torch.hypot(person_x - x, person_y - y)], [torch.sin(_bearing(person_x, person_y, x, y, yaw))]
-    clearances = [surface_distances(rows, x, y) - ROBOT_RADIUS_M]
+    clearances = [surface_distances(rows, x, y) - radius]
     progress, turns, detours, speeds, running, actions = ([] for _ in range(6))
     observed: list[tuple[Tensor, Tensor]] = []
     alive = torch.ones(n)
@@ -102,12 +103,12 @@ def roll_out(engine: FastEngine, act: Act, most_steps: int, *, cut: float, kept:
             torch.hypot(person_x - x, person_y - y) / setup.distance_scale_m,
             _wrapped(_bearing(person_x, person_y, x, y, yaw)) / math.pi,
         ]
-        task += [v / setup.limits.v_max, w / setup.limits.w_max] if setup.with_velocity else []
+        task += [v / setup.robot.limits.v_max, w / setup.robot.limits.w_max] if setup.with_velocity else []
         seen = (torch.stack(task, 1), torch.from_numpy(engine.observations[:, polar:].copy()))
         action = act(*seen)
         engine.step(action.detach().numpy())
-        v = (action[:, 0] + 1) / 2 * (setup.limits.v_max - setup.limits.v_min) + setup.limits.v_min
-        w = action[:, 1] * setup.limits.w_max
+        v = (action[:, 0] + 1) / 2 * (setup.robot.limits.v_max - setup.robot.limits.v_min) + setup.robot.limits.v_min
+        w = action[:, 1] * setup.robot.limits.w_max
         travel, turn = v * CONTROL_DT_S, w * CONTROL_DT_S
         half = turn / 2
         bent = half.abs() > 1e-4
@@ -117,7 +118,7 @@ def roll_out(engine: FastEngine, act: Act, most_steps: int, *, cut: float, kept:
         new_x, new_y, new_yaw = (true + then - then.detach()).unbind(1)
         distances.append(torch.hypot(person_x - new_x, person_y - new_y) + (1 - alive) * 1e3)
         sides.append(torch.sin(_bearing(person_x, person_y, new_x, new_y, new_yaw)))
-        clearances.append(surface_distances(rows, new_x, new_y) - ROBOT_RADIUS_M + (1 - alive) * 1e3)
+        clearances.append(surface_distances(rows, new_x, new_y) - radius + (1 - alive) * 1e3)
         nearer = to_goal - torch.hypot(goal_x - new_x, goal_y - new_y)
         progress.append(nearer * alive)
         detours.append((chord.abs() - nearer) * alive)
@@ -146,7 +147,7 @@ def roll_out(engine: FastEngine, act: Act, most_steps: int, *, cut: float, kept:
         "accumulated_angle_rad": torch.stack(turns).sum(0),
         "speed_near_person_m_s": (torch.stack(speeds) * near).sum(0) / near.sum(0).clamp(min=1),
         # Steps are counted, not differentiated; who comes nearer to the goal in one needs fewer of them.
-        "time_s": on.sum(0) * CONTROL_DT_S - (forward - forward.detach()).sum(0) / setup.limits.v_max,
+        "time_s": on.sum(0) * CONTROL_DT_S - (forward - forward.detach()).sum(0) / setup.robot.limits.v_max,
     }
     outcomes = torch.from_numpy(engine.outcomes.astype(np.int64))
     return Rolled(
