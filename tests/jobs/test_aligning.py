@@ -12,11 +12,14 @@ from sqlalchemy import func, select
 
 from desirepath.jobs import aligning, free_form
 from desirepath.jobs.aligning import align
+from desirepath.jobs.alignments.conditioning_search import ConditioningSearchParams
+from desirepath.jobs.alignments.fine_tuning import FineTuningParams
+from desirepath.jobs.alignments.instant import InstantParams
 from desirepath.jobs.answers import posterior_of_person, preferences_of
 from desirepath.jobs.answers import snapshot_of as snapshot_artefact_of
 from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.kept_artefacts import ArtefactError
-from desirepath.jobs.kinds import ConditioningSearchParams, FineTuningParams, InstantParams, RewardModelParams
+from desirepath.jobs.kinds import RewardModelParams
 from desirepath.jobs.reward_models import learn_reward_model
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import Policy

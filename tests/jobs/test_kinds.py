@@ -8,18 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from desirepath.jobs.alignment_algorithms import search_config, training_config
+from desirepath.jobs.alignments import fine_tuning, thesis
+from desirepath.jobs.alignments.conditioning_search import ConditioningSearchParams, search_config
+from desirepath.jobs.alignments.fine_tuning import FineTuningParams
+from desirepath.jobs.alignments.instant import InstantParams
+from desirepath.jobs.alignments.thesis import ThesisParams
 from desirepath.jobs.kept_artefacts import command_of
-from desirepath.jobs.kinds import (
-    ALIGNMENTS,
-    KINDS,
-    ConditioningSearchParams,
-    FineTuningParams,
-    InstantParams,
-    JobParamsError,
-    ThesisParams,
-    get_kind,
-)
+from desirepath.jobs.kinds import ALIGNMENTS, KINDS, JobParamsError, get_kind
 from desirepath.jobs.policy_training import config_of
 from desirepath.learning.alignment.conditioning_search import ConditioningSearchConfig
 from desirepath.learning.alignment.fine_tuning import FineTuningConfig
@@ -59,10 +54,10 @@ def test_a_base_policy_is_trained_as_the_shipped_one_of_its_setup(setup):
 
 
 def test_alignment_without_settings_is_the_algorithm_as_learning_defines_it():
-    assert training_config(FineTuningParams(snapshot="s")) == FineTuningConfig()
-    assert training_config(ThesisParams(snapshot="s", seed=3)) == thesis_config(seed=3)
+    assert fine_tuning.training_config(FineTuningParams(snapshot="s")) == FineTuningConfig()
+    assert thesis.training_config(ThesisParams(snapshot="s", seed=3)) == thesis_config(seed=3)
     assert search_config(ConditioningSearchParams(snapshot="s")) == ConditioningSearchConfig()
-    changed = training_config(FineTuningParams(snapshot="s", updates=2, reward_weight=0.5, gate_scenes=60))
+    changed = fine_tuning.training_config(FineTuningParams(snapshot="s", updates=2, reward_weight=0.5, gate_scenes=60))
     assert (changed.updates, changed.checkpoints, changed.reward_weight, changed.gate.scenes) == (2, 2, 0.5, 60)
 
 

@@ -8,7 +8,7 @@ import pytest
 from sqlalchemy import select
 
 from desirepath.grammar.source import ProtocolError
-from desirepath.jobs.kinds import InstantParams
+from desirepath.jobs.alignments.instant import InstantParams
 from desirepath.jobs.leases import WorkerName, begin_attempt, say_alive
 from desirepath.report.tidy_tables import read_study
 from desirepath.store.models import (

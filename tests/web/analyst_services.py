@@ -9,7 +9,8 @@ import pytest
 
 from desirepath.jobs.comparing import compare_two, evaluate_one
 from desirepath.jobs.context import JobContext, Progress
-from desirepath.jobs.kinds import CompareParams, EvaluateParams, Params, RewardModelParams
+from desirepath.jobs.kinds import CompareParams, EvaluateParams, RewardModelParams
+from desirepath.jobs.params import Params
 from desirepath.jobs.process import finish, log_file
 from desirepath.jobs.reward_models import learn_reward_model
 from desirepath.settings import Settings

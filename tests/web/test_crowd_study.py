@@ -14,8 +14,8 @@ from sqlalchemy import select
 
 from desirepath import Report
 from desirepath.jobs.aligning import align
+from desirepath.jobs.alignments.instant import InstantParams
 from desirepath.jobs.context import JobContext, Progress
-from desirepath.jobs.kinds import InstantParams
 from desirepath.learning.preferences.objectives import CROWD_NAMES
 from desirepath.report.study_report import write_study_report
 from desirepath.report.tidy_tables import read_folder

@@ -11,7 +11,7 @@ import typer
 from desirepath.cli.output import JsonFlag, in_data_folder, say, takes_long
 
 if TYPE_CHECKING:
-    from desirepath.jobs.kinds import Params
+    from desirepath.jobs.params import Params
     from desirepath.report.policy_table import PolicyRow
     from desirepath.store.artefacts import ArtefactStore
     from desirepath.store.database import Database

@@ -25,7 +25,7 @@ from desirepath.store.database import Database
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
-    from desirepath.jobs.kinds import Params
+    from desirepath.jobs.params import Params
     from desirepath.learning.policies.policy import DrivingPolicy
 
 train = typer.Typer(help="Train reward models and policies.", no_args_is_help=True)

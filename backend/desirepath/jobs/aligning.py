@@ -1,6 +1,6 @@
 """The job that turns a snapshot's answers into a policy that may be shown.
 
-The answers are loaded and fitted by `answers.py`, the policy is made by one of `alignment_algorithms.py`; here
+The answers are loaded and fitted by `answers.py`, the policy is made by one of `alignments`; here
 everything made is kept with its lineage, and the trajectories for the participant's comparison are prepared, so that no
 page has to wait for them.
 """
@@ -14,7 +14,7 @@ from typing import Any
 
 import structlog
 
-from desirepath.jobs.alignment_algorithms import aligned
+from desirepath.jobs.alignment import REGISTRY, AlignParams, ConditionedAlignParams
 from desirepath.jobs.answers import (
     described,
     earlier_people,
@@ -28,7 +28,6 @@ from desirepath.jobs.answers import (
 from desirepath.jobs.context import JobContext
 from desirepath.jobs.free_form import free_form
 from desirepath.jobs.kept_artefacts import find_artefact, keep, keep_trajectory, load_conditioned, load_policy
-from desirepath.jobs.kinds import AlignParams, ConditionedAlignParams
 from desirepath.learning.alignment.never_worse import JUDGING_SEED, SCENES, better_for_person
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.stand_ins import stand_in_name, stand_in_policy
@@ -45,13 +44,6 @@ COMPARISON_CANDIDATES = 60  # scenes that are tried before a participant sees fe
 log = structlog.get_logger("desirepath.jobs")
 
 COMPARISON_SECONDS = 20.0  # ours: people watch both trajectories of every comparison
-NAMED = {
-    "instant": "instant policy",
-    "conditioning_search": "conditioning-searched policy",
-    "fine_tuning": "fine-tuned policy",
-    "thesis": "relabelled policy",
-}
-"""By algorithm, how lists tell the policies apart that one person can have."""
 
 
 def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
@@ -82,7 +74,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         fitted["held_out"] = asdict(held_out)
     reward_model = keep_reward_model(context, params, answers, model, name=model_name, reduction="sum", results=fitted)
     context.progress(0.03)
-    made = aligned(context, params, base, model)
+    algorithm = REGISTRY[params.algorithm]
+    made = algorithm.align(context, params, base, model)
     believed, independent = None, of_participant
     if params.surely_better:  # else nobody asks, and it takes seconds
         independent = preferences_of(context, snapshot, independent=True) if snapshot.ratings else of_participant
@@ -109,7 +102,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     policy = keep(
         context,
         kind="policy",
-        name=f"{NAMED[params.algorithm]}: {snapshot_artefact.name}, seed {params.seed}",
+        name=f"{algorithm.makes}: {snapshot_artefact.name}, seed {params.seed}",
         setup=setup,
         # Many people prefer the same: without their names on them, these would be one policy, first made for the first.
         content=replace(made.policy, made_for=snapshot_artefact.id).to_bytes(),

@@ -13,7 +13,7 @@ import structlog
 
 from desirepath.jobs.context import JobContext
 from desirepath.jobs.kept_artefacts import find_artefact, keep
-from desirepath.jobs.kinds import Params
+from desirepath.jobs.params import Params
 from desirepath.learning.errors import TooFewAnswers
 from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from desirepath.jobs.alignment_algorithms import Aligned, gate_rule
+from desirepath.jobs.aligned import Aligned, gate_rule
+from desirepath.jobs.alignment import AlignParams
 from desirepath.jobs.context import JobContext
-from desirepath.jobs.kinds import AlignParams
 from desirepath.learning.alignment.gate import at_gate
 from desirepath.learning.alignment.mix_search import SCENES_SEED, MixSearchConfig
 from desirepath.learning.alignment.never_worse import PersonalVerdict, better_for_person

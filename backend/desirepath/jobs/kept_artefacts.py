@@ -11,7 +11,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DbSession
 
 from desirepath.jobs.context import JobContext
-from desirepath.jobs.kinds import ANY_POLICY, Params
+from desirepath.jobs.kinds import ANY_POLICY
+from desirepath.jobs.params import Params
 from desirepath.learning.cards import source_commit
 from desirepath.learning.policies.policy import DrivingPolicy, Policy
 from desirepath.simulation.trajectory import Trajectory

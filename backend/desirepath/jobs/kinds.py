@@ -8,20 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from functools import reduce
+from operator import or_
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
-from pydantic_core import PydanticCustomError, PydanticUndefined
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
 
-from desirepath.learning.rewards.kinds import FITTINGS
-
-SetupName = Literal["study_room", "open_field", "crowd_hall"]
-# whose base policy can be trained anew
-TrainedSetup = Literal["study_room", "open_field", "explained_room", "crowd_hall"]
-# backend/desirepath/learning/scene_sets.py: a set has so many scenes, and a purpose more sets than anybody will count
-MOST_SCENES = 10_000
-LARGEST_SEED = 9_999
-MOST_NAMED = 10_000  # characters of a list of snapshots
+from desirepath.jobs.alignment import DEFAULT, RECIPE, REGISTRY, AlignParams
+from desirepath.jobs.params import (
+    LARGEST_SEED,
+    MOST_SCENES,
+    ModelName,
+    Params,
+    TrainedSetup,
+    artefact,
+    from_source,
+    with_new_names,
+)
 
 
 class JobParamsError(ValueError):
@@ -31,43 +35,6 @@ class JobParamsError(ValueError):
         self.kind, self.problems = kind, problems
         message = "; ".join(f"{p['field']} = {p['value']!r}: {p['message']}" for p in problems)
         super().__init__(f"job kind {kind!r}: {message}")
-
-
-class Params(BaseModel):
-    """Base of all parameters: nothing unknown, nothing changed later."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    RENAMED: ClassVar[Mapping[str, str]] = {}
-    """Old name -> name, of parameters in stored job rows and on old command lines: read, never written."""
-
-    def asked(self) -> dict[str, Any]:
-        """What differs from the defaults, JSON-ready: enough to ask for the same again."""
-        return self.model_dump(mode="json", exclude_defaults=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _take_old_names(cls, given: Any) -> Any:
-        return with_new_names(given, cls.RENAMED) if isinstance(given, dict) else given
-
-
-def with_new_names(given: Mapping[str, Any], renamed: Mapping[str, str]) -> dict[str, Any]:
-    """`given` with its old names replaced; an old name beside its new one stays, and is refused as unknown."""
-    return {
-        renamed[name] if name in renamed and renamed[name] not in given else name: value
-        for name, value in given.items()
-    }
-
-
-def _from(source: str, default: Any = PydanticUndefined, *, advanced: bool = False, **limits: Any) -> Any:
-    """A parameter with its default's source; `advanced` ones are folded away on the form."""
-    return Field(default, json_schema_extra={"source": source, "advanced": advanced}, **limits)
-
-
-def _artefact(kind: str, default: Any = PydanticUndefined) -> Any:
-    """A parameter that names an artefact: its id, or the name of a shipped one such as `study_room/base`. kind: several
-    with `|` between them."""
-    return Field(default, min_length=1, json_schema_extra={"source": "yours", "artefact": kind})
 
 
 CONDITIONED, ADAPTABLE = "conditioned_policy", "adaptable_policy"
@@ -101,143 +68,41 @@ def _weights_of(policy: str) -> Any:
     return Field("", max_length=500, json_schema_extra={"source": "yours", "weights_of": policy})
 
 
-if TYPE_CHECKING:
-    ModelName = str
-else:
-    ModelName = FITTINGS.literal
-
-
 class EvaluateParams(Params):
     """Measure one policy on fresh scenes."""
 
-    policy: str = _artefact(ANY_POLICY)
-    scenes: int = _from("ours", 2_000, ge=20, le=MOST_SCENES)
-    seed: int = _from("ours_report_scenes", 0, ge=0, le=LARGEST_SEED)
+    policy: str = artefact(ANY_POLICY)
+    scenes: int = from_source("ours", 2_000, ge=20, le=MOST_SCENES)
+    seed: int = from_source("ours_report_scenes", 0, ge=0, le=LARGEST_SEED)
 
 
 class CompareParams(Params):
     """Measure two policies on the same fresh scenes, conditioned ones at the weights that are given with them."""
 
-    policy_a: str = _artefact(ANY_POLICY)
+    policy_a: str = artefact(ANY_POLICY)
     weights_a: Weights = _weights_of("policy_a")
-    policy_b: str = _artefact(ANY_POLICY)
+    policy_b: str = artefact(ANY_POLICY)
     weights_b: Weights = _weights_of("policy_b")
-    scenes: int = _from("ours", 1_000, ge=20, le=MOST_SCENES)
-    seed: int = _from("ours_report_scenes", 0, ge=0, le=LARGEST_SEED)
-    replays: int = _from("ours", 12, ge=0, le=50, advanced=True)
+    scenes: int = from_source("ours", 1_000, ge=20, le=MOST_SCENES)
+    seed: int = from_source("ours_report_scenes", 0, ge=0, le=LARGEST_SEED)
+    replays: int = from_source("ours", 12, ge=0, le=50, advanced=True)
 
 
 class RewardModelParams(Params):
     """Learn what the answers of a snapshot say about driving; measure it on answers it did not see."""
 
-    snapshot: str = _artefact("snapshot")
-    model: ModelName = _from("ours_few_answers", "linear")
-    reduction: Literal["sum", "mean"] = _from("thesis_6_4_4", "sum")
-    folds: int = _from("ours", 5, ge=2, le=50, advanced=True)
-    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
+    snapshot: str = artefact("snapshot")
+    model: ModelName = from_source("ours_few_answers", "linear")
+    reduction: Literal["sum", "mean"] = from_source("thesis_6_4_4", "sum")
+    folds: int = from_source("ours", 5, ge=2, le=50, advanced=True)
+    seed: int = from_source("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
 
 
-class AlignParams(Params):
-    """Turn the answers of a snapshot into a policy, and check that it may be shown: what every algorithm is asked."""
-
-    snapshot: str = _artefact("snapshot")
-    setup: SetupName | None = _from("from_snapshot", None, advanced=True)
-    base: str | None = Field(None, json_schema_extra={"source": "from_setup", "artefact": "policy", "advanced": True})
-    symmetry: Literal["none", "left_right"] = _from("ours_symmetry", "none", advanced=True)
-    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
-    gate_scenes: int = _from("ours", 500, ge=50, le=5_000, advanced=True)
-    gate_min_success: float = _from("ours_gate", 0.90, ge=0, le=1, advanced=True)
-    gate_max_loss: float = _from("ours_five_points", 0.05, ge=0, le=1, advanced=True)
-    surely_better: float = _from("ours_surely_better", 0.0, ge=0, le=1, advanced=True)
-    earlier: str = _from("from_protocol_prior", "", advanced=True, max_length=MOST_NAMED)
-    comparisons: int = _from("from_protocol", 3, ge=0, le=10, advanced=True)
-    hold_out: int = _from("ours", 0, ge=0, le=10, advanced=True)
-    other: str | None = Field(
-        None, min_length=1, json_schema_extra={"source": "yours", "artefact": "policy", "advanced": True}
-    )
-
-    def asked(self) -> dict[str, Any]:
-        return {**super().asked(), RECIPE: self.algorithm}
-
-    @property
-    def algorithm(self) -> str:
-        """Which one it is, as `recipe` names it."""
-        return str(getattr(self, RECIPE))
-
-    @property
-    def model_name(self) -> str:
-        """The kind of reward model that the answers become."""
-        return str(getattr(self, "model"))  # noqa: B009 - every algorithm has its own choice of them
-
-
-class ConditionedAlignParams(AlignParams):
-    """What is asked where a conditioned policy is used as it is: nothing is trained.
-
-    neutral: in so many further scenes it is compared with itself without preferences. stand_in: number on the setup's
-    card of the simulated person whose policy is compared with, where `other` names none.
-    """
-
-    conditioned: str | None = Field(
-        None, json_schema_extra={"source": "from_setup", "artefact": "conditioned_policy", "advanced": True}
-    )
-    model: Literal["weights"] = _from("preference_weights_only", "weights", advanced=True)
-    neutral: int = _from("ours", 0, ge=0, le=10, advanced=True)
-    stand_in: int | None = _from("ours", None, ge=0, le=1_000, advanced=True)
-
-
-class InstantParams(ConditionedAlignParams):
-    """The conditioned policy at the preference weights that the answers speak for; there at once (recipe A)."""
-
-    recipe: Literal["instant"] = _from("ours_at_once", "instant")
-
-
-class ConditioningSearchParams(ConditionedAlignParams):
-    """Searches what else to condition the policy on, and where; shown only where it is better than the instant one.
-
-    tried: candidates that the search rolls out, in rounds of 16.
-    """
-
-    recipe: Literal["conditioning_search"] = _from("ours_conditioning_search", "conditioning_search")
-    gate_scenes: int = _from("ours_search_gate", 1_500, ge=1_500, le=5_000, advanced=True)
-    tried: int = _from("ours_tried", 144, ge=1, le=10_000)
-
-
-class FineTuningParams(AlignParams):
-    """Goes on training the base policy on its core reward and the learned one (recipe B).
-
-    reward_weight: of the learned reward; None: found while training, by success. updates: of the critic.
-    """
-
-    recipe: Literal["fine_tuning"] = _from("ours_in_session", "fine_tuning")
-    model: ModelName = _from("ours_few_answers", "linear", advanced=True)
-    reward_weight: float | None = _from("follows_success", None, gt=0, le=10)
-    updates: int = _from("ours", 8_000, ge=1, le=200_000)
-
-
-class ThesisParams(AlignParams):
-    """The thesis's recipe: relabels the base policy's replay buffer and learns from it alone.
-
-    reward_weight: lambda of equation 6.5, the learned reward's share. updates: of the critic, in three epochs.
-    """
-
-    recipe: Literal["thesis"] = _from("thesis_6_4_5", "thesis")
-    model: ModelName = _from("thesis_6_4_4", "mlp", advanced=True)
-    reward_weight: float = _from("table_6_1", 0.06, gt=0, le=1)
-    updates: int = _from("thesis_6_4_5", 30_000, ge=1, le=200_000)
-
-
-RECIPE = "recipe"
-"""The parameter that says which algorithm an alignment is."""
-AnyAlignment = Annotated[
-    FineTuningParams | InstantParams | ConditioningSearchParams | ThesisParams, Field(discriminator="recipe")
-]
 ALIGNMENTS: Mapping[str, type[AlignParams]] = {
-    "fine_tuning": FineTuningParams,
-    "instant": InstantParams,
-    "conditioning_search": ConditioningSearchParams,
-    "thesis": ThesisParams,
+    name: REGISTRY[name].params for name in sorted(REGISTRY, key=lambda name: (name != DEFAULT, name))
 }
 """By `recipe`; the first is the one that is meant where none is named."""
+AnyAlignment: Any = Annotated[reduce(or_, ALIGNMENTS.values()), Field(discriminator="recipe")]
 
 
 def alignment_in_new_words(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -264,26 +129,26 @@ class TrainBaseParams(Params):
 
     RENAMED: ClassVar[Mapping[str, str]] = {"calm_weight": "smoothness_penalty"}
 
-    setup: TrainedSetup = _from("ours", "study_room")
-    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
-    updates: int = _from("ours_two_minutes", 60_000, ge=100, le=2_000_000)
-    n_envs: int = _from("design_speed", 256, ge=1, le=4_096, advanced=True)
-    updates_per_step: int = _from("design_speed", 12, ge=1, le=256, advanced=True)
-    progress_weight: float = _from("ours_progress", 1.0, ge=0, le=10)
-    smoothness_penalty: float = _from("ours_smoothness", 0.2, ge=0, le=10)
-    learning_rate: float = _from("design_speed", 5e-4, gt=0, le=0.1, advanced=True)
-    batch_size: int = _from("design_speed", 128, ge=8, le=4_096, advanced=True)
-    selection_scenes: int = _from("ours", 2_000, ge=50, le=MOST_SCENES, advanced=True)
+    setup: TrainedSetup = from_source("ours", "study_room")
+    seed: int = from_source("ours", 0, ge=0, le=LARGEST_SEED)
+    updates: int = from_source("ours_two_minutes", 60_000, ge=100, le=2_000_000)
+    n_envs: int = from_source("design_speed", 256, ge=1, le=4_096, advanced=True)
+    updates_per_step: int = from_source("design_speed", 12, ge=1, le=256, advanced=True)
+    progress_weight: float = from_source("ours_progress", 1.0, ge=0, le=10)
+    smoothness_penalty: float = from_source("ours_smoothness", 0.2, ge=0, le=10)
+    learning_rate: float = from_source("design_speed", 5e-4, gt=0, le=0.1, advanced=True)
+    batch_size: int = from_source("design_speed", 128, ge=8, le=4_096, advanced=True)
+    selection_scenes: int = from_source("ours", 2_000, ge=50, le=MOST_SCENES, advanced=True)
 
 
 class EnsembleParams(Params):
     """Train members that start from one base policy and are pushed apart."""
 
-    base: str = _artefact("policy", "study_room/base")
-    members: int = _from("table_6_1", 4, ge=2, le=8)
-    kappa: float = _from("table_6_1", 0.0625, ge=0, le=10)
-    steps: int = _from("thesis_6_4_1", 25_000, ge=50, le=1_000_000)
-    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
+    base: str = artefact("policy", "study_room/base")
+    members: int = from_source("table_6_1", 4, ge=2, le=8)
+    kappa: float = from_source("table_6_1", 0.0625, ge=0, le=10)
+    steps: int = from_source("thesis_6_4_1", 25_000, ge=50, le=1_000_000)
+    seed: int = from_source("ours", 0, ge=0, le=LARGEST_SEED)
 
 
 class QueriesParams(Params):
@@ -295,10 +160,10 @@ class QueriesParams(Params):
         max_length=8,
         json_schema_extra={"source": "shipped", "artefact": "policy"},
     )
-    count: int = _from("ours_different_queries", 200, ge=1, le=2_000)
-    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
-    max_duration_s: float = _from("ours_people_watch", 12.0, gt=2, le=100)
-    min_gap_m: float = _from("ours_visible", 0.5, ge=0, le=10, advanced=True)
+    count: int = from_source("ours_different_queries", 200, ge=1, le=2_000)
+    seed: int = from_source("ours", 0, ge=0, le=LARGEST_SEED)
+    max_duration_s: float = from_source("ours_people_watch", 12.0, gt=2, le=100)
+    min_gap_m: float = from_source("ours_visible", 0.5, ge=0, le=10, advanced=True)
 
 
 class TrainDemonstrationsParams(Params):
@@ -308,12 +173,12 @@ class TrainDemonstrationsParams(Params):
     is for homes; None: what the environment was made for.
     """
 
-    snapshot: str = _artefact("demonstrations")
-    sensor: Literal["places", "depth"] | None = _from("from_environment", None)
-    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED)
-    updates: int = _from("ours_demonstrations", 40_000, ge=16, le=2_000_000)
-    comparisons: int = _from("thesis_2_6_1", 4, ge=0, le=4, advanced=True)
-    gate_min_success: float = _from("ours_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
+    snapshot: str = artefact("demonstrations")
+    sensor: Literal["places", "depth"] | None = from_source("from_environment", None)
+    seed: int = from_source("ours", 0, ge=0, le=LARGEST_SEED)
+    updates: int = from_source("ours_demonstrations", 40_000, ge=16, le=2_000_000)
+    comparisons: int = from_source("thesis_2_6_1", 4, ge=0, le=4, advanced=True)
+    gate_min_success: float = from_source("ours_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
 
     RENAMED: ClassVar[Mapping[str, str]] = {"gate_least_success": "gate_min_success"}
 
@@ -325,11 +190,13 @@ class AskPersonParams(Params):
     answers: the most that it gives; it is also measured after those of MEASURED_AFTER that are fewer.
     """
 
-    reward: str = _artefact("reward_model")
-    answers: int = _from("ours", 50, ge=8, le=200)
-    response_model: Literal["right", "lapses", "indifference", "peak_end", "first_seconds"] = _from("ours", "right")
-    choose: Literal["information", "random"] = _from("ours", "information", advanced=True)
-    seed: int = _from("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
+    reward: str = artefact("reward_model")
+    answers: int = from_source("ours", 50, ge=8, le=200)
+    response_model: Literal["right", "lapses", "indifference", "peak_end", "first_seconds"] = from_source(
+        "ours", "right"
+    )
+    choose: Literal["information", "random"] = from_source("ours", "information", advanced=True)
+    seed: int = from_source("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
 
 
 def _as_it_is(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from desirepath.jobs import aligning, asking_person, comparing, demonstrating, kinds, policy_training, reward_models
 from desirepath.jobs.context import JobContext
-from desirepath.jobs.kinds import Params
+from desirepath.jobs.params import Params
 
 
 def run_kind(context: JobContext, params: Params) -> dict[str, Any]:

@@ -12,7 +12,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
-from desirepath.jobs.kinds import RECIPE, JobParamsError, Kind
+from desirepath.jobs.alignment import RECIPE
+from desirepath.jobs.kinds import JobParamsError, Kind
 from desirepath.store.artefact_upkeep import offered
 from desirepath.store.models import Artefact
 from desirepath.web.core.permits import seen_artefacts

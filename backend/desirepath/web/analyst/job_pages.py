@@ -17,8 +17,9 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 
 from desirepath.jobs.curves import Points, curves_of
 from desirepath.jobs.kept_artefacts import command_of, find_artefact
-from desirepath.jobs.kinds import ALIGNMENTS, CONDITIONED, KINDS, WEIGHED, JobParamsError, Kind, Params, get_kind
+from desirepath.jobs.kinds import ALIGNMENTS, CONDITIONED, KINDS, WEIGHED, JobParamsError, Kind, get_kind
 from desirepath.jobs.leases import attempts_at, kept_log
+from desirepath.jobs.params import Params
 from desirepath.jobs.process import FINAL_STATES, read_log
 from desirepath.store.artefacts import ArtefactError
 from desirepath.store.models import Artefact, Job, JobAttempt, Study, utc_now

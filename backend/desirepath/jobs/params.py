@@ -1,0 +1,62 @@
+"""What parameters of jobs are made of: their base class, defaults with their source, what several kinds share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticUndefined
+
+from desirepath.learning.rewards.kinds import FITTINGS
+
+SetupName = Literal["study_room", "open_field", "crowd_hall"]
+# whose base policy can be trained anew
+TrainedSetup = Literal["study_room", "open_field", "explained_room", "crowd_hall"]
+# backend/desirepath/learning/scene_sets.py: a set has so many scenes, and a purpose more sets than anybody will count
+MOST_SCENES = 10_000
+LARGEST_SEED = 9_999
+MOST_NAMED = 10_000  # characters of a list of snapshots
+
+
+class Params(BaseModel):
+    """Base of all parameters: nothing unknown, nothing changed later."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    RENAMED: ClassVar[Mapping[str, str]] = {}
+    """Old name -> name, of parameters in stored job rows and on old command lines: read, never written."""
+
+    def asked(self) -> dict[str, Any]:
+        """What differs from the defaults, JSON-ready: enough to ask for the same again."""
+        return self.model_dump(mode="json", exclude_defaults=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_old_names(cls, given: Any) -> Any:
+        return with_new_names(given, cls.RENAMED) if isinstance(given, dict) else given
+
+
+def with_new_names(given: Mapping[str, Any], renamed: Mapping[str, str]) -> dict[str, Any]:
+    """`given` with its old names replaced; an old name beside its new one stays, and is refused as unknown."""
+    return {
+        renamed[name] if name in renamed and renamed[name] not in given else name: value
+        for name, value in given.items()
+    }
+
+
+def from_source(source: str, default: Any = PydanticUndefined, *, advanced: bool = False, **limits: Any) -> Any:
+    """A parameter with its default's source; `advanced` ones are folded away on the form."""
+    return Field(default, json_schema_extra={"source": source, "advanced": advanced}, **limits)
+
+
+def artefact(kind: str, default: Any = PydanticUndefined) -> Any:
+    """A parameter that names an artefact: its id, or the name of a shipped one such as `study_room/base`. kind: several
+    with `|` between them."""
+    return Field(default, min_length=1, json_schema_extra={"source": "yours", "artefact": kind})
+
+
+if TYPE_CHECKING:
+    ModelName = str
+else:
+    ModelName = FITTINGS.literal
