@@ -16,7 +16,7 @@ from desirepath.installed import DOCS
 
 FENCE = re.compile(r"^```(\w+)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
-PLUG_INS = ("A query strategy", "A reward model")
+PLUG_INS = ("A kind of step", "A query strategy", "A reward model", "An alignment", "A policy")
 
 
 def fences_of(heading: str) -> list[tuple[str, str, str]]:
@@ -75,3 +75,44 @@ def test_two_of_one_name_are_refused_and_so_is_what_is_no_plug_in(tmp_path: Path
     assert "lab_asking.even offers 'random', as desirepath.learning.queries.strategies.random does: rename" in taken
     entries.write_text("[desirepath.query_strategies]\neven = lab_asking\n")
     assert "'even' is the module lab_asking, which needs STRATEGY" in run(ask, beside=tmp_path).stderr
+
+
+IN_THE_PAGES = """
+from pathlib import Path
+from fastapi.testclient import TestClient
+from desirepath.settings import Settings
+from desirepath.web.application import build_services, create_application
+from desirepath.web.core import plug_ins
+
+services = build_services(Settings(data=Path("data")))
+browser = TestClient(create_application(services))
+script = browser.get("/static/js/kinds/note.js")
+assert script.headers["content-type"].startswith("text/javascript"), script.headers
+assert script.text == Path("lab_steps/note.js").read_text()
+assert browser.get("/static/js/kinds/trial.js").status_code == 200
+assert browser.get("/static/js/kinds/secret.js").status_code == 404
+assert [services.texts.get(one)("participant.note.title") for one in ("en", "de")] == [
+    "In your own words", "In Ihren Worten",
+]
+template = services.templates.env.get_template("participant/steps/note.html")
+assert "step-form" in services.templates.env.loader.get_source(services.templates.env, template.name)[0]
+assert "trial" not in plug_ins.scripts(), "only other packages'"
+"""
+
+
+def test_a_kind_of_step_brings_its_page_script_and_words(tmp_path: Path) -> None:
+    write_package(tmp_path, "A kind of step")
+    (tmp_path / "lab_steps" / "secret.js").write_text("not a plug-in's")
+    done = run(IN_THE_PAGES, beside=tmp_path)
+    assert done.returncode == 0, done.stderr[-3000:]
+
+
+def test_no_file_from_elsewhere_is_served_and_no_text_replaced(tmp_path: Path) -> None:
+    write_package(tmp_path, "A kind of step")
+    (tmp_path / "elsewhere.js").write_text("private")
+    (tmp_path / "lab_steps" / "note.js").unlink()
+    (tmp_path / "lab_steps" / "note.js").symlink_to(tmp_path / "elsewhere.js")
+    assert run("from desirepath.web.core import plug_ins; print(plug_ins.scripts())", beside=tmp_path).stdout == "{}\n"
+    (tmp_path / "lab_steps" / "note.en.yaml").write_text("participant: {continue: Skip}\n")
+    said = run("from desirepath.web.application import _texts; _texts()", beside=tmp_path).stderr
+    assert "note.en.yaml: 'continue' has a text already; a plug-in only adds texts" in said

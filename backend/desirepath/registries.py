@@ -39,10 +39,25 @@ class Registry(Generic[T]):
                 if re.search(rf"^{self._attribute}\b", Path(folder, f"{name}.py").read_text("utf-8"), re.MULTILINE):
                     found[name.rstrip("_")] = f"{self._package}.{name}"  # break_.py: Python has that word
         for entry in entry_points(group=self.group):
+            if not re.fullmatch("[a-z][a-z0-9_]*", entry.name):  # it becomes part of addresses and of file names
+                raise RegistryError(f"{self.group}: {entry.name!r} ({entry.value}) must be of a-z, 0-9 and _")
             if found.setdefault(entry.name, entry.value) != entry.value:
                 taken = f"{entry.value} offers {entry.name!r}, as {found[entry.name]} does: rename one"
                 raise RegistryError(f"{self.group}: {taken}")
         return dict(sorted(found.items()))
+
+    def beside(self, ending: str) -> dict[str, Path]:
+        """Name -> file beside another distribution's module, of the module's name with that ending (`note.html`). Only
+        files that lie in that very folder."""
+        found = {}
+        for name, module in self.modules.items():
+            spec = None if module.startswith(f"{self._package}.") else find_spec(module)
+            if spec is not None and spec.origin is not None:
+                origin = Path(spec.origin).resolve()
+                file = origin.with_name(origin.stem + ending)
+                if file.is_file() and file.resolve() == file:
+                    found[name] = file
+        return found
 
     @property
     def literal(self) -> Any:

@@ -1,7 +1,8 @@
 """Which modules of the product no page, study, job, report, command or published name reaches.
 
 Run `python -m desirepath_experiments.reachability`. An import counts; so does a module named in a string, as
-Gymnasium's registrations name them. What only the laboratory imports belongs into the laboratory.
+Gymnasium's registrations name them, and one that a registry finds in its package. What only
+the laboratory imports belongs into the laboratory.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ ENTRANCES = (
     "desirepath_stage",
 )
 NAMED_IN_A_STRING = re.compile(r'"(desirepath(?:\.\w+)+)(?::\w+)?"')
+REGISTRY = re.compile(r'Registry\(\s*(?:"[\w.]+"|\w+), "(desirepath(?:\.\w+)+)", "(\w+)"')
 
 
 def source(module: str) -> Path:
@@ -47,6 +49,9 @@ def unreachable(entrances: Iterable[str] = ENTRANCES) -> tuple[dict[str, int], i
     while to_do:
         module = to_do.pop()
         named = {name for name in NAMED_IN_A_STRING.findall(texts[module]) if name in texts}
+        for package, attribute in REGISTRY.findall(texts[module]):  # which are found by looking
+            inside = (name for name in texts if name.rpartition(".")[0] == package)
+            named |= {name for name in inside if re.search(rf"^{attribute}\b", texts[name], re.MULTILINE)}
         new = (graph.find_modules_directly_imported_by(module) | named) - reached
         reached |= new
         to_do += new

@@ -1,4 +1,4 @@
-"""An aligned policy and what its card says, and what the alignments have in common.
+"""What the alignments have in common: their gate, the conditioned policy, training on with a learned reward.
 
 The algorithms are `desirepath.learning.alignment`'s; what is kept of them is `aligning.py`'s.
 """
@@ -6,18 +6,15 @@ The algorithms are `desirepath.learning.alignment`'s; what is kept of them is `a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.jobs.alignment import AlignParams, ConditionedAlignParams
-from desirepath.jobs.alignments.fine_tuning import FineTuningParams
-from desirepath.jobs.alignments.thesis import ThesisParams
+from desirepath.jobs.alignment import Aligned, AlignParams, ConditionedAlignParams
 from desirepath.jobs.context import JobContext
-from desirepath.jobs.kept_artefacts import Parent, load_conditioned
-from desirepath.learning.alignment.gate import Gate, GateRule
+from desirepath.jobs.kept_artefacts import load_conditioned
+from desirepath.learning.alignment.gate import GateRule
 from desirepath.learning.alignment.relabelling import RelabellingConfig
 from desirepath.learning.alignment.relabelling import align as learn_policy
 from desirepath.learning.cards import DEPARTURES
@@ -30,21 +27,6 @@ from desirepath.learning.rewards.weights import WeightsRewardModel
 from desirepath.learning.scene_sets import Purpose, describe
 from desirepath.simulation.setups import require_same
 from desirepath.store.models import Artefact
-
-
-@dataclass(frozen=True)
-class Aligned:
-    """An aligned policy, whether it may be shown, and what its card says. beside: what the job's result says, too."""
-
-    policy: Policy
-    gate: Gate
-    may_be_shown: bool
-    config: dict[str, Any]
-    results: dict[str, Any] = field(default_factory=dict)
-    parents: list[Parent] = field(default_factory=list)
-    scenes: dict[str, Any] = field(default_factory=dict)
-    departures: list[str] = field(default_factory=list)
-    beside: dict[str, Any] = field(default_factory=dict)
 
 
 def gate_rule(params: AlignParams) -> GateRule:
@@ -77,7 +59,7 @@ def by_name(weights: NDArray[np.float32], setup: str) -> dict[str, float]:
 
 def train(
     context: JobContext,
-    params: FineTuningParams | ThesisParams,
+    params: AlignParams,
     config: RelabellingConfig,
     base: Policy,
     model: RewardModel,
@@ -96,8 +78,10 @@ def train(
     )
 
 
-def with_params(config: RelabellingConfig, params: FineTuningParams | ThesisParams) -> RelabellingConfig:
+def with_params(
+    config: RelabellingConfig, params: AlignParams, *, updates: int, reward_weight: float | None
+) -> RelabellingConfig:
     """The algorithm's configuration with what the parameters change."""
-    if params.updates != config.updates:
-        config = config.shortened(params.updates)
-    return replace(config, seed=params.seed, gate=gate_rule(params), reward_weight=params.reward_weight)
+    if updates != config.updates:
+        config = config.shortened(updates)
+    return replace(config, seed=params.seed, gate=gate_rule(params), reward_weight=reward_weight)

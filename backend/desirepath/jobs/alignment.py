@@ -8,7 +8,7 @@ purpose: forms are made from the parameters. What an algorithm needs to run, its
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
@@ -17,10 +17,11 @@ from desirepath.jobs.params import LARGEST_SEED, MOST_NAMED, Params, SetupName, 
 from desirepath.registries import Registry
 
 if TYPE_CHECKING:
-    from desirepath.jobs.aligned import Aligned
     from desirepath.jobs.context import JobContext
+    from desirepath.learning.alignment.gate import Gate
     from desirepath.learning.policies.policy import Policy
     from desirepath.learning.rewards.reward_model import RewardModel
+    from desirepath.store.models import Artefact
 
 RECIPE = "recipe"
 """The parameter that says which algorithm an alignment is."""
@@ -72,6 +73,21 @@ class ConditionedAlignParams(AlignParams):
     model: Literal["weights"] = from_source("preference_weights_only", "weights", advanced=True)
     neutral: int = from_source("ours", 0, ge=0, le=10, advanced=True)
     stand_in: int | None = from_source("ours", None, ge=0, le=1_000, advanced=True)
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """An aligned policy, whether it may be shown, and what its card says. beside: what the job's result says, too."""
+
+    policy: Policy
+    gate: Gate
+    may_be_shown: bool
+    config: dict[str, Any]
+    results: dict[str, Any] = field(default_factory=dict)
+    parents: list[tuple[Artefact, str]] = field(default_factory=list)
+    scenes: dict[str, Any] = field(default_factory=dict)
+    departures: list[str] = field(default_factory=list)
+    beside: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from desirepath.jobs.aligned import Aligned, gate_rule
-from desirepath.jobs.alignment import AlignParams
+from desirepath.jobs.aligned import gate_rule
+from desirepath.jobs.alignment import Aligned, AlignParams
 from desirepath.jobs.context import JobContext
 from desirepath.learning.alignment.gate import at_gate
 from desirepath.learning.alignment.mix_search import SCENES_SEED, MixSearchConfig

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from desirepath.jobs import aligning, asking_person, comparing, demonstrating, kinds, policy_training, reward_models
+from desirepath.jobs.alignment import AlignParams
 from desirepath.jobs.context import JobContext
 from desirepath.jobs.params import Params
 
@@ -12,7 +13,7 @@ from desirepath.jobs.params import Params
 def run_kind(context: JobContext, params: Params) -> dict[str, Any]:
     """Do the work that the parameters ask for; returns the job's result."""
     match params:
-        case kinds.AlignParams():
+        case AlignParams():
             return aligning.align(context, params)
         case kinds.RewardModelParams():
             return reward_models.learn_reward_model(context, params)

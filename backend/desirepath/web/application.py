@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import structlog
 from fastapi import Request
@@ -11,7 +13,8 @@ from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from sqlalchemy.exc import DataError
 from starlette.exceptions import HTTPException
-from starlette.responses import RedirectResponse, Response
+from starlette.responses import FileResponse, RedirectResponse, Response
+from starlette.routing import Route
 from starlette.types import ASGIApp
 
 from desirepath.installed import FRONTEND
@@ -21,6 +24,7 @@ from desirepath.store.database import Database, DatabaseBusy, check_writable, is
 from desirepath.store.places import StoreAway
 from desirepath.store.plain_data import Unstorable
 from desirepath.study.refusals import Refused
+from desirepath.web.core import plug_ins
 from desirepath.web.core.catalogues import Texts
 from desirepath.web.core.contract import trouble_in
 from desirepath.web.core.dependencies import Application, Services, route_of
@@ -53,12 +57,14 @@ log = structlog.get_logger("desirepath.web")
 @cache
 def _texts() -> Texts:
     """Read once in a process, however many services it builds; so are templates compiled."""
-    return Texts(FRONTEND / "locales")
+    return Texts(FRONTEND / "locales", plug_ins.text_files)
 
 
 @cache
 def _templates() -> Jinja2Templates:
     templates = Jinja2Templates(FRONTEND / "templates")
+    if templates.env.loader is not None:
+        templates.env.loader = plug_ins.with_step_templates(templates.env.loader)
     templates.env.trim_blocks = templates.env.lstrip_blocks = True
     templates.env.filters["prose"] = prose
     return templates
@@ -95,6 +101,10 @@ def build_services(settings: Settings) -> Services:
     )
 
 
+def _serving(script: Path) -> Callable[[Request], Response]:
+    return lambda _: FileResponse(script, media_type="text/javascript")
+
+
 def create_application(services: Services) -> Application:
     """The pages and their API. Routes find everything they need in `dependencies.services_of`."""
     from desirepath.web.analyst import routes
@@ -106,6 +116,8 @@ def create_application(services: Services) -> Application:
     application = Application(
         services, title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None
     )
+    for kind, script in plug_ins.scripts().items():
+        application.router.routes.append(Route(f"/static/js/kinds/{kind}.js", _serving(script)))
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
     lab = (sign_in_pages, openid_pages, account_pages, study_pages, learnt_pages, routes)
     for module in (session_pages, *lab, published, monitoring):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-from desirepath.jobs.alignment import Alignment, ConditionedAlignParams
+from desirepath.jobs.alignment import Aligned, Alignment, ConditionedAlignParams
 from desirepath.jobs.params import from_source
 
 if TYPE_CHECKING:
-    from desirepath.jobs.aligned import Aligned
     from desirepath.jobs.context import JobContext
     from desirepath.learning.alignment.conditioning_search import ConditioningSearchConfig
     from desirepath.learning.policies.policy import Policy
@@ -36,7 +35,7 @@ def search_config(params: ConditioningSearchParams) -> ConditioningSearchConfig:
 
 def align(context: JobContext, params: ConditioningSearchParams, base: Policy, model: RewardModel) -> Aligned:
     """Shown only where it is better than the instant policy."""
-    from desirepath.jobs.aligned import Aligned, by_name, conditioned_by, departures_of
+    from desirepath.jobs.aligned import by_name, conditioned_by, departures_of
     from desirepath.learning.alignment.conditioning_search import PLACES, search_conditioning
     from desirepath.learning.scene_sets import Purpose, describe
 

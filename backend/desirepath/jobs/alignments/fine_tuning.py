@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-from desirepath.jobs.alignment import Alignment, AlignParams
+from desirepath.jobs.alignment import Aligned, Alignment, AlignParams
 from desirepath.jobs.params import ModelName, from_source
 
 if TYPE_CHECKING:
-    from desirepath.jobs.aligned import Aligned
     from desirepath.jobs.context import JobContext
     from desirepath.learning.alignment.relabelling import RelabellingConfig
     from desirepath.learning.policies.policy import Policy
@@ -32,7 +31,7 @@ def training_config(params: FineTuningParams) -> RelabellingConfig:
     from desirepath.jobs.aligned import with_params
     from desirepath.learning.alignment.fine_tuning import FineTuningConfig
 
-    return with_params(FineTuningConfig(), params)
+    return with_params(FineTuningConfig(), params, updates=params.updates, reward_weight=params.reward_weight)
 
 
 def align(context: JobContext, params: FineTuningParams, base: Policy, model: RewardModel) -> Aligned:

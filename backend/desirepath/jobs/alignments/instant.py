@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-from desirepath.jobs.alignment import Alignment, ConditionedAlignParams
+from desirepath.jobs.alignment import Aligned, Alignment, ConditionedAlignParams
 from desirepath.jobs.params import from_source
 
 if TYPE_CHECKING:
-    from desirepath.jobs.aligned import Aligned
     from desirepath.jobs.context import JobContext
     from desirepath.learning.policies.policy import Policy
     from desirepath.learning.rewards.reward_model import RewardModel
@@ -21,7 +20,7 @@ class InstantParams(ConditionedAlignParams):
 
 
 def align(context: JobContext, params: InstantParams, base: Policy, model: RewardModel) -> Aligned:
-    from desirepath.jobs.aligned import Aligned, by_name, conditioned_by, departures_of, gate_rule
+    from desirepath.jobs.aligned import by_name, conditioned_by, departures_of, gate_rule
     from desirepath.learning.alignment.gate import at_gate
 
     artefact, conditioned, weights = conditioned_by(context, params, base, model)

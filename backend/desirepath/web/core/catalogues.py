@@ -7,7 +7,7 @@ that belong to a study (information, consent, questions) come from its protocol,
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import date, datetime
 from pathlib import Path
 from typing import Any
@@ -127,12 +127,15 @@ class Catalogue:
 class Texts:
     """The catalogues of all languages under one folder, read once."""
 
-    def __init__(self, folder: Path) -> None:
-        self._catalogues = {
-            entry.name: Catalogue(entry.name, {file.stem: _read(file) for file in sorted(entry.glob("*.yaml"))})
-            for entry in sorted(folder.iterdir())
-            if entry.is_dir()
-        }
+    def __init__(self, folder: Path, beside: Callable[[str], Iterable[Path]] = lambda _: ()) -> None:
+        """beside: the files of plug-ins in a language, whose first keys are names of catalogues. Raises TextError where
+        one would replace a text."""
+        self._catalogues = {}
+        for entry in sorted(one for one in folder.iterdir() if one.is_dir()):
+            entries: dict[str, Any] = {file.stem: _read(file) for file in sorted(entry.glob("*.yaml"))}
+            for file in beside(entry.name):
+                _add(entries, _read(file), str(file))
+            self._catalogues[entry.name] = Catalogue(entry.name, entries)
         if DEFAULT_LANGUAGE not in self._catalogues:
             raise TextError(f"no catalogue for {DEFAULT_LANGUAGE!r} under {folder}; it needs {DEFAULT_LANGUAGE}/*.yaml")
 
@@ -174,6 +177,16 @@ def flatten(entries: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
 def placeholders(text: str) -> frozenset[str]:
     """The names in braces that `text` wants filled."""
     return frozenset(_PLACEHOLDER.findall(text))
+
+
+def _add(entries: dict[str, Any], more: Mapping[str, Any], file: str) -> None:
+    for key, entry in more.items():
+        if key not in entries:
+            entries[key] = entry
+        elif isinstance(entry, Mapping) and isinstance(entries[key], dict):
+            _add(entries[key], entry, file)
+        else:
+            raise TextError(f"{file}: {key!r} has a text already; a plug-in only adds texts")
 
 
 def _read(file: Path) -> dict[str, Any]:
