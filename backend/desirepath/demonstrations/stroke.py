@@ -93,6 +93,10 @@ class Stroke:
         """JSON-ready; `Stroke.of(**data)` reads it back."""
         return {name: getattr(self, name).tolist() for name in ("points", "speeds", "times_s")}
 
+    def as_sent(self) -> dict[str, Any]:
+        """`as_dict` to a tenth of a millimetre and a millisecond, as the page's pen sends it."""
+        return {name: np.round(value, 3 if name == "times_s" else 4).tolist() for name, value in self.as_dict().items()}
+
 
 @dataclass(frozen=True)
 class PathSpline:

@@ -16,7 +16,6 @@ Points = list[tuple[int, float]]
 RAW, AVERAGED = "raw", "averaged"
 WHICH = "averaged"  # the metric that says of which weights those after it are: 1 averaged, 0 raw
 UNTOLD = (WHICH, "rollouts")
-RENAMED = {"wanted": "preferred"}  # of jobs from before an update
 STEPS = {"ensemble": "steps", "queries": "scenes", "train_base": "updates", "train_demonstrations": "updates"}
 
 
@@ -36,8 +35,7 @@ def split(metrics: Iterable[JobMetric]) -> dict[str, dict[str, Points]]:
         if metric.step != at:
             line = ""
         if metric.name not in UNTOLD:
-            name = RENAMED.get(metric.name, metric.name)
-            found.setdefault(name, {}).setdefault(line, []).append((metric.step, metric.value))
+            found.setdefault(metric.name, {}).setdefault(line, []).append((metric.step, metric.value))
     return {name: drawn for name, lines in found.items() if (drawn := _drawable(lines))}
 
 

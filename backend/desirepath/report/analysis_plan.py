@@ -68,19 +68,8 @@ class AnalysisPlan(BaseModel):
     models: bool = False
 
     def digest(self) -> str:
-        """sha256 of the plan as canonical JSON, defaults filled in; of what plans could not always say (`LATER`) only
-        what is declared, so that the hash of a plan of before stays."""
-        stored = self.model_dump(mode="json")
-        kept = {name: value for name, value in stored.items() if name not in LATER or value != _default(name)}
-        return hashlib.sha256(json.dumps(kept, sort_keys=True).encode()).hexdigest()
-
-
-LATER = ("pairs_over", "own", "equivalence", "bayes_factors", "models")
-"""Keys that were added to plans later."""
-
-
-def _default(name: str) -> object:
-    return AnalysisPlan.model_fields[name].default
+        """sha256 of the plan as canonical JSON, defaults filled in."""
+        return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
 
 
 def declared_plan(protocol: dict[str, Any]) -> AnalysisPlan | None:

@@ -271,8 +271,6 @@ def read_cohort(file: Path) -> Cohort:
     """A cohort written as YAML, its keys those of `Cohort`. Raises CohortError naming what cannot be."""
     try:
         given = Source(file.name, file_text(file)).data
-        if "tastes" in given:  # the name of before
-            given["preferences"] = given.pop("tastes")
         return _COHORT.validate_json(json.dumps(given), strict=True)
     except ProtocolError as problem:
         raise CohortError(f"cohort = {file.name!r}: cannot be read ({problem})") from None

@@ -23,7 +23,6 @@ PRACTICE = "practice"  # role of trials that are stored and never analysed
 PROBE_ROLES = ("repeat", "swap", "transitivity")  # asked again to measure consistency: no independent answers
 FURTHER = "further"  # asked on, where the answers did not say enough: taught from, never analysed
 TEACHING_ROLES = ("regular", FURTHER)  # of queries: what is believed of somebody is read from these
-FORMER_ROLES = {"learning": PRACTICE}  # plans and data sets of before
 FINISHED = "completed"  # state of a session walked to its end; paused, expired, screened-out ones are not
 
 
@@ -116,10 +115,5 @@ def learned_from(whose: Whose | Literal["session"]) -> ColumnElement[bool]:
 # ---- which trials count ----------------------------------------------------------------------------------------------
 
 
-def role_of(written: str) -> str:
-    """A trial's role by the name it has today, from a plan or a data set of any version."""
-    return FORMER_ROLES.get(written, written)
-
-
 def is_practice(role: str | None) -> bool:
-    return role is not None and role_of(role) == PRACTICE
+    return role == PRACTICE

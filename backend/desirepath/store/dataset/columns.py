@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import pyarrow as pa
 
 FORMAT = "desirepath-dataset-6"
-# 3 has no strokes.walk; 4 no responses.device, and fixed completion codes in the protocol; 5 other names of columns,
-# the plan in `sessions` and neither conditions of questionnaires nor metrics
-READABLE = ("desirepath-dataset-3", "desirepath-dataset-4", "desirepath-dataset-5", FORMAT)
 STUDY_FILE = "study.json"
 CHECKSUMS_FILE = "checksums.sha256"
 DICTIONARY_FILE = "data-dictionary.md"
@@ -34,15 +30,12 @@ IS_KEY = re.compile(r"[^\x00-\x1f]{1,80}")
 
 @dataclass(frozen=True)
 class Column:
-    """One column. json: the text is a JSON value. newer: older data sets that can still be read do not have it. former:
-    what it was called in those of before format 6. form: how its texts are written, where they are ids."""
+    """One column. json: the text is a JSON value. form: how its texts are written, where they are ids."""
 
     name: str
     type: pa.DataType
     meaning: str
     json: bool = False
-    newer: bool = False
-    former: str | None = None
     form: re.Pattern[str] | None = None
 
     def type_name(self) -> str:
@@ -50,16 +43,11 @@ class Column:
         words = {TEXT: "text", WHOLE: "whole number", NUMBER: "number", YES_NO: "true/false", MOMENT: "time, UTC ISO"}
         return "text, JSON" if self.json else words.get(self.type, "list of numbers")
 
-    def formerly(self) -> str:
-        """What the dictionary says of the name it had."""
-        return f" (`{self.former}` before format 6)" if self.former else ""
-
 
 @dataclass(frozen=True)
 class Table:
     """One table: one row per `row`. key: the columns that tell its rows apart. refers: (column, table, column of that
-    table that it names). older_columns: of data sets of before format 6 alone. newer: older data sets that can still be
-    read do not have the table."""
+    table that it names)."""
 
     name: str
     row: str
@@ -67,12 +55,6 @@ class Table:
     csv: bool = True
     key: tuple[str, ...] = ()
     refers: tuple[tuple[str, str, str], ...] = ()
-    older_columns: tuple[Column, ...] = ()
-    newer: bool = False
-
-    def all_columns(self) -> Iterator[Column]:
-        yield from self.columns
-        yield from self.older_columns
 
     def schema(self) -> pa.Schema:
         """The Parquet schema; every column says what it means."""
@@ -84,7 +66,7 @@ class Table:
     def unpacked(self, row: dict[str, Any]) -> dict[str, Any]:
         """The row with its JSON columns as plain data. Raises ValueError naming the column that is no JSON."""
         found = dict(row)
-        for column in self.all_columns():
+        for column in self.columns:
             if column.json and found.get(column.name) is not None:
                 try:
                     found[column.name] = json.loads(found[column.name])

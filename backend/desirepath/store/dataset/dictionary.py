@@ -71,5 +71,5 @@ def data_dictionary() -> str:
         endings = "`.csv`, `.parquet`" if table.csv else "`.parquet` only"
         lines += ["", f"## {table.name}", "", f"One row per {table.row}. {endings}", "", "| column | type | meaning |"]
         lines += ["|---|---|---|"]
-        lines += [f"| `{c.name}` | {c.type_name()} | {c.meaning}{c.formerly()} |" for c in table.columns]
+        lines += [f"| `{c.name}` | {c.type_name()} | {c.meaning} |" for c in table.columns]
     return "\n".join(lines) + "\n"

@@ -139,7 +139,7 @@ def _add_study(s: Session, folder: Path, about: About) -> None:
 
 def _check_protocol(written: str, files: dict[str, str], about: AboutProtocol, what: str) -> None:
     """What the data set holds must be the protocol whose hash it tells. Raises DatasetError."""
-    found, expected = protocol_digest(written, files), about.as_written
+    found, expected = protocol_digest(written, files), about.written_sha256
     if found != expected:
         raise DatasetError(
             f"{what} have sha256 {found}, but {STUDY_FILE} says {expected}: this is not the protocol that the answers "

@@ -25,8 +25,8 @@ from desirepath.os_errors import in_words
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.dataset.columns import (
     CHECKSUMS_FILE,
+    FORMAT,
     PROTOCOL_FOLDER,
-    READABLE,
     SHA,
     STUDY_FILE,
     TEXT,
@@ -35,7 +35,6 @@ from desirepath.store.dataset.columns import (
 )
 from desirepath.store.dataset.tables import PARTICIPANTS, PLANNED_STEPS, RESPONSES, SESSIONS, TRIALS
 from desirepath.store.plain_data import MOST_LEVELS, levels_of
-from desirepath.store.who_counts import role_of
 
 Row = dict[str, Any]
 # Ours. 31 people in three views leave 60,000 events and 40 MB of tables.
@@ -60,17 +59,12 @@ Name = Annotated[str, Field(min_length=1, max_length=200)]
 
 
 class AboutProtocol(_Stored):
-    """A protocol that answers were collected with. written_sha256: of its copy here, which has no completion codes;
-    formats before 5 had them and only tell sha256."""
+    """A protocol that answers were collected with. written_sha256: of its copy here, which has no completion codes."""
 
     name: Annotated[str, Field(pattern="^[A-Za-z0-9_-]{0,80}$")] = ""  # of files that are downloaded
     version: Annotated[int, Field(ge=0, lt=2**31)]
     sha256: Sha
-    written_sha256: Sha | None = None
-
-    @property
-    def as_written(self) -> str:
-        return self.written_sha256 or self.sha256
+    written_sha256: Sha
 
 
 class AboutVersion(AboutProtocol):
@@ -159,9 +153,9 @@ def check_files(folder: Path) -> None:
 def read_about(folder: Path) -> About:
     """study.json. Raises DatasetError for another format, or naming the field that is not as an export writes it."""
     stored = _read_json(folder / STUDY_FILE)
-    if not isinstance(stored, dict) or stored.get("format") not in READABLE:
+    if not isinstance(stored, dict) or stored.get("format") != FORMAT:
         found = stored.get("format") if isinstance(stored, dict) else stored
-        raise DatasetError(f"{STUDY_FILE}: format {found!r} is unknown; this version reads {', '.join(READABLE)}")
+        raise DatasetError(f"{STUDY_FILE}: format {found!r} is unknown; this version reads {FORMAT}")
     try:
         return About.model_validate(stored)
     except ValidationError as problem:
@@ -223,14 +217,14 @@ def _check_depth(data: Any, where: str) -> None:
 
 
 def read_tables(folder: Path, tables: Iterable[Table]) -> dict[str, list[Row]]:
-    """The rows of those tables by name, JSON as plain data, columns and roles by today's names. A session's `plan` is
-    put together from its steps. Raises DatasetError naming file and column."""
+    """The rows of those tables by name, JSON as plain data. A session's `plan` is put
+    together from its steps. Raises DatasetError naming file and column."""
     found = {table.name: list(_rows(folder, table)) for table in tables}
     sessions = found.get(SESSIONS.name, [])
     for row in found.get(RESPONSES.name, []):
         if row["value"] is None:
             raise DatasetError(f"{RESPONSES.name}.parquet: value is missing")
-    if sessions and "plan" not in sessions[0]:
+    if sessions:
         plans: dict[str, list[Row]] = {row["session"]: [] for row in sessions}
         for step in _rows(folder, PLANNED_STEPS):
             if step["session"] in plans:
@@ -254,16 +248,12 @@ def _rows(folder: Path, table: Table) -> Iterator[Row]:
                 _check_depth(given, f"{name}: {column.name}")
                 if not isinstance(given, dict):
                     raise DatasetError(f"{name}: {column.name} = {str(given)[:80]!r}: must be a JSON object")
-        if row.get("role") is not None:
-            row["role"] = role_of(row["role"])
         yield row
 
 
 def _unbounded_rows(folder: Path, table: Table) -> Iterator[Row]:
     """Rows as they lie there, a part of the file at a time."""
     name = f"{table.name}.parquet"
-    if table.newer and not (folder / name).exists():
-        return
     try:
         # texts as a dictionary: a small file may hold one long text a million times
         texts = [one.name for one in pq.read_schema(folder / name) if one.type == TEXT]
@@ -272,7 +262,7 @@ def _unbounded_rows(folder: Path, table: Table) -> Iterator[Row]:
                 raise DatasetError(f"{name}: has {file.metadata.num_rows} rows, at most {MOST_ROWS} are read")
             size = 0
             for batch in file.iter_batches(batch_size=ROWS_AT_ONCE):
-                part = _with_todays_columns(pa.Table.from_batches([batch]), table, name)
+                part = _columns(pa.Table.from_batches([batch]), table, name)
                 size += _unpacked_bytes(part)
                 if size > MOST_TABLE_BYTES:
                     raise DatasetError(f"{name}: is larger than {MOST_TABLE_BYTES // 2**20} MB when it is unpacked")
@@ -286,21 +276,12 @@ def _unbounded_rows(folder: Path, table: Table) -> Iterator[Row]:
         raise DatasetError(f"{name}: {problem}") from None
 
 
-def _with_todays_columns(found: pa.Table, table: Table, name: str) -> pa.Table:
-    """Columns of an older data set by the names that they have now, those that it did not have empty."""
-    today = {
-        column.former: column.name
-        for column in table.columns
-        if column.former and column.name not in found.column_names
-    }
-    found = found.rename_columns([today.get(one, one) for one in found.column_names])
-    wanted = list(table.columns) + [one for one in table.older_columns if one.name in found.column_names]
-    for column in wanted:
-        if column.newer and column.name not in found.column_names:
-            found = found.append_column(column.name, pa.nulls(len(found), column.type))
+def _columns(found: pa.Table, table: Table, name: str) -> pa.Table:
+    """The table's own columns. Raises DatasetError for one that is missing or of another type."""
+    for column in table.columns:
         if column.name not in found.column_names or not _is(found.schema.field(column.name).type, column.type):
             raise DatasetError(f"{name}: column {column.name!r} ({column.type_name()}) is missing or of another type")
-    return found.select([column.name for column in wanted])
+    return found.select([column.name for column in table.columns])
 
 
 def _is(found: pa.DataType, wanted: pa.DataType) -> bool:

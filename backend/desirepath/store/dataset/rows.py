@@ -30,7 +30,7 @@ from desirepath.store.models import (
 from desirepath.store.models import Session as SessionRow
 from desirepath.store.plain_data import copied, mentions
 from desirepath.store.sides import chosen_and_rejected, is_side
-from desirepath.store.who_counts import is_practice, left_out_of_study, may_be_published, reason_not_to_learn, role_of
+from desirepath.store.who_counts import is_practice, left_out_of_study, may_be_published, reason_not_to_learn
 
 Row = dict[str, Any]
 TUNED = ("tuning", "words", "meet_your_robot")  # kinds of answers that hold a history of changed weights
@@ -135,7 +135,7 @@ class Content:
                     **self.of_session(session.id),
                     "index": index,
                     "step": step["key"],
-                    "role": role_of(step["role"]) if "role" in step else None,
+                    "role": step.get("role"),
                     **{name: step.get(name) for name in ("kind", "stage", "block", "view", "query", "questionnaire")},
                     "planned": as_json(step),
                 }

@@ -25,7 +25,7 @@ _MARKS = (
     Column("excluded", YES_NO, "true: an experimenter excluded the participant; leave out of analyses"),
 )
 _TRIAL_MARKS = (
-    Column("practice", YES_NO, "true: a practice trial; stored, never analysed", former="learning"),
+    Column("practice", YES_NO, "true: a practice trial; stored, never analysed"),
     *_MARKS,
 )
 _PARTICIPANT = Column("participant", TEXT, "pseudonymous code, unique in the study", form=IS_CODE)
@@ -93,7 +93,6 @@ SESSIONS = Table(
             "personal: probability that the own policy is better for this person; prior: how many earlier "
             "participants' answers these were read by the light of, where the protocol says so",
             json=True,
-            newer=True,
         ),
         Column("created_at", MOMENT, "when the session was made"),
         Column("opens_at", MOMENT, "later appointments: from when the link worked"),
@@ -104,7 +103,6 @@ SESSIONS = Table(
     ),
     key=("session",),
     refers=(_OF_PARTICIPANT,),
-    older_columns=(Column("plan", TEXT, "the steps in the order they were planned", json=True),),
 )
 PLANNED_STEPS = Table(
     "planned_steps",
@@ -147,7 +145,7 @@ TRIALS = Table(
         Column(
             "role",
             TEXT,
-            "practice (`learning` before format 6), regular, or a probe: repeat (asked again), swap (asked again, A "
+            "practice, regular, or a probe: repeat (asked again), swap (asked again, A "
             "and B exchanged), transitivity (the three pairs of three trajectories in one scene)",
         ),
         Column("probe_of", TEXT, "repeat and swap: the trial that is asked again", form=IS_ID),
@@ -157,7 +155,6 @@ TRIALS = Table(
             "sides_swapped",
             YES_NO,
             "true: the query's second trajectory was shown as A; empty in comparisons",
-            former="turned",
         ),
         Column("trajectory_a", TEXT, "trajectory shown first; see trajectories", form=IS_SHA),
         Column("trajectory_b", TEXT, "trajectory shown second; see trajectories", form=IS_SHA),
@@ -206,7 +203,6 @@ RESPONSES = Table(
             TEXT,
             "the device it was given on, as far as its page reported: the session's, or the one before it was changed",
             json=True,
-            newer=True,
         ),
         Column("choice", TEXT, "what was chosen, a or b, where that was the question"),
         Column("value", TEXT, "the whole answer as it was given", json=True),
@@ -229,10 +225,8 @@ ITEMS = Table(
         *_MARKS,
         Column("step", TEXT, "key of the questionnaire's step", form=IS_KEY),
         Column("item", TEXT, "key of the item; its wording is in the protocol"),
-        Column("questionnaire", TEXT, "name of the questionnaire", newer=True),
-        Column(
-            "condition", TEXT, "experimental condition that was rated, as `block` of trials; else empty", newer=True
-        ),
+        Column("questionnaire", TEXT, "name of the questionnaire"),
+        Column("condition", TEXT, "experimental condition that was rated, as `block` of trials; else empty"),
         Column("answer", TEXT, "the answer; several choices are a JSON list"),
         Column("answer_number", NUMBER, "the answer where it is a number, e.g. 1 to 7"),
     ),
@@ -271,7 +265,7 @@ RANKINGS = Table(
         Column("condition", TEXT, "experimental condition, as `block` of trials"),
         Column("outline", YES_NO, "whether outlines showed the objects' scores"),
         Column("lidar", YES_NO, "whether the lidar's rays were shown"),
-        Column("attention", YES_NO, "whether what the policy attends to was shown; of people alone", newer=True),
+        Column("attention", YES_NO, "whether what the policy attends to was shown; of people alone"),
         Column("query", TEXT, "id of the rollout that was shown, the same wherever it is asked"),
         Column("thing", TEXT, "the object, by kind and number as the scene has it; person: who takes part"),
         Column("rank", WHOLE, "place that it was given: 1 the most important"),
@@ -297,7 +291,6 @@ CODEBOOK = Table(
         Column("created_at", MOMENT, "when it was written"),
     ),
     key=("item", "code"),
-    newer=True,
 )
 CODINGS = Table(
     "codings",
@@ -319,7 +312,6 @@ CODINGS = Table(
     ),
     key=("response", "item", "coder", "code"),
     refers=(_OF_RESPONSE, _OF_SESSION, _OF_PARTICIPANT),
-    newer=True,
 )
 EVENTS = Table(
     "events",
@@ -384,7 +376,6 @@ STROKES = Table(
             "beside: the trajectory they walked beside) or planned (by a program, chosen by the participant; mode, "
             "seed). spline: knots times_s, x, y, yaw of monotone cubics, as in the scene of the trajectory",
             json=True,
-            newer=True,
         ),
         Column("state", TEXT, "kept (learned from), redone (taken back), refused (cannot be driven), drawn or watched"),
         Column("problem", TEXT, "refused only: code, place and numbers of what was wrong", json=True),
@@ -416,7 +407,7 @@ TRAJECTORIES = Table(
         Column("outcome", TEXT, "success, collision, timeout, or running (cut before the end)"),
         Column("steps", WHOLE, "control steps"),
         Column("dt_s", NUMBER, "seconds per control step"),
-        Column("robot_radius_m", NUMBER, "radius of the robot: clearances are from its surface", newer=True),
+        Column("robot_radius_m", NUMBER, "radius of the robot: clearances are from its surface"),
         Column("duration_s", NUMBER, "seconds from start to end"),
         Column("self_intersections", WHOLE, "how often the path crossed itself"),
         Column("made_by", TEXT, "artefact id of the policy, where it is known"),
@@ -451,28 +442,24 @@ METRICS = Table(
             "personal_space_violations",
             NUMBER,
             "how often the robot came within 1.2 m of a person (centres; Hall 1966)",
-            newer=True,
         ),
-        Column("personal_space_time_s", NUMBER, "seconds within these 1.2 m", newer=True),
+        Column("personal_space_time_s", NUMBER, "seconds within these 1.2 m"),
         Column(
             "min_time_to_collision_s",
             NUMBER,
             "least time until robot and anybody would touch if both went on as they move; 0: they touched; at most 10",
-            newer=True,
         ),
-        Column("stalled_time_s", NUMBER, "seconds slower than 0.05 m/s", newer=True),
-        Column("mean_jerk_m_per_s3", NUMBER, "mean absolute jerk of the forward speed", newer=True),
+        Column("stalled_time_s", NUMBER, "seconds slower than 0.05 m/s"),
+        Column("mean_jerk_m_per_s3", NUMBER, "mean absolute jerk of the forward speed"),
         Column(
             "path_irregularity_rad_per_m",
             NUMBER,
             "turning beyond what facing the goal at the start takes, per metre (Guzzi et al. 2013)",
-            newer=True,
         ),
         Column(
             "spl",
             NUMBER,
             "success weighted by path length (Anderson et al. 2018): straight distance by length, 0 if not arrived",
-            newer=True,
         ),
     ),
     key=("trajectory",),

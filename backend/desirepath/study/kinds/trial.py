@@ -7,16 +7,15 @@ Which query a chosen one asks is `personalising/next_query.py`'s.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from pydantic import AliasChoices, BeforeValidator, Field
+from pydantic import AliasChoices, Field
 
 from desirepath.grammar.parts import Part
 from desirepath.learning.queries.choosing import STRATEGIES
 from desirepath.store.events import log_event
 from desirepath.store.sides import Side
-from desirepath.store.who_counts import FORMER_ROLES
 from desirepath.study.kinds.base import (
     Acting,
     Kind,
@@ -65,13 +64,8 @@ else:
     ChooseBy = STRATEGIES.literal
 
 
-def _practice(given: object) -> object:
-    return FORMER_ROLES.get(given, given) if isinstance(given, str) else given
-
-
 class Queries(Part):
-    """`count` queries of the query set. `practice` ones are marked and never analysed (ch. 7; `learning` in protocols
-    of before).
+    """`count` queries of the query set. `practice` ones are marked and never analysed (ch. 7).
 
     choose: `random` draws them before the session; `disagreement` and `information` choose each next one by the
     participant's own answers so far, as weights of the nine objectives explain them; `information_beyond` the one that
@@ -79,7 +73,7 @@ class Queries(Part):
     """
 
     count: int = Field(ge=1, le=200)
-    role: Annotated[Literal["practice", "regular"], BeforeValidator(_practice)] = "regular"
+    role: Literal["practice", "regular"] = "regular"
     choose: ChooseBy = "random"
     stop: Stopping | None = Field(None, description="default: all queries are asked")
     probes: Probes = Probes()
@@ -107,9 +101,7 @@ class Viewing(Part):
 
 # ---- in the plan -----------------------------------------------------------------------------------------------------
 
-Role = Annotated[
-    Literal["practice", "regular", "repeat", "swap", "transitivity", "further"], BeforeValidator(_practice)
-]
+Role = Literal["practice", "regular", "repeat", "swap", "transitivity", "further"]
 
 
 class TrialStep(Step):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from desirepath.grammar.parts import Part, Slug
 from desirepath.grammar.source import Path, Problem, Source
@@ -27,11 +27,6 @@ class Meanwhile(Part):
     questionnaire: Slug
 
 
-def _recipe_in_new_words(given: object) -> object:
-    """Protocols of before call fine-tuning `refine`."""
-    return "fine_tuning" if given == "refine" else given
-
-
 class TrainStage(Stage):
     """Starts when the answer before it is stored; the participant waits at most `give_up_after_s` after `while`.
 
@@ -49,7 +44,7 @@ class TrainStage(Stage):
 
     job: Literal["align", "demonstrations"] = "align"
     on: Literal["own_answers"] = "own_answers"
-    recipe: Annotated[Literal["instant", "fine_tuning", "thesis"], BeforeValidator(_recipe_in_new_words)] = "instant"
+    recipe: Literal["instant", "fine_tuning", "thesis"] = "instant"
     prior: Literal["none", "earlier_participants"] = "none"
     meanwhile: Meanwhile | None = Field(None, alias="while")
     give_up_after_s: int = Field(120, ge=1, le=1800)  # ours

@@ -117,11 +117,10 @@ def _drop(data: Any, path: Sequence[str]) -> None:
 class Reader:
     """Reads what one protocol names. `files` collects the content of all that was read, by name."""
 
-    def __init__(self, protocol: Protocol, source: Source, read: Read, *, strict: bool = True) -> None:
-        """strict: as `parsed` has it."""
+    def __init__(self, protocol: Protocol, source: Source, read: Read) -> None:
         self.protocol, self.source, self.files = protocol, source, {}
         self.unreadable: dict[str, Problem] = {}  # files that are there and are no text
-        self._given, self._strict = read, strict
+        self._given = read
         self.absent = [language for language in protocol.languages if self._is_absent(language)]
         self._languages = [language for language in protocol.languages if language not in self.absent]
 
@@ -216,7 +215,7 @@ class Reader:
             raise ProtocolError([self.source.problem(path, f"there is no file {file} beside the protocol")])
         self.files[file] = content
         own = Source(file, content)
-        questionnaire, problems = read_as(own, Questionnaire, strict=self._strict)
+        questionnaire, problems = read_as(own, Questionnaire)
         for where, text in _texts_in(own.data):
             problems += self.localized(text, where, own)
         if questionnaire is None:

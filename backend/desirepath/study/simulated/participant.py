@@ -238,7 +238,7 @@ class SimulatedParticipant:
                 stroke = imagined_stroke(scenes[choice], weights, self.random, tried)
             else:
                 stroke = draw_stroke(style, scenes[choice], int(self.random.integers(2**31)))
-            state = self._client.draw(step["key"], stroke.as_dict() | {"pointer": "bot", "walk": choice})
+            state = self._client.draw(step["key"], stroke.as_sent() | {"pointer": "bot", "walk": choice})
             if state["step"]["trial"]["walking"]:
                 state = self._walked(step["key"], scenes[choice], state["step"]["trial"])
             problem = state.get("problem")
