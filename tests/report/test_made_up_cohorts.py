@@ -207,12 +207,6 @@ def test_a_cohort_that_cannot_be_is_refused(tmp_path: Path, text: str, named: st
         read_cohort(file)
 
 
-def test_a_cohort_file_of_before_is_read(tmp_path: Path) -> None:
-    file = tmp_path / "cohort.yaml"
-    file.write_text("tastes: {top_down: shortest}\n")
-    assert read_cohort(file) == Cohort(preferences={"top_down": "shortest"})
-
-
 def test_every_design_s_tests_are_counted_over_cohorts() -> None:
     """A small version of `benchmark design-cohorts`: nothing where nothing is, Friedman where something is."""
     rows = {(row["design"], row["test"]): row for row in design_cohorts(6, (12,))}

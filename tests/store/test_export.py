@@ -420,26 +420,6 @@ def test_a_forged_data_set_leaves_nothing_behind(exported: Path, copied: Path, t
         assert s.scalars(select(Participant)).all() == []
 
 
-def test_data_sets_of_older_formats_are_read(copied: Path, tmp_path: Path):
-    """Format 3 had no walks; neither it nor 4 had the device of every answer, and both held completion codes."""
-    about = json.loads((copied / "study.json").read_text())
-    del about["protocol"]["written_sha256"]
-    forge(copied, "study.json", json.dumps({**about, "format": "desirepath-dataset-3"}).encode())
-    forge(copied, "protocol/protocol.yaml", PROTOCOL_YAML.encode())
-    for table, column in (("strokes", "walk"), ("responses", "device")):
-        older = pa.BufferOutputStream()
-        pq.write_table(pq.read_table(copied / f"{table}.parquet").drop_columns([column]), older)
-        forge(copied, f"{table}.parquet", older.getvalue().to_pybytes())
-    assert {row["device"] for row in read_dataset(copied).tables["responses"]} == {None}
-    fresh = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")
-    fresh.migrate()
-    done = import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), copied)
-    assert done["study"] == about["study"]
-    forge(copied, "study.json", json.dumps({**about, "format": "desirepath-dataset-2"}).encode())
-    with pytest.raises(DatasetError, match=r"'desirepath-dataset-2' is unknown; this version reads .*-3, .*-4, .*-5"):
-        import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), copied)
-
-
 def test_a_folder_that_holds_something_is_not_written_into(full: SmallStudy, tmp_path: Path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "thesis.txt").write_text("three years of work")

@@ -27,7 +27,6 @@ from desirepath.store.who_counts import (
     lets_us_learn,
     not_left_out,
     reason_not_to_learn,
-    role_of,
     same_kind,
 )
 from tests.store.small_study import SmallStudy
@@ -110,11 +109,6 @@ def test_every_room_counts_the_same_people(study: SmallStudy):
     assert marked == kept
     practice = {row["trial"] for row in tables["responses"] if row["practice"]}
     assert not practice & {answer.trial for answer in learned.answers}
-
-
-def test_roles_of_before_are_read_by_todays_names():
-    assert [role_of(one) for one in ("learning", "practice", "regular")] == ["practice", "practice", "regular"]
-    assert (is_practice("learning"), is_practice("repeat"), is_practice(None)) == (True, False, False)
 
 
 def test_a_side_names_its_trajectory():

@@ -23,20 +23,21 @@ Schema = dict[str, Any]
 MOST_PROBLEMS = 200  # of a file (ours); nobody reads more
 
 
-def parsed(source: Source, model: type[M]) -> M:
-    """The file as that model: a number in quotes is none, nor is `yes` true. Raises ProtocolError."""
-    found, problems = read_as(source, model)
+def parsed(source: Source, model: type[M], *, strict: bool = True) -> M:
+    """The file as that model. Raises ProtocolError with every problem. strict: a number in quotes is none, nor is `yes`
+    true; otherwise they are, as in files of before."""
+    found, problems = read_as(source, model, strict=strict)
     if found is None or problems:
         raise ProtocolError(problems)
     return found
 
 
-def read_as(source: Source, model: type[M]) -> tuple[M | None, list[Problem]]:
+def read_as(source: Source, model: type[M], *, strict: bool = True) -> tuple[M | None, list[Problem]]:
     """The same with its problems; None where the model cannot be made of it. `source.data` then has numbers that stand
     for a text as they were written: a version 1.10 stays 1.10."""
     for again in (True, False):
         try:
-            return model.model_validate_json(json.dumps(source.data), strict=True), source.twice
+            return model.model_validate_json(json.dumps(source.data), strict=strict), source.twice
         except ValidationError as wrong:
             found = [
                 (_in_file(error["loc"], source), error)

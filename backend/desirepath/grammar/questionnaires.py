@@ -118,4 +118,4 @@ class Questionnaire(Part):
 
 def frozen_questionnaire(file: str, content: str) -> Questionnaire:
     """A study's own copy of a questionnaire; the items of scales lie beside it. Raises ProtocolError."""
-    return parsed(Source(file, content), Questionnaire)
+    return parsed(Source(file, content), Questionnaire, strict=False)

@@ -10,13 +10,13 @@ from desirepath.study.kinds.wire import Answer
 
 
 class TextStep(Step):
-    """A page of text. text: its file."""
+    """A page of text. text: its file; plans of before named only the stage."""
 
-    text: str
+    text: str | None = None
 
     @property
-    def title_of(self) -> tuple[Literal["text", "questionnaire"], str]:
-        return "text", self.text
+    def title_of(self) -> tuple[Literal["text", "questionnaire"], str] | None:
+        return ("text", self.text) if self.text is not None else None
 
 
 class TextStage(Stage):
@@ -33,4 +33,4 @@ class TextPage(Kind[S, A]):
     """A kind whose page shows a text."""
 
     def payload(self, step: S, page: Page) -> dict[str, Any]:
-        return page.titled(step.text)
+        return page.titled(step.text or page.frozen.stage_text(step.stage))

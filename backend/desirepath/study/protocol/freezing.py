@@ -182,11 +182,11 @@ def _frozen(text: str, file: str, read: Read, sets: Sets | None = None) -> Froze
     a number stood in quotes."""
     new = sets is not None
     source = checked_size(Source(file, text))
-    whole, problems = read_as(source, Protocol)
+    whole, problems = read_as(source, Protocol, strict=new)
     protocol = whole or valid_part(source, problems)
     if protocol is None:
         raise ProtocolError(problems)
-    reader = Reader(protocol, source, read)
+    reader = Reader(protocol, source, read, strict=new)
     problems += reader.language_problems()
     questionnaires: dict[str, Questionnaire] = {}
     for name, path in all_questionnaires(protocol):

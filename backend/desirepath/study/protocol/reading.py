@@ -117,10 +117,11 @@ def _drop(data: Any, path: Sequence[str]) -> None:
 class Reader:
     """Reads what one protocol names. `files` collects the content of all that was read, by name."""
 
-    def __init__(self, protocol: Protocol, source: Source, read: Read) -> None:
+    def __init__(self, protocol: Protocol, source: Source, read: Read, *, strict: bool = True) -> None:
+        """strict: as `parsed` has it."""
         self.protocol, self.source, self.files = protocol, source, {}
         self.unreadable: dict[str, Problem] = {}  # files that are there and are no text
-        self._given = read
+        self._given, self._strict = read, strict
         self.absent = [language for language in protocol.languages if self._is_absent(language)]
         self._languages = [language for language in protocol.languages if language not in self.absent]
 
@@ -215,7 +216,7 @@ class Reader:
             raise ProtocolError([self.source.problem(path, f"there is no file {file} beside the protocol")])
         self.files[file] = content
         own = Source(file, content)
-        questionnaire, problems = read_as(own, Questionnaire)
+        questionnaire, problems = read_as(own, Questionnaire, strict=self._strict)
         for where, text in _texts_in(own.data):
             problems += self.localized(text, where, own)
         if questionnaire is None:
