@@ -15,8 +15,8 @@ import pytest
 import yaml
 from sqlalchemy import text
 
-from desirepath.simulation.setups import get_setup
 from desirepath.installed import PROTOCOLS
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database

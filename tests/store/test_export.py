@@ -10,7 +10,6 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from sqlalchemy import select, update
@@ -20,7 +19,7 @@ from desirepath.store.database import Database
 from desirepath.store.dataset.columns import CHECKSUMS_FILE
 from desirepath.store.dataset.dictionary import data_dictionary
 from desirepath.store.dataset.importing import import_dataset
-from desirepath.store.dataset.reading import DatasetError, read_dataset
+from desirepath.store.dataset.reading import DatasetError
 from desirepath.store.dataset.tables import TABLES
 from desirepath.store.dataset.writing import ExportError, export_study
 from desirepath.store.events import log_event

@@ -20,7 +20,6 @@ from desirepath.store.who_counts import (
     group_of,
     in_group,
     is_asked_for,
-    is_practice,
     learned_from,
     left_out,
     left_out_of_study,
