@@ -1,4 +1,4 @@
-# Desire Path. `make run` opens the product with a demo study; `make test` checks everything.
+# Desire Path. `make run` opens the product with a demo study; `make check` answers in minutes, `make test` checks everything.
 SHELL := /bin/bash
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
@@ -6,13 +6,20 @@ BIN := $(VENV)/bin
 # Many tests wait for servers and browsers: more processes than cores may be quicker.
 TEST_PROCESSES ?= 2
 
-.PHONY: compose-here image-here rehearse-upgrade run test soak setup setup-test lint lock secrets clean
+.PHONY: compose-here image-here rehearse-upgrade run check test-fast test soak setup setup-test lint lock secrets clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
 
+# Lint and the tests without servers, browsers and trainings (tests/conftest.py says which), side by side.
+check: setup $(VENV)/.tools-ready node_modules/.ready
+	$(MAKE) -j 2 --output-sync=target lint test-fast
+
+test-fast: setup $(VENV)/.tools-ready
+	$(BIN)/python -m pytest -q -m fast -n $(TEST_PROCESSES) --dist loadfile
+
 test: setup setup-test lint
-	$(BIN)/python -m pytest -n $(TEST_PROCESSES) --dist loadfile
+	$(BIN)/python -m pytest -n $(TEST_PROCESSES) --dist loadfile --durations=50
 
 lint: setup node_modules/.ready
 	$(BIN)/ruff check .

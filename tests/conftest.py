@@ -35,6 +35,34 @@ CHROMIUM_FLAGS = [
 ]
 
 
+HERE = Path(__file__).parent
+BROWSER_FIXTURES = frozenset({"chromium"})
+SERVER_FIXTURES = frozenset({"postgres_server", "installation", "rig", "small_disk"})
+# Places whose tests ask the whole application over HTTP, or start servers, workers and training processes.
+SERVER_PLACES = ("web", "frontend", "faults", "jobs", "journeys", "cli", "test_wheel.py")
+# Places whose tests train, compute chapters and benchmarks, build, or draw thousands of requests.
+SLOW_PLACES = ("experiments", "learning")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give every test the first that fits of browser, server, slow and fast, by what it uses and where it lies."""
+    for item in items:
+        place = item.path.relative_to(HERE).as_posix() if item.path.is_relative_to(HERE) else ""
+        item.add_marker(_speed_of(place, frozenset(getattr(item, "fixturenames", ()))))
+
+
+def _speed_of(place: str, fixtures: frozenset[str]) -> str:
+    if fixtures & BROWSER_FIXTURES:
+        return "browser"
+    if fixtures & SERVER_FIXTURES or _lies_in(place, SERVER_PLACES):
+        return "server"
+    return "slow" if _lies_in(place, SLOW_PLACES) else "fast"
+
+
+def _lies_in(place: str, places: tuple[str, ...]) -> bool:
+    return any(place == one or place.startswith(f"{one}/") for one in places)
+
+
 @pytest.fixture(scope="module")  # not longer: playwright keeps an event loop running, which other tests cannot have
 def chromium() -> Iterator["Browser"]:  # noqa: F821
     """Debian's Chromium with software WebGL, driven by playwright's sync API."""

@@ -130,7 +130,7 @@ class Worker:
     def submit_queued(self) -> None:
         """Give every queued row to the engine, once."""
         with self._database.session() as s:
-            waiting = list(s.scalars(select(Job).where(Job.state == "queued").order_by(Job.created_at)))
+            waiting = list(s.scalars(select(Job).where(Job.state == "queued").order_by(Job.priority, Job.created_at)))
         for job in waiting:
             if job.id not in self._submitted:
                 self._engine.submit(job.id, queue=queue_of(job), priority=job.priority)

@@ -22,7 +22,6 @@ from desirepath.simulation.setups import get_setup
 from desirepath_experiments.benchmarks.limits import matmul_gflops, matmul_gflops_torch
 from desirepath_experiments.benchmarks.training_arms import (
     AVERAGED,
-    CHECK_SCENES,
     CONFIRM_SCENES,
     LAST,
     Reached,
@@ -174,7 +173,7 @@ def benchmark_train(
         "openblas_coretype": os.environ.get("OPENBLAS_CORETYPE"),
         "torch_cpu_capability": torch.backends.cpu.get_cpu_capability(),
         "load_average": {"before": load, "after": [round(value, 2) for value in os.getloadavg()]},
-        "scenes": {"check": CHECK_SCENES, "confirm": CONFIRM_SCENES, "confirm_scenes_are": "new at every try"},
+        "scenes": {"check": config.check_scenes, "confirm": CONFIRM_SCENES, "confirm_scenes_are": "new at every try"},
         "gives_up_after": {"updates": config.max_updates, "seconds": config.max_seconds},
     }
 

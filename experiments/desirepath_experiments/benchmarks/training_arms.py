@@ -25,7 +25,7 @@ from desirepath.simulation.fast import evaluate
 from desirepath.simulation.setups import Setup, get_setup
 
 TARGET = 0.94
-CHECK_SCENES, CONFIRM_SCENES = 500, 2_000
+CONFIRM_SCENES = 2_000
 FIRST_CONFIRM_SEED, CONFIRM_SEEDS = 10_000, 500  # reporting scenes that no card uses: so many tries per training seed
 LAST, AVERAGED = "last", "averaged"
 
@@ -35,6 +35,7 @@ class TrainBenchmarkConfig:
     """How often a training is checked and when it gives up; how long PyBullet is measured."""
 
     updates_per_check: int = 600
+    check_scenes: int = 500
     max_updates: int = 40_000
     max_seconds: float = 240.0  # processor time of one training, so that the whole command ends
     pybullet_steps: int = 600
@@ -124,7 +125,7 @@ def train_until_target(
 
     Every try to confirm takes 2,000 scenes that served nothing before.
     """
-    check = scene_set(setup.name, CHECK_SCENES, purpose=Purpose.BENCHMARK, seed=seed)
+    check = scene_set(setup.name, config.check_scenes, purpose=Purpose.BENCHMARK, seed=seed)
     reached: dict[str, Reached] = {}
     tries = 0
     while True:

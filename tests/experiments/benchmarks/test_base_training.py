@@ -16,7 +16,7 @@ from desirepath_experiments.benchmarks import training_arms
 from desirepath_experiments.benchmarks.base_training import benchmark_train
 from desirepath_experiments.benchmarks.training_arms import TrainBenchmarkConfig
 
-TINY = TrainBenchmarkConfig(updates_per_check=24, max_updates=48, pybullet_steps=5)
+TINY = TrainBenchmarkConfig(updates_per_check=24, check_scenes=50, max_updates=48, pybullet_steps=5)
 
 
 def test_train_benchmark_compares_arms_and_admits_failure(tiny_config: BaseConfig) -> None:
