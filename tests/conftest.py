@@ -40,8 +40,15 @@ BROWSER_FIXTURES = frozenset({"chromium"})
 SERVER_FIXTURES = frozenset({"postgres_server", "installation", "rig", "small_disk"})
 # Places whose tests ask the whole application over HTTP, or start servers, workers and training processes.
 SERVER_PLACES = ("web", "frontend", "faults", "jobs", "journeys", "cli", "test_wheel.py")
-# Places whose tests train, compute chapters and benchmarks, build, or draw thousands of requests.
-SLOW_PLACES = ("experiments", "learning")
+# Places whose tests train, compute chapters and benchmarks, draw many cohorts, run the documentation's code or compile.
+SLOW_PLACES = (
+    "experiments",
+    "learning",
+    "report/test_made_up_cohorts.py",
+    "test_notebook.py",
+    "test_recipes.py",
+    "test_compiled_functions.py",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
