@@ -100,15 +100,6 @@ def concrete_tile() -> bytes:
     return _jpeg(_concrete())
 
 
-def _distance_to(solid: Obstacle, x: Image2D, y: Image2D) -> Image2D:
-    """Distance (m) from every point to the solid's footprint, 0 inside."""
-    c, s = math.cos(solid.pose.yaw), math.sin(solid.pose.yaw)
-    dx, dy = x - solid.pose.x, y - solid.pose.y
-    along = np.abs(c * dx + s * dy) - solid.length / 2
-    across = np.abs(-s * dx + c * dy) - solid.width / 2
-    return np.hypot(np.maximum(along, 0), np.maximum(across, 0)).astype(np.float32)
-
-
 def floor(material: Material, solids: Sequence[Obstacle], bounds: tuple[float, float, float, float]) -> bytes:
     """JPEG of the floor over `bounds` (x_min, y_min, x_max, y_max in metres), shadows included. Row 0 is y_max.
 
@@ -147,13 +138,13 @@ def _light_left(solids: Sequence[Obstacle], bounds: tuple[float, float, float, f
     for solid in solids:
         near = _rows_and_columns_near(solid, x, y)
         here_x, here_y = x[near], y[near]
-        left = 1.0 - 0.40 * np.exp(-_distance_to(solid, here_x, here_y) / 0.10)
+        left = 1.0 - 0.40 * np.exp(-solid.distance_m(here_x, here_y) / 0.10)
         if solid.kind != "wall":  # walls stand around everything: theirs would only dim one side of the room
             reach = min(0.55 * solid.height, 0.6)
             cast = np.zeros_like(here_x)
             for step in (0.25, 0.5, 0.75, 1.0):
                 gone = reach * step
-                distance = _distance_to(solid, here_x - np.float32(0.78 * gone), here_y - np.float32(0.63 * gone))
+                distance = solid.distance_m(here_x - np.float32(0.78 * gone), here_y - np.float32(0.63 * gone))
                 cast += np.exp(-((distance / (0.05 + 0.10 * step)) ** 2)) * (1.1 - step)
             left *= 1.0 - 0.16 * np.minimum(cast, 1.5)
         light_left[near] *= left

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.analysis.estimates import wilson
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.evaluate import wilson
 from desirepath.learning.preferences.oracles import HELD_OUT, ORACLE_PREFERENCES, TUNING, ResponseModel, make_oracle
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 from desirepath.learning.preferences.spans import seen_in

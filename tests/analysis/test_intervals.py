@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 from statsmodels.stats.proportion import proportion_confint
 
+from desirepath.analysis.estimates import wilson_interval
 from desirepath.analysis.intervals import (
     bounded,
     clustered_share,
@@ -18,7 +19,6 @@ from desirepath.analysis.intervals import (
     rank_sum_shift,
     share_of_chi_square,
     signed_rank_shift,
-    wilson,
     within,
 )
 from desirepath.analysis.repeated_measures import wilcoxon
@@ -32,17 +32,17 @@ SECOND_VISIT = [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29]
 def test_wilson_is_statsmodels(share: float, n: int) -> None:
     """81 of 263 in Newcombe (1998), table I: 0.2553 to 0.3662."""
     theirs = proportion_confint(share * n, n, method="wilson")
-    assert wilson(share, n, stats.norm.ppf(0.975)) == pytest.approx(theirs)
-    assert wilson(81 / 263, 263, stats.norm.ppf(0.975)) == pytest.approx((0.2553, 0.3662), abs=5e-5)
+    assert wilson_interval(share, n, stats.norm.ppf(0.975)) == pytest.approx(theirs)
+    assert wilson_interval(81 / 263, 263, stats.norm.ppf(0.975)) == pytest.approx((0.2553, 0.3662), abs=5e-5)
 
 
 def test_nine_people_who_all_agree_are_not_certain() -> None:
     everybody = clustered_share([1.0] * 9, [5] * 9)
     assert (everybody.mean, everybody.high) == (1.0, 1.0)
-    assert everybody.low == pytest.approx(wilson(1.0, 9, stats.t.ppf(0.975, 8))[0])
+    assert everybody.low == pytest.approx(wilson_interval(1.0, 9, stats.t.ppf(0.975, 8))[0])
     assert 0.6 < everybody.low < 0.7
     half = clustered_share([0.5] * 9, [4] * 9)  # no spread between people: as sure as 36 answers
-    assert (half.low, half.high) == pytest.approx(wilson(0.5, 36, stats.t.ppf(0.975, 8)))
+    assert (half.low, half.high) == pytest.approx(wilson_interval(0.5, 36, stats.t.ppf(0.975, 8)))
     unknown = clustered_share([0.5] * 9)
     assert math.isnan(unknown.low)
     alone = clustered_share([0.4, math.nan])
@@ -104,7 +104,10 @@ def test_effects_of_chi_square_and_f_are_smithson_s() -> None:
 
 
 def test_nothing_leaves_its_range() -> None:
-    assert correlation_like(1.0, 0.0, 9) == pytest.approx((2 * wilson(1.0, 9, stats.t.ppf(0.975, 8))[0] - 1, 1.0))
+    low, _ = wilson_interval(1.0, 9, stats.t.ppf(0.975, 8))
+    assert correlation_like(1.0, 0.0, 9) == pytest.approx(
+        (2 * wilson_interval(1.0, 9, stats.t.ppf(0.975, 8))[0] - 1, 1.0)
+    )
     low, high = correlation_like(-0.9, 0.4, 5)
     assert -1 <= low < -0.9 < high <= 1
     assert bounded(0.0, 0.0, 4)[1] > 0.3

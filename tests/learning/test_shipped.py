@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from desirepath.analysis.estimates import mean_estimate, wilson
 from desirepath.installed import DATASETS
 from desirepath.learning.alignment.policy_library import PolicyLibrary
 from desirepath.learning.cards import Card, card_path, file_sha256
@@ -19,7 +20,7 @@ from desirepath.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
 from desirepath.learning.policies.adaptable import AdaptablePolicy
 from desirepath.learning.policies.attention import VARIANT, AttentionPolicy
 from desirepath.learning.policies.conditioned import ConditionedPolicy
-from desirepath.learning.policies.evaluate import compare_policies, episodes, evaluate_policy, mean_estimate, wilson
+from desirepath.learning.policies.evaluate import compare_policies, episodes, evaluate_policy
 from desirepath.learning.policies.policy import Policy, PolicyError, read_policy
 from desirepath.learning.policies.shipped import load_driving, load_ensemble, load_policy, load_queries, load_shipped
 from desirepath.learning.policies.steerability import steerability_of

@@ -240,3 +240,13 @@ def test_a_person_or_wall_below_the_lidar_is_refused() -> None:
         with pytest.raises(SceneError) as refusal:
             check_scene(replace(SOUND, **changes))
         assert refusal.value.field == field
+
+
+def test_an_obstacle_is_as_far_for_arrays_of_points_as_for_the_engine() -> None:
+    scene = draw_scene("study_room", 3)
+    row, points = scene_to_row(scene), np.random.default_rng(1).uniform(-3.0, 3.0, (2, 500))
+    for number, obstacle in enumerate(scene.obstacles):
+        column = kernels.FIRST_BOX + kernels.BOX_COLUMNS * number
+        theirs = [kernels.box_distance(row, column, x, y) for x, y in points.T]
+        assert obstacle.distance_m(*points) == pytest.approx(np.maximum(theirs, 0.0))
+    assert float(obstacle.distance_m(obstacle.pose.x, obstacle.pose.y)) == 0.0

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
+from desirepath.analysis.estimates import Interval, wilson_interval
 from desirepath.analysis.exact import equal_shares
-from desirepath.analysis.intervals import CONFIDENCE, UNKNOWN, Interval, clustered_share, share_of_chi_square, wilson
+from desirepath.analysis.intervals import UNKNOWN, clustered_share, share_of_chi_square
 from desirepath.analysis.tested import Mean, Tested
 
 Answer = TypeVar("Answer")
@@ -85,7 +86,7 @@ def _binomial(first: int, second: int) -> tuple[float, float, Interval]:
     n = first + second
     if not n:
         return 1.0, 1.0, UNKNOWN
-    low, high = wilson(first / n, n, float(stats.norm.ppf((1 + CONFIDENCE) / 2)))
+    low, high = wilson_interval(first / n, n)
     return float(stats.binomtest(first, n).pvalue), min(1.0, 2.0 ** (1 - n)), (low - 0.5, high - 0.5)
 
 

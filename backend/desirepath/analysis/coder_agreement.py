@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from statsmodels.stats.inter_rater import cohens_kappa
 
+from desirepath.analysis.estimates import Doubles, resampled_means
 from desirepath.analysis.intervals import UNKNOWN
 
-RESAMPLES = 2000
 Codes = Collection[str]
 
 
@@ -73,10 +73,10 @@ def agreement_on_all(
     table = _table(a.ravel(), b.ravel())
     kappa, low, high = math.nan, *UNKNOWN
     if a.size:
-        kappa = _pooled(a, b)
-        rng = np.random.default_rng(seed)
-        drawn = [_pooled(a[:, i], b[:, i]) for i in rng.integers(0, len(first), (RESAMPLES, len(first)))]
-        known = np.array(drawn)[np.isfinite(drawn)]
+        answers = np.concatenate([(a == b).mean(axis=0, keepdims=True), a, b]).T
+        kappa = float(_pooled(answers.mean(axis=0, keepdims=True))[0])
+        drawn = _pooled(resampled_means(answers, seed=seed))
+        known = drawn[np.isfinite(drawn)]
         if len(first) > 1 and len(known) and math.isfinite(kappa):
             low, high = (float(one) for one in np.quantile(known, (0.025, 0.975)))
     return _agreement(None, len(first), table, kappa, low, high)
@@ -114,9 +114,10 @@ def _expected(table: NDArray[np.int64]) -> float:
     return float((table.sum(0) * table.sum(1)).sum() / n**2) if n else math.nan
 
 
-def _pooled(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
-    """Kappa of agreement averaged over codes; a, b (codes, answers)."""
-    observed = float((a == b).mean())
-    p, q = a.mean(axis=1), b.mean(axis=1)
-    expected = float((p * q + (1 - p) * (1 - q)).mean())
-    return (observed - expected) / (1 - expected) if expected < 1 else math.nan
+def _pooled(means: Doubles) -> Doubles:
+    """Kappa (m,) of agreement averaged over codes; means (m, 1 + 2 codes): share of equal decisions, then of each code
+    how often the first and how often the second coder gave it."""
+    observed, (p, q) = means[:, 0], np.split(means[:, 1:], 2, axis=1)
+    expected = (p * q + (1 - p) * (1 - q)).mean(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(expected < 1, (observed - expected) / (1 - expected), math.nan)

@@ -12,20 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize, stats
 
+from desirepath.analysis.estimates import Interval, wilson_interval
 from desirepath.analysis.exact import FEW, rank_sum, signed_ranks
 from desirepath.analysis.tested import Mean, has_spread
 
-Interval = tuple[float, float]
 UNKNOWN: Interval = (math.nan, math.nan)
 CONFIDENCE = 0.95
-
-
-def wilson(share: float, n: float, quantile: float) -> Interval:
-    """Wilson's score interval (1927) of a share of n; n need not be whole. quantile: of the normal or Student's t."""
-    square = quantile**2 / n
-    centre = (share + square / 2) / (1 + square)
-    half = math.sqrt(max(0.0, share * (1 - share) * square + square**2 / 4)) / (1 + square)
-    return max(0.0, min(share, centre - half)), min(1.0, max(share, centre + half))
 
 
 def clustered_share(shares: ArrayLike, sizes: ArrayLike | None = None) -> Mean:
@@ -53,7 +45,7 @@ def bounded(share: float, se: float, n: int, *, most: float = math.inf) -> Inter
     answers = min(most, max(float(n), spread / se**2 if se > 0 else (math.inf if spread > 0 else float(n))))
     if math.isinf(answers):
         return UNKNOWN  # everybody the same, of unknown precision
-    return wilson(share, answers, float(stats.t.ppf((1 + CONFIDENCE) / 2, n - 1)))
+    return wilson_interval(share, answers, float(stats.t.ppf((1 + CONFIDENCE) / 2, n - 1)))
 
 
 def correlation_like(estimate: float, se: float, n: int) -> Interval:

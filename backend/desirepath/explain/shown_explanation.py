@@ -84,7 +84,7 @@ def guessed_weights(trajectory: Trajectory, things: Sequence[str]) -> dict[str, 
     solids = solids_of(trajectory.scene, things, (len(trajectory.poses) - 1) * CONTROL_DT_S)
     for thing, obstacle in zip(things, solids, strict=True):
         bearing = math.atan2(obstacle.pose.y - y, obstacle.pose.x - x) - yaw
-        found[thing] = 1.0 / (0.2 + max(0.0, _clearance_m(obstacle, x, y) - AHEAD_M * math.cos(bearing)))
+        found[thing] = 1.0 / (0.2 + max(0.0, float(obstacle.distance_m(x, y)) - AHEAD_M * math.cos(bearing)))
     return found
 
 
@@ -118,11 +118,3 @@ def _places(weights: Mapping[str, float]) -> dict[str, float]:
         thing: sum(other > value for other in values) + (values.count(value) - 1) / 2
         for thing, value in weights.items()
     }
-
-
-def _clearance_m(obstacle: Obstacle, x: float, y: float) -> float:
-    """From a point to the obstacle's surface on the floor; 0 inside."""
-    c, s = math.cos(obstacle.pose.yaw), math.sin(obstacle.pose.yaw)
-    dx, dy = x - obstacle.pose.x, y - obstacle.pose.y
-    along, across = abs(c * dx + s * dy) - obstacle.length / 2, abs(-s * dx + c * dy) - obstacle.width / 2
-    return math.hypot(max(along, 0.0), max(across, 0.0))

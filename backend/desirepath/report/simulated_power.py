@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from desirepath.learning.policies.evaluate import wilson
+from desirepath.analysis.estimates import wilson
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings, NothingToReport, analyse
 from desirepath.report.planned_design import Assumed, PlannedDesign, found_tests, power_tests

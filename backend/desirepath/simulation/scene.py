@@ -74,6 +74,13 @@ class Obstacle:
             for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))
         ]
 
+    def distance_m(self, x: ArrayLike, y: ArrayLike) -> NDArray[Any]:
+        """Metres from points on the floor, in the shape of x and y, to its surface; 0 inside."""
+        c, s = math.cos(self.pose.yaw), math.sin(self.pose.yaw)
+        dx, dy = np.subtract(x, self.pose.x), np.subtract(y, self.pose.y)
+        along, across = np.abs(c * dx + s * dy) - self.length / 2, np.abs(c * dy - s * dx) - self.width / 2
+        return np.asarray(np.hypot(np.maximum(along, 0), np.maximum(across, 0)))
+
 
 @dataclass(frozen=True)
 class Room:

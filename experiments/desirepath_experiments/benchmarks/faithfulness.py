@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from desirepath.analysis.estimates import mean_estimates
 from desirepath.explain.attribution import Actor, Explanation
 from desirepath.explain.methods import COMMANDS, Command
 from desirepath.explain.sight import Sight
@@ -21,7 +22,6 @@ from desirepath.explain.sight import Sight
 Doubles = NDArray[np.float64]
 LEAST_SEEN = 3  # ours: with fewer there is hardly an order
 RANDOM_ORDERS = 20  # per moment, for the comparison
-RESAMPLES = 2_000  # of scenes, for intervals
 
 
 @dataclass(frozen=True)
@@ -107,14 +107,8 @@ def gain_over_chance(measured: Sequence[Faithfulness], *, seed: int = 0) -> dict
         "deletion": [one.deletion - one.deletion_random for one in measured],
         "insertion": [one.insertion_random - one.insertion for one in measured],
     }
-    random = np.random.default_rng(seed)
-    drawn = random.integers(0, len(measured), (RESAMPLES, len(measured)))
+    estimates = mean_estimates({name: np.array(values) for name, values in gains.items()}, seed=seed)
     return {
-        name: {
-            "mean": round(float(np.mean(values)), 4),
-            "interval_95": [
-                round(float(q), 4) for q in np.quantile(np.array(values)[drawn].mean(axis=1), (0.025, 0.975))
-            ],
-        }
-        for name, values in gains.items()
+        name: {"mean": round(gain.value, 4), "interval_95": [round(gain.low, 4), round(gain.high, 4)]}
+        for name, gain in estimates.items()
     }

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from desirepath.analysis.estimates import mean_estimate
 from desirepath.analysis.metrics import collision_rate, success_rate, timeout_rate
-from desirepath.learning.policies.evaluate import compare_tables, mean_estimate
+from desirepath.learning.policies.evaluate import compare_tables
 from desirepath.learning.policies.shipped import load_policy
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import EpisodeTable, evaluate

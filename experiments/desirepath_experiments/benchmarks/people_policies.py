@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.analysis.estimates import interval, resampled_rows, wilson
 from desirepath.learning.alignment.mix_search import MixSearchConfig
 from desirepath.learning.alignment.never_worse import better_for_person
 from desirepath.learning.alignment.own_policy import searched
@@ -28,7 +29,6 @@ from desirepath.learning.people.families.changing import ChangingMember
 from desirepath.learning.people.families.thresholds import ThresholdsMember
 from desirepath.learning.people.rows import bins_of, calibration_error
 from desirepath.learning.policies.conditioned import ConditionedPolicy
-from desirepath.learning.policies.evaluate import wilson
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_conditioned, load_policy, load_policy_library, load_step_basis
 from desirepath.learning.preferences.free_posterior import FreePosterior
@@ -221,8 +221,9 @@ def _mean_of(persons: Sequence[dict[str, Any]], key: str) -> float | None:
 
 def _median_interval(values: Sequence[float]) -> tuple[float, float]:
     """95 % of the median over people, by resampling them."""
-    medians = np.median(np.random.default_rng(95).choice(np.asarray(values), (2_000, len(values))), axis=1)
-    return float(np.quantile(medians, 0.025)), float(np.quantile(medians, 0.975))
+    found = np.asarray(values)
+    estimate = interval(float(np.median(found)), np.median(found[resampled_rows(len(found))], axis=1))
+    return estimate.low, estimate.high
 
 
 @dataclass(frozen=True)

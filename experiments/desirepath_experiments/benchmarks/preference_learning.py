@@ -14,10 +14,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.analysis.estimates import mean_estimate, wilson
 from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_pairs import LONGEST_SHOWN_S
 from desirepath.learning.policies.conditioned import ConditionedPolicy, settings
-from desirepath.learning.policies.evaluate import mean_estimate, wilson
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
 from desirepath.learning.policies.steerability import MeasuredRollouts, Steerability

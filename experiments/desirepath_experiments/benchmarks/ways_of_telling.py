@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.analysis.estimates import mean_estimate, wilson
 from desirepath.learning.policies.conditioned import ConditionedPolicy
-from desirepath.learning.policies.evaluate import wilson
 from desirepath.learning.policies.shipped import load_conditioned, load_queries
 from desirepath.learning.preferences.from_paths import NOISE_OF_INTERVALS, WeightsOfPaths, credible
 from desirepath.learning.preferences.measures import measures, typical_differences
@@ -206,15 +206,12 @@ def _judged(shares: Doubles, given: Doubles, interval: tuple[Doubles, Doubles] |
 
 def _summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     people = sorted({row["person"] for row in rows})
-    random = np.random.default_rng(95)
 
     def mean(name: str) -> dict[str, float] | None:
         if rows[0][name] is None:
             return None
         own = np.array([np.mean([row[name] for row in rows if row["person"] == one]) for one in people])
-        means = own[random.integers(len(own), size=(2000, len(own)))].mean(axis=1)
-        low, high = np.quantile(means, [0.025, 0.975])
-        return {"value": float(own.mean()), "low": float(low), "high": float(high)}
+        return mean_estimate(own).as_dict()
 
     hits = sum(row["foremost"] for row in rows)
     return {

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from desirepath.learning.policies.evaluate import wilson
+from desirepath.analysis.estimates import wilson
 from desirepath.learning.preferences.objectives import NAMES
 from desirepath.learning.words.lexicon import LANGUAGES, Language
 from desirepath.learning.words.understanding import words_reader

@@ -30,7 +30,7 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
-from desirepath.learning.policies.evaluate import wilson
+from desirepath.analysis.estimates import wilson
 from desirepath.learning.preferences.objectives import NAMES
 from desirepath.learning.words.lexicon import LANGUAGES, Language
 from desirepath.learning.words.readings import OPPOSITE

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.analysis.estimates import Estimate, mean_estimate
 from desirepath.learning.alignment.gate import Gate, GateRule, gate_scenes, success_in, verdict
 from desirepath.learning.policies.conditioned import ConditionedPolicy
-from desirepath.learning.policies.evaluate import Estimate, mean_estimate
 from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.steerability import Course, MeasuredRollouts

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.learning.policies.evaluate import wilson
+from desirepath.analysis.estimates import mean_estimate, wilson
 
 Doubles = NDArray[np.float64]
 BINS = 10
-RESAMPLES = 2_000
 Bins = list[list[float]]
 """By tenth of what was claimed (0.5 to 1): how many answers, the sum of the claims, how many came true."""
 
@@ -23,9 +22,10 @@ def row_of(found: Sequence[dict[str, Any]], answers: Sequence[int], shown_after:
     row: dict[str, Any] = {"people": len(found), "answers": list(answers)}
     for prefix in ("", "nine_"):
         each = {n: [one[f"{prefix}accuracy"][n] for one in found] for n in answers}
-        row[f"{prefix}accuracy"] = {n: round(float(np.mean(of)), 4) for n, of in each.items()}
-        row[f"{prefix}accuracy_low"] = {n: round(_interval(of)[0], 4) for n, of in each.items()}
-        row[f"{prefix}accuracy_high"] = {n: round(_interval(of)[1], 4) for n, of in each.items()}
+        means = {n: mean_estimate(of) for n, of in each.items()}
+        row[f"{prefix}accuracy"] = {n: round(mean.value, 4) for n, mean in means.items()}
+        row[f"{prefix}accuracy_low"] = {n: round(mean.low, 4) for n, mean in means.items()}
+        row[f"{prefix}accuracy_high"] = {n: round(mean.high, 4) for n, mean in means.items()}
         row[f"{prefix}accuracy_worst"] = {n: round(min(of), 4) for n, of in each.items()}
         row[f"{prefix}claimed"] = {
             n: round(float(np.mean([one[f"{prefix}claimed"][n] for one in found])), 4) for n in answers
@@ -76,10 +76,3 @@ def calibration_error(bins: Sequence[Bins]) -> float:
 
 def _mean(values: Sequence[float]) -> float | None:
     return float(np.mean(values)) if len(values) else None
-
-
-def _interval(values: Sequence[float]) -> tuple[float, float]:
-    """95 % of the mean over people, by resampling them."""
-    random = np.random.default_rng(95)
-    means = random.choice(np.asarray(values), (RESAMPLES, len(values))).mean(1)
-    return float(np.quantile(means, 0.025)), float(np.quantile(means, 0.975))

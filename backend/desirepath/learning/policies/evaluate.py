@@ -5,14 +5,12 @@ What an episode's numbers are lives in the engines, hypothesis tests in `analysi
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.analysis.estimates import NOTHING, interval, mean_estimate, mean_estimates, resampled_means, wilson
 from desirepath.learning.cards import SOCIAL
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import DrivingPolicy
@@ -22,74 +20,6 @@ from desirepath.simulation.fast import evaluate as evaluate_fast
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup, require_same
 from desirepath.simulation.trajectory import Outcome
-
-Doubles = NDArray[np.float64]
-BOOTSTRAPS = 2_000
-Z_95 = 1.959963984540054
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A value with its 95 % interval."""
-
-    value: float
-    low: float
-    high: float
-
-    def as_dict(self) -> dict[str, float]:
-        return asdict(self)
-
-
-def wilson(hits: int, n: int) -> Estimate:
-    """A share with its 95 % Wilson score interval; its ends are exact where nothing or everything hit."""
-    share = hits / n
-    centre = (share + Z_95**2 / (2 * n)) / (1 + Z_95**2 / n)
-    half = Z_95 * math.sqrt(share * (1 - share) / n + Z_95**2 / (4 * n * n)) / (1 + Z_95**2 / n)
-    return Estimate(share, centre - half if hits else 0.0, centre + half if hits < n else 1.0)
-
-
-def resampled_means(columns: Doubles, *, seed: int = 0, resamples: int = BOOTSTRAPS) -> Doubles:
-    """Column means of bootstrap samples of the rows: columns (n, k) -> (resamples, k).
-
-    All columns see the same samples, which pairs them; ask for many at once, since drawing costs more than averaging.
-    """
-    n = len(columns)
-    random = np.random.default_rng([seed, 95])
-    # Multinomial counts are the same resampling with replacement as drawing indices, in one matrix product.
-    counts = random.multinomial(n, np.full(n, 1.0 / n), size=resamples).astype(np.float64)
-    means: Doubles = counts @ columns / n
-    return means
-
-
-def interval(value: float, samples: Doubles) -> Estimate:
-    """A value with the 95 % percentile interval of its bootstrap samples (resamples,)."""
-    low, high = np.quantile(samples, [0.025, 0.975])
-    return Estimate(value, float(low), float(high))
-
-
-def bootstrap(columns: Doubles, statistic: Callable[[Doubles], Doubles], *, seed: int = 0) -> Estimate:
-    """Percentile bootstrap over rows. columns: (n, k). statistic: means (m, k) -> (m,) values."""
-    if len(columns) == 0:
-        return NOTHING
-    value = float(statistic(columns.mean(0, keepdims=True))[0])
-    return interval(value, statistic(resampled_means(columns, seed=seed)))
-
-
-NOTHING = Estimate(math.nan, math.nan, math.nan)
-
-
-def mean_estimates(columns: dict[str, NDArray[Any]], *, seed: int = 0) -> dict[str, Estimate]:
-    """Mean of each column (n,) with its 95 % bootstrap interval; NaN for no rows."""
-    together = np.stack(list(columns.values()), axis=1).astype(np.float64)
-    if len(together) == 0:
-        return dict.fromkeys(columns, NOTHING)
-    samples = resampled_means(together, seed=seed)
-    return {name: interval(float(together[:, k].mean()), samples[:, k]) for k, name in enumerate(columns)}
-
-
-def mean_estimate(values: NDArray[Any], *, seed: int = 0) -> Estimate:
-    """`mean_estimates` of a single column (n,)."""
-    return mean_estimates({"values": values}, seed=seed)["values"]
 
 
 def episodes(policy: DrivingPolicy, scenes: list[Scene], engine: str = "fast") -> EpisodeTable:

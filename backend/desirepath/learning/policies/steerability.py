@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.learning.policies.evaluate import NOTHING, interval, mean_estimate, resampled_means, wilson
+from desirepath.analysis.estimates import NOTHING, interval, mean_estimate, resampled_means, wilson
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.preferences.crowd_measures import CrowdRecord
 from desirepath.learning.preferences.measures import CLEARANCE_CAP_M, in_order, measures, near_person_m, table_of

@@ -14,8 +14,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.analysis.estimates import wilson
 from desirepath.learning.errors import LearningError, TooFewAnswers
-from desirepath.learning.policies.evaluate import wilson
 from desirepath.learning.preferences.preferences import Preference, usable
 from desirepath.learning.rewards.reward_model import Fit, RewardModel, bradley_terry_loss
 

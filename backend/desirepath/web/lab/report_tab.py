@@ -15,6 +15,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session as DatabaseSession
 
+from desirepath.analysis.estimates import wilson
 from desirepath.grammar.questionnaires import MARKS
 from desirepath.store.models import Study
 from desirepath.study.kinds.rating import RATING, RatingStage
@@ -148,8 +149,6 @@ def _share_of_people(hits: int, n: int) -> Share:
     """A share whose n are different people, so that an interval means something."""
     if not n:
         return Share(0, 0)
-    from desirepath.learning.policies.evaluate import wilson  # brings the simulator, which a start need not wait for
-
     interval = wilson(hits, n)
     return Share(hits, n, interval.low, interval.high)
 

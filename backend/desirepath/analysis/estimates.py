@@ -1,0 +1,95 @@
+"""Numbers with a 95 % interval: shares by Wilson's score interval, everything else by the percentile bootstrap.
+
+NumPy alone, so that a page may use it. Intervals that stand on other distributions live in `intervals.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Doubles = NDArray[np.float64]
+Interval = tuple[float, float]
+RESAMPLES = 2_000
+Z_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+    def as_dict(self) -> dict[str, float]:
+        return asdict(self)
+
+
+NOTHING = Estimate(math.nan, math.nan, math.nan)
+
+
+def wilson(hits: int, n: int) -> Estimate:
+    """A share with its 95 % Wilson score interval; its ends are exact where nothing or everything hit."""
+    return Estimate(hits / n, *wilson_interval(hits / n, n))
+
+
+def wilson_interval(share: float, n: float, quantile: float = Z_95) -> Interval:
+    """Wilson's score interval (1927) of a share of n; n need not be whole. quantile: of the normal or Student's t."""
+    square = quantile**2 / n
+    centre = (share + square / 2) / (1 + square)
+    half = math.sqrt(max(0.0, share * (1 - share) * square + square**2 / 4)) / (1 + square)
+    return max(0.0, min(share, centre - half)), min(1.0, max(share, centre + half))
+
+
+def resampled_rows(n: int, *, seed: int = 0) -> NDArray[np.int64]:
+    """Bootstrap samples of n rows, by their numbers in ascending order: (RESAMPLES, n)."""
+    return np.repeat(np.tile(np.arange(n), RESAMPLES), _counts(n, seed).ravel()).reshape(RESAMPLES, n)
+
+
+def resampled_means(columns: Doubles, *, seed: int = 0) -> Doubles:
+    """Column means of bootstrap samples of the rows: columns (n, k) -> (RESAMPLES, k).
+
+    All columns see the same samples, which pairs them; ask for many at once, since drawing costs more than averaging.
+    """
+    # Multinomial counts are the same resampling with replacement as drawing indices, in one matrix product.
+    means: Doubles = _counts(len(columns), seed).astype(np.float64) @ columns / len(columns)
+    return means
+
+
+def _counts(n: int, seed: int) -> NDArray[np.int64]:
+    """How often each of n rows is in each sample: (RESAMPLES, n)."""
+    return np.random.default_rng([seed, 95]).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES)
+
+
+def interval(value: float, samples: Doubles) -> Estimate:
+    """A value with the 95 % percentile interval of its bootstrap samples (resamples,)."""
+    low, high = np.quantile(samples, [0.025, 0.975])
+    return Estimate(value, float(low), float(high))
+
+
+def bootstrap(columns: Doubles, statistic: Callable[[Doubles], Doubles], *, seed: int = 0) -> Estimate:
+    """Percentile bootstrap over rows. columns: (n, k). statistic: means (m, k) -> (m,) values."""
+    if len(columns) == 0:
+        return NOTHING
+    value = float(statistic(columns.mean(0, keepdims=True))[0])
+    return interval(value, statistic(resampled_means(columns, seed=seed)))
+
+
+def mean_estimates(columns: dict[str, NDArray[Any]], *, seed: int = 0) -> dict[str, Estimate]:
+    """Mean of each column (n,) with its 95 % bootstrap interval; NaN for no rows."""
+    together = np.stack(list(columns.values()), axis=1).astype(np.float64)
+    if len(together) == 0:
+        return dict.fromkeys(columns, NOTHING)
+    samples = resampled_means(together, seed=seed)
+    return {name: interval(float(together[:, k].mean()), samples[:, k]) for k, name in enumerate(columns)}
+
+
+def mean_estimate(values: NDArray[Any] | Sequence[float], *, seed: int = 0) -> Estimate:
+    """`mean_estimates` of a single column (n,)."""
+    return mean_estimates({"values": np.asarray(values)}, seed=seed)["values"]
