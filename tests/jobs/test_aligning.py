@@ -32,6 +32,7 @@ from desirepath.simulation.setups import get_setup
 from desirepath.store.artefacts import ArtefactStore, lineage, load_trajectory
 from desirepath.store.database import Database
 from desirepath.store.erasure import erase_participant
+from desirepath.store.job_results import AlignResult, RewardModelResult
 from desirepath.store.models import Artefact, Job, Participant, Response, TrajectoryRow, utc_now
 from desirepath.store.outbox import enqueue_job
 from desirepath.store.shipped_policies import policy_artefact, register_shipped
@@ -39,6 +40,13 @@ from desirepath.store.snapshots import take_snapshot
 from tests.answered_study import add_answered_study
 
 QUICK = {"updates": 12, "gate_scenes": 50, "comparisons": 2}
+
+
+def aligned(context, params):
+    """The job's result, which is what jobs of its kind may keep."""
+    result = align(context, params)
+    AlignResult.model_validate(result)
+    return result
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +79,7 @@ def test_alignment_walks_back_to_the_answers_and_is_repeatable(services):
     _, database, files = services
     snapshot = snapshot_of(services, answers=15)
     params = FineTuningParams(snapshot=snapshot, **QUICK)
-    first = align(begin(services, "align", params.model_dump()), params)
+    first = aligned(begin(services, "align", params.model_dump()), params)
     assert first["passed"] is True
     assert first["gate"]["scenes"] == 50
     with database.session() as s:
@@ -95,14 +103,14 @@ def test_alignment_walks_back_to_the_answers_and_is_repeatable(services):
         assert {drive.scene.digest() for drive in drives} == {pair["scene"]}
         assert all(drive.outcome == 1 for drive in drives)
 
-    again = align(begin(services, "align", params.model_dump()), params)
+    again = aligned(begin(services, "align", params.model_dump()), params)
     assert {**again, "seconds": 0} == {**first, "seconds": 0}
 
 
 def test_instant_policy_is_the_conditioned_one_at_the_weights_of_the_answers(services):
     _, database, files = services
     params = InstantParams(snapshot=snapshot_of(services, answers=15), gate_scenes=50, comparisons=2, hold_out=2)
-    result = align(begin(services, "align", params.model_dump()), params)
+    result = aligned(begin(services, "align", params.model_dump()), params)
     assert result["passed"]
     assert result["predicted"]["verdict"] in ("better", "no_better_than_chance", "no_better_than_majority")
     assert "check" not in result, "nobody asked whether it is surely better"
@@ -158,7 +166,7 @@ def test_the_own_policy_is_compared_although_the_lender_was_erased_meanwhile(ser
         surely_better=0.9,
         earlier=earlier,
     )
-    result = align(begin(services, "align", params.model_dump()), params)
+    result = aligned(begin(services, "align", params.model_dump()), params)
     assert result["personal"]["probability_better"] >= 0.9, "fifteen answers for more room"
     assert result["check"]["answers"] == 15
     assert result["prior"] == {"earlier_participants": 1}, "the other one was erased"
@@ -170,7 +178,7 @@ def test_the_own_policy_is_compared_with_a_stand_in_and_with_no_preferences_in_s
     _, database, files = services
     snapshot = snapshot_of(services, answers=15)
     params = InstantParams(snapshot=snapshot, gate_scenes=50, comparisons=2, neutral=2, stand_in=1)
-    result = align(begin(services, "align", params.model_dump()), params)
+    result = aligned(begin(services, "align", params.model_dump()), params)
     conditioned = load_conditioned("study_room/conditioned")
     person = load_stand_ins("study_room").people[1]
     with database.session() as s:
@@ -207,7 +215,7 @@ def test_people_who_want_the_same_have_a_policy_each(services):
     for answers in (13, 14):
         snapshot = snapshot_of(services, answers=answers)
         params = InstantParams(snapshot=snapshot, gate_scenes=50, comparisons=0)
-        result = align(begin(services, "align", params.model_dump()), params)
+        result = aligned(begin(services, "align", params.model_dump()), params)
         with database.session() as s:
             tree[answers] = lineage(s, result["policy"])
     policies = [Policy.from_bytes(files.get(one.artefact.id)) for one in tree.values()]
@@ -218,7 +226,7 @@ def test_people_who_want_the_same_have_a_policy_each(services):
 def test_conditioning_search_goes_on_from_the_instant_policy_and_is_shown_only_if_better(services):
     _, database, _ = services
     params = ConditioningSearchParams(snapshot=snapshot_of(services, answers=15), tried=12, comparisons=2)
-    result = align(begin(services, "align", params.model_dump()), params)
+    result = aligned(begin(services, "align", params.model_dump()), params)
     with database.session() as s:
         card = s.get_one(Artefact, result["policy"]).card
     assert result["passed"] == result["takes_over"]
@@ -237,7 +245,7 @@ def test_policy_that_does_not_pass_the_gate_gets_no_comparison(services):
     params = FineTuningParams(
         snapshot=snapshot_of(services, answers=3), **{**QUICK, "gate_min_success": 1.0, "gate_scenes": 2_000}
     )
-    result = align(begin(services, "align", params.model_dump()), params)
+    result = aligned(begin(services, "align", params.model_dump()), params)
     assert result["passed"] is False
     assert result["comparisons"] == []
 
@@ -318,6 +326,7 @@ def test_reward_model_is_measured_per_participant_on_answers_it_did_not_see(serv
 def test_two_answers_cannot_be_held_out_and_the_job_says_so(services):
     params = RewardModelParams(snapshot=snapshot_of(services, participants=1, answers=2))
     result = learn_reward_model(begin(services, "reward_model", params.model_dump()), params)
+    RewardModelResult.model_validate(result)
     assert result["held_out"] == [{"participant": "P001", "n": 2, "reason": "too_few_answers"}]
 
 

@@ -19,6 +19,7 @@ from desirepath.simulation.trajectory import Outcome
 from desirepath.store.artefacts import ArtefactStore, lineage, load_trajectory
 from desirepath.store.database import Database
 from desirepath.store.demonstration_snapshots import read_demonstrations
+from desirepath.store.job_results import DemonstrationsResult
 from desirepath.store.models import Artefact
 from desirepath.store.outbox import enqueue_job
 from desirepath.store.simulated_demonstrations import take_simulated_demonstrations
@@ -40,7 +41,9 @@ def run(services: tuple[Settings, Database, ArtefactStore, str], **changes: obje
     with database.transaction() as s:
         job = enqueue_job(s, "train_demonstrations", params.model_dump())
         job.state = "running"
-    return train_demonstrations(JobContext(settings, database, files, job, Progress(database, job.id)), params)
+    made = train_demonstrations(JobContext(settings, database, files, job, Progress(database, job.id)), params)
+    DemonstrationsResult.model_validate(made)
+    return made
 
 
 def test_a_controller_walks_back_to_the_demonstrations_with_its_drives_beside_them(services) -> None:

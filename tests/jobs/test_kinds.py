@@ -7,6 +7,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from desirepath.jobs.alignments import fine_tuning, thesis
 from desirepath.jobs.alignments.conditioning_search import ConditioningSearchParams, search_config
@@ -22,6 +23,8 @@ from desirepath.learning.alignment.thesis import thesis_config
 from desirepath.learning.queries.queries import QueryConfig
 from desirepath.learning.td3.base import BaseConfig, base_config
 from desirepath.learning.td3.ensemble import PolicyEnsembleConfig
+from desirepath.store.job_results import RESULTS, EvaluateResult, JobResult, Learned
+from desirepath.store.models import Job
 from desirepath.web.core.catalogues import Texts
 
 LOCALES = Path(__file__).resolve().parents[2] / "frontend" / "locales"
@@ -166,3 +169,18 @@ def test_command_on_a_card_starts_the_same_job(kind, more):
     again = {name: json.loads(value) if value[0] in "[0123456789" and name != "snapshot" else value
              for name, value in given.items()}  # fmt: skip
     assert KINDS[kind].parse(again) == params
+
+
+def test_every_kind_of_job_says_what_it_results_in():
+    assert set(RESULTS) == set(KINDS)
+    job = Job(kind="evaluate")
+    with pytest.raises(ValidationError, match="speed"):
+        job.keep_result({"evaluation": "e", "measured": {}, "speed": 3})
+    job.keep_result({"evaluation": "e", "measured": {"n": 20}})
+    assert job.result_as(EvaluateResult).measured == {"n": 20}
+    assert job.result_as(Learned) is None, "what becomes of somebody's answers"
+    assert Job(kind="align").result_as(Learned) is None, "which has not ended"
+    aligned = Job(kind="align")
+    aligned.keep_result({"policy": "p", "passed": False, "why": "not_surely_better"})
+    assert aligned.result_as(Learned).why == "not_surely_better"
+    assert aligned.result_as(JobResult).made == ["p"]

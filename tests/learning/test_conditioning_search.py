@@ -11,14 +11,13 @@ from desirepath.learning.alignment.conditioning_search import (
     FAILURE_COST,
     LENGTH_WEIGHT,
     MIDDLE_M,
-    TOLERANCE,
     ConditioningSearchConfig,
     compared,
     conditioned_by_place,
     length_weight_of,
     search_conditioning,
 )
-from desirepath.learning.alignment.gate import GateRule
+from desirepath.learning.alignment.gate import TOLERANCE, GateRule
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.shipped import load_conditioned, load_policy

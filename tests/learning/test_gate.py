@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from desirepath.learning.alignment.gate import GateRule, at_gate, verdict
+from desirepath.analysis.estimates import Estimate
+from desirepath.learning.alignment.gate import BesideInstant, GateRule, at_gate, decide, surely_better, verdict
 from desirepath.learning.cards import SOCIAL
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_policy
+from desirepath.learning.preferences.sureness import Sureness
 
 RULE = GateRule(scenes=30)
 
@@ -57,3 +59,32 @@ def test_a_rule_is_stored_flat_beside_other_settings() -> None:
     assert rule.as_dict() == {"gate_scenes": 70, "gate_min_success": 0.8, "gate_max_loss": 0.1}
     assert GateRule.of({"seed": 3, **rule.as_dict()}) == rule
     assert GateRule.of({}) == GateRule()
+
+
+@pytest.mark.parametrize(
+    ("success", "preferred", "score", "surely", "why"),
+    [
+        (0.95, None, None, None, "passed"),
+        (0.95, -0.07, 0.01, True, "passed"),
+        (0.80, 0.1, 0.1, False, "gate_not_passed"),
+        (0.95, -0.08, 0.1, True, "not_better_than_instant"),
+        (0.95, 0.1, -0.01, None, "not_better_than_instant"),
+        (0.95, None, None, False, "not_surely_better"),
+        (0.95, 0.1, 0.1, False, "not_surely_better"),
+    ],
+)
+def test_one_function_decides_from_what_was_measured(success, preferred, score, surely, why) -> None:
+    gate = verdict(GateRule(), success, 0.95, scenes=500)
+    beside = None
+    if preferred is not None:
+        beside = BesideInstant(*(Estimate(low + 1, low, low + 2) for low in (preferred, score)))
+    decision = decide(gate, beside_instant=beside, surely=surely)
+    assert (decision.passed, decision.why) == (why == "passed", why)
+
+
+@pytest.mark.parametrize(
+    ("better", "clearly", "needed", "enough"),
+    [(0.9, 0.85, 0.9, True), (0.89, 0.99, 0.9, False), (0.99, 0.84, 0.9, False), (0.5, 0.0, 0.5, True)],
+)
+def test_what_is_sure_enough_for_one_person(better, clearly, needed, enough) -> None:
+    assert surely_better(Sureness(better, clearly), needed) is enough

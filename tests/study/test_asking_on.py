@@ -48,7 +48,7 @@ def end_job(walker, *, sure: bool) -> Job:
         assert job is not None
         compared = [{"base": q.trajectory_a, "own": q.trajectory_b, "look_alike": False} for q in queries]
         job.state, job.progress = "succeeded", 1.0
-        job.result = {"policy": f"own-{job.id}", "gate": {"passed": True}, "passed": sure}
+        job.result = {"policy": f"own-{job.id}", "passed": sure, "why": "passed" if sure else "not_surely_better"}
         job.result |= {"personal": NOT_SURE | {"passed": sure}, "comparisons": compared if sure else []}
         for query in queries:
             s.get_one(TrajectoryRow, query.trajectory_a).made_by = "base-policy"
@@ -147,7 +147,7 @@ def test_a_search_for_fewer_answers_is_given_up_when_more_were_asked(walk):
     with walker.database.transaction() as s:
         instant, _search = s.scalars(select(Job).order_by(Job.created_at)).all()
         instant.state = "succeeded"
-        instant.result = {"policy": "own", "gate": {"passed": True}, "passed": False, "personal": NOT_SURE}
+        instant.result = {"policy": "own", "passed": False, "why": "not_surely_better", "personal": NOT_SURE}
     settle(walker)
     answer_until(walker, "train.wait_2")
     states = {(job.params["recipe"], job.state) for job in rows(walker, Job)}

@@ -84,11 +84,8 @@ def keep_a_path(walker: Walker) -> None:
     walker.submit(key, {"stroke": state["stroke"]})
 
 
-def trained(walker: Walker, *, passed: bool = True, older: bool = False) -> None:
-    """The training has ended. It takes minutes and is tested as a job; here its result names the drawn drives.
-
-    older: by a version whose result tells only the situations in which both that are compared arrive.
-    """
+def trained(walker: Walker, *, passed: bool = True) -> None:
+    """The training has ended. It takes minutes and is tested as a job; here its result names the drawn drives."""
     with walker.database.transaction() as s:
         (job,) = s.scalars(select(Job)).all()
         strokes = s.scalars(select(StrokeRow).order_by(StrokeRow.pair)).all()
@@ -97,8 +94,8 @@ def trained(walker: Walker, *, passed: bool = True, older: bool = False) -> None
         job.result = {
             "policy": job.params["snapshot"],
             "passed": passed,
-            "comparisons": shown if passed and older else [],  # where both arrive; all are rated all the same
-            **({} if older else {"situations": shown if passed else []}),
+            "comparisons": [],  # none in which both arrive; all are rated all the same
+            "situations": shown if passed else [],
         }
 
 
@@ -197,7 +194,7 @@ def test_who_comes_back_before_the_robots_are_learned_waits_for_them(walker: Wal
     walker.submit("instruction_2", {})
     assert (walker.view.kind, walker.view.payload) == ("wait", {"learns_from": "paths"})
     assert not settled(walker)
-    trained(walker, older=True)
+    trained(walker)
     assert settled(walker)
     assert walker.view.key == "evaluation.corridor.1.1"
     assert personalisation_of(walker) == "shown"

@@ -39,7 +39,7 @@ TRAIN = {"train": {"job": "align", "recipe": "instant"}}
 COMPARISON = {"comparison": {"arms": ["base", "own"], "scenes": 1, "guess": False}}
 MEET = {"meet_your_robot": {"scenes": 2}}
 LEARN = {"block": {"view": "top_down", "trials": [{"queries": {"count": 3}}]}}
-UNSURE = {"passed": False, "gate": {"passed": True}, "personal": {"passed": False, "probability_better": 0.6}}
+UNSURE = {"passed": False, "why": "not_surely_better", "personal": {"passed": False, "probability_better": 0.6}}
 
 
 @pytest.fixture

@@ -134,7 +134,7 @@ def test_fewer_pairs_than_planned_are_shown_and_the_guess_is_about_the_last_of_t
     [
         ({"passed": False}, "gate_not_passed"),
         ({"passed": False, "gate": {"passed": False}, "personal": UNSURE}, "gate_not_passed"),
-        ({"passed": False, "gate": {"passed": True}, "personal": UNSURE}, "not_surely_better"),
+        ({"passed": False, "why": "not_surely_better", "personal": UNSURE}, "not_surely_better"),
         ({"comparisons": 0}, "no_scenes"),
         ({"state": "failed"}, "job_failed"),
         ({"state": "cancelled"}, "job_failed"),
@@ -271,8 +271,8 @@ def end(walker, recipe, *, state="succeeded", passed=True, comparisons=3, **more
         job = next(job for job in s.scalars(select(Job)) if job.params["recipe"] == recipe)
         job.state, job.progress = state, 1.0
         job.result = {"policy": f"{recipe}-policy", "passed": passed, "comparisons": pairs if passed else []} | more
-        if "personal" in more:
-            job.result["gate"] = {"passed": True}
+        if "personal" in more and not passed:
+            job.result["why"] = "not_surely_better"
 
 
 def own_policies(walker):

@@ -68,5 +68,5 @@ def _work(services: Services, study: str | None, work: object, params: Params, k
     progress.flush()
     with services.database.transaction() as s:
         row = s.get_one(Job, job.id)
-        row.result = result
+        row.keep_result(result)
         finish(row, "succeeded")

@@ -80,6 +80,8 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
         strokes = s.scalars(select(StrokeRow).order_by(StrokeRow.step_key)).all()
         newest.state = "succeeded"  # the training is tested as a job; here its drives are the drawn ones
         newest.result = {
+            "policy": "0" * 64,
+            "passed": True,
             "judged": {"success_rate": 1.0, "frechet_m": 0.12, "t_star": 0.91, "speed_correlation": None},
             "rollouts": [
                 {"demonstration": one.demonstration, "pair": one.pair, "trajectory": one.trajectory} for one in strokes

@@ -175,7 +175,8 @@ def test_jobs_are_found_by_whose_answers_they_learn_from_and_sorted_by_their_hea
     lab, lab_services, walked, two_studies
 ):
     def predicted(share: float, verdict: str) -> dict[str, object]:
-        return {"predicted": {"accuracy": share, "verdict": verdict}, "gate": {"success_rate": 0.97}}
+        said = {"accuracy": share, "verdict": verdict}
+        return {"policy": "p", "passed": True, "predicted": said, "gate": {"success_rate": 0.97}}
 
     with lab_services.database.transaction() as s:
         for job in s.scalars(select(Job)):

@@ -20,7 +20,7 @@ def test_jobs_say_whose_they_are_what_was_asked_and_how_good_it_is(lab, lab_serv
                 Job(
                     kind="align", state="succeeded", params={"recipe": recipe}, study_id=walked.id,
                     session_id=session.id if number == 0 else None, started_at=utc_now(), finished_at=utc_now(),
-                    result={"gate": {"success_rate": 0.93 + number / 100}},
+                    result={"policy": "p", "passed": True, "gate": {"success_rate": 0.93 + number / 100}},
                 )
             )  # fmt: skip
     page = lab.get("/lab/jobs").text

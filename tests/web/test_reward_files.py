@@ -53,7 +53,7 @@ def done(services, monkeypatch) -> str:
     result = ask_person(context, get_kind("ask_person").read(job.params))
     with services.database.transaction() as s:
         row = s.get_one(Job, job.id)
-        row.result = json.loads(json.dumps(result))
+        row.keep_result(json.loads(json.dumps(result)))
         finish(row, "succeeded")
     return job.id
 

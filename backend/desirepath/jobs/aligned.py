@@ -70,7 +70,6 @@ def train(
     return Aligned(
         policy=learned.policy,
         gate=learned.gate,
-        may_be_shown=learned.gate.passed,
         config={**config.as_dict(), "replay_sha256": learned.replay_sha256},
         results={"chosen_checkpoint": learned.chosen, "history": learned.history},
         scenes={"select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed)},

@@ -28,6 +28,7 @@ from desirepath.jobs.answers import (
 from desirepath.jobs.context import JobContext
 from desirepath.jobs.free_form import free_form
 from desirepath.jobs.kept_artefacts import find_artefact, keep, keep_trajectory, load_conditioned, load_policy
+from desirepath.learning.alignment.gate import decide
 from desirepath.learning.alignment.never_worse import JUDGING_SEED, SCENES, better_for_person
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.stand_ins import stand_in_name, stand_in_policy
@@ -82,19 +83,20 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         earlier = earlier_people(context, params.earlier, setup, params.symmetry)
         believed = posterior_of_person(independent, params.symmetry, earlier)
     verdict = None
-    if believed is not None and made.may_be_shown:
+    if believed is not None and decide(made.gate, beside_instant=made.beside_instant).passed:
         verdict = better_for_person(believed[0], made.policy, base, seed=params.seed, needed=params.surely_better)
     if believed is not None and not (verdict is not None and verdict.passed):
         otherwise = free_form(context, params, base, believed[0], [one for of in independent.values() for one in of])
-        if otherwise is not None and otherwise[0].may_be_shown and otherwise[1].passed:
+        if otherwise is not None and decide(otherwise[0].gate, surely=otherwise[1].passed).passed:
             made, verdict = otherwise
-    may_be_shown = made.may_be_shown and (verdict is None or verdict.passed)
+    surely = verdict.passed if verdict is not None else None
+    decision = decide(made.gate, beside_instant=made.beside_instant, surely=surely)
     own = {
         **({"personal": verdict.as_dict()} if verdict is not None else {}),
         **({"check": believed[1].as_dict()} if believed is not None else {}),
         **({"prior": {"earlier_participants": len(earlier)}} if believed is not None and params.earlier else {}),
     }
-    # `passed` here is the gate's; what a search finds must be better, too (`passed` of the result)
+    # `passed` here is the gate's; the result's is the whole decision
     gate = made.gate.as_dict()
     with context.database.session() as s:
         reward_model_artefact = find_artefact(s, reward_model, "reward_model")
@@ -120,7 +122,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     context.progress(0.93)
     comparisons: list[dict[str, Any]] = []
     further: dict[str, list[dict[str, Any]]] = {}
-    if may_be_shown and params.comparisons:
+    if decision.passed and params.comparisons:
         comparisons = comparison_rollouts(context, params, "base", (base, base_artefact.id), (made.policy, policy))
         seen = {one["scene_seed"] for one in comparisons}
         for against, rival in _rivals(context, params, setup).items():
@@ -133,7 +135,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         "training_accuracy": fitted["training_accuracy"],
         "held_out": fitted.get("held_out"),
         "predicted": predicted,
-        "passed": may_be_shown,
+        "passed": decision.passed,
+        "why": decision.why,
         "gate": gate,
         **made.beside,
         **own,

@@ -18,7 +18,7 @@ from desirepath.registries import Registry
 
 if TYPE_CHECKING:
     from desirepath.jobs.context import JobContext
-    from desirepath.learning.alignment.gate import Gate
+    from desirepath.learning.alignment.gate import BesideInstant, Gate
     from desirepath.learning.policies.policy import Policy
     from desirepath.learning.rewards.reward_model import RewardModel
     from desirepath.store.models import Artefact
@@ -77,17 +77,18 @@ class ConditionedAlignParams(AlignParams):
 
 @dataclass(frozen=True)
 class Aligned:
-    """An aligned policy, whether it may be shown, and what its card says. beside: what the job's result says, too."""
+    """An aligned policy, what its card says, and what was measured by which `gate.decide` says whether it may be
+    shown. beside: what the job's result says, too."""
 
     policy: Policy
     gate: Gate
-    may_be_shown: bool
     config: dict[str, Any]
     results: dict[str, Any] = field(default_factory=dict)
     parents: list[tuple[Artefact, str]] = field(default_factory=list)
     scenes: dict[str, Any] = field(default_factory=dict)
     departures: list[str] = field(default_factory=list)
     beside: dict[str, Any] = field(default_factory=dict)
+    beside_instant: BesideInstant | None = None
 
 
 @dataclass(frozen=True)

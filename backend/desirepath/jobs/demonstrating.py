@@ -17,7 +17,7 @@ from desirepath.jobs.context import JobContext
 from desirepath.jobs.controller_training import Learned, learn
 from desirepath.jobs.kept_artefacts import find_artefact, keep, keep_trajectories
 from desirepath.jobs.kinds import TrainDemonstrationsParams
-from desirepath.learning.alignment.gate import GateRule, verdict
+from desirepath.learning.alignment.gate import GateRule, decide, verdict
 from desirepath.learning.queries.queries import QueryConfig, look_alike
 from desirepath.simulation.demonstration_scenes import demonstration_scene
 from desirepath.simulation.trajectory import Outcome
@@ -43,6 +43,7 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     # From the demonstrated starts; nothing else was rolled out there, so there is nothing to compare it with.
     rule = GateRule(scenes=len(demonstrations), min_success=params.gate_min_success, max_loss=None)
     gate = verdict(rule, judged.success_rate, scenes=rule.scenes)
+    decision = decide(gate)
     policy_id = keep(
         context,
         kind=learned.kind,
@@ -62,10 +63,11 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     ]
     context.progress(0.95)
     pairs = sorted({one.pair for one in kept})
-    situations, both_arrive = _situations(context, pairs, learned, policy_id) if gate.passed else ([], [])
+    situations, both_arrive = _situations(context, pairs, learned, policy_id) if decision.passed else ([], [])
     return {
         "policy": policy_id,
-        "passed": gate.passed,
+        "passed": decision.passed,
+        "why": decision.why,
         "gate": gate.as_dict(),
         "judged": judged.as_dict(),
         "rollouts": rollouts,

@@ -69,7 +69,6 @@ def free_form(
     made = Aligned(
         policy=policy,
         gate=gate,
-        may_be_shown=gate.passed,
         config=config,
         results=results,
         scenes=scenes,

@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from desirepath.jobs.leases import is_silent
 from desirepath.store.database import shared_now
+from desirepath.store.job_results import Learned
 from desirepath.store.models import Job, JobAttempt
 from desirepath.store.outbox import ENDED, REFINES, Queue, is_instant, queue_of
 
@@ -44,7 +45,7 @@ def _is_waited_for(s: Session, job: Job) -> bool:
         return False
     same = select(Job).where(Job.session_id == job.session_id, Job.kind == job.kind, Job.id != job.id)
     return any(
-        one.state in ENDED and not (one.result or {}).get("passed")
+        one.state in ENDED and not ((learned := one.result_as(Learned)) and learned.passed)
         for one in s.scalars(same)
         if is_instant(one) and one.params.get("snapshot") == job.params.get("snapshot")
     )

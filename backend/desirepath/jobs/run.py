@@ -32,6 +32,7 @@ from desirepath.os_errors import in_words
 from desirepath.settings import Settings, get_settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database, DatabaseBusy, is_full
+from desirepath.store.job_results import JobResult
 from desirepath.store.models import Job
 from desirepath.store.outbox import Queue, enqueue_job, queue_of
 from desirepath.store.places import StoreAway
@@ -113,7 +114,7 @@ def _keep(database: Database, job_id: str, attempt: str | None, result: dict[str
             if row.state == "cancelling":
                 finish(row, "cancelled")
             else:
-                row.result = result
+                row.keep_result(result)
                 finish(row, "succeeded")
                 _measure_later(s, row)
             _end_attempt(s, row, attempt)
@@ -161,7 +162,7 @@ def _do_task(context: JobContext, params: TaskParams) -> dict[str, object]:
 
 def _measure_later(s: DatabaseSession, job: Job) -> None:
     """A policy's card wants success and distances with intervals; who waits for the policy does not wait for them."""
-    policy = (job.result or {}).get("policy")
+    policy = getattr(job.result_as(JobResult), "policy", None)
     if job.kind in MEASURED_KINDS and policy:
         enqueue_job(
             s,

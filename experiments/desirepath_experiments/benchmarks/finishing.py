@@ -27,6 +27,7 @@ from desirepath.learning.queries.queries import Query
 from desirepath.settings import Settings
 from desirepath.store.artefacts import ArtefactStore, load_trajectory
 from desirepath.store.database import Database
+from desirepath.store.job_results import Learned
 from desirepath.store.models import Job, Session, Study, utc_now
 from desirepath.store.outbox import cancel_job
 from desirepath.store.shipped_policies import register_shipped
@@ -197,7 +198,7 @@ def _summary(ended: list[list[Job]], patience_s: float) -> dict[str, Any]:
 
 
 def _shows(job: Job) -> bool:
-    return job.state == "succeeded" and bool((job.result or {}).get("comparisons"))
+    return job.state == "succeeded" and bool((learned := job.result_as(Learned)) and learned.comparisons)
 
 
 def _seconds(job: Job) -> float:

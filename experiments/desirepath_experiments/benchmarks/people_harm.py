@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 
 from desirepath.jobs.free_form import SOMETHING_ELSE
+from desirepath.learning.alignment.gate import surely_better
 from desirepath.learning.alignment.never_worse import JUDGING_SEED, SCENES
 from desirepath.learning.alignment.policy_library import PolicyLibrary, best_of
 from desirepath.learning.errors import LearningError
@@ -168,7 +169,7 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
     }
     way, (differences, own) = "nine", room.compared(room.conditioned.at(believed.objectives.mean_weights()))
     sure = Sureness.of(believed, differences)
-    if not sure.enough() and found["something_else"] >= SOMETHING_ELSE:
+    if not surely_better(sure) and found["something_else"] >= SOMETHING_ELSE:
         place = best_of(room.library, believed, StepPosterior.from_answers(room.seen[asked], believed.chosen))
         way, (differences, own) = "library", room.of_place(place)
         sure = Sureness.of(believed, differences)
@@ -181,7 +182,7 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
         "way": way,
         "probability_better": sure.better,
         "probability_clearly_better": sure.clearly,
-        "shown": sure.enough(),
+        "shown": surely_better(sure),
         "gain": float(gained.mean()),
         "gain_error": float(gained.std() / np.sqrt(len(gained))),
         "success": float(np.mean([one.outcome == Outcome.SUCCESS for one in own])),

@@ -14,10 +14,10 @@ from torch import nn
 from typer.testing import CliRunner
 
 from desirepath.cli.main import app
+from desirepath.learning.alignment.gate import CLEARLY, SURE
 from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_people import PeopleConfig, benchmark_people, known_people, result_of
 from desirepath.learning.people.rows import bins_of, calibration_error
-from desirepath.learning.preferences.sureness import CLEARLY, SURE
 from desirepath.simulation.setups import STUDY_ROOM
 from desirepath_experiments.benchmarks.people_before import BeforeConfig, benchmark_before
 from desirepath_experiments.benchmarks.people_harm import (

@@ -43,14 +43,14 @@ def align(context: JobContext, params: ConditioningSearchParams, base: Policy, m
     config = search_config(params)
     found = search_conditioning(conditioned, weights, base, config, context.progress.part(0.03, 0.9))
     judged = {
-        "better_than_instant": found.score.as_dict(),
-        "preferred_better_than_instant": found.preferred.as_dict(),
+        "better_than_instant": found.beside_instant.score.as_dict(),
+        "preferred_better_than_instant": found.beside_instant.preferred.as_dict(),
         "takes_over": found.takes_over,
     }
     return Aligned(
         policy=found.policy,
         gate=found.gate,
-        may_be_shown=found.takes_over,
+        beside_instant=found.beside_instant,
         config={"recipe": params.recipe, **config.as_dict(), "preference_weights": by_name(weights, base.setup)},
         results={
             **judged,

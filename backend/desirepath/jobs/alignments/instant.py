@@ -29,7 +29,6 @@ def align(context: JobContext, params: InstantParams, base: Policy, model: Rewar
     return Aligned(
         policy=policy,
         gate=gate,
-        may_be_shown=gate.passed,
         config={"recipe": params.recipe, "preference_weights": by_name(weights, base.setup)},
         parents=[(artefact, "conditioned")],
         departures=departures_of(conditioned, "instant"),

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.analysis.estimates import Estimate, mean_estimate
-from desirepath.learning.alignment.gate import Gate, GateRule, gate_scenes, success_in, verdict
+from desirepath.learning.alignment.gate import BesideInstant, Gate, GateRule, decide, gate_scenes, success_in, verdict
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.policies.policy import Policy
@@ -35,7 +35,6 @@ CROSSING_COST = 1.0  # in the score, typical differences, of a trajectory that c
 FAILURE_COST = 10.0  # in the score, typical differences: 1 % of failures weighs as much as a tenth of one
 FIRST_SHARE = 0.75  # of LENGTH_WEIGHT, with which the search begins
 AIM = -0.025  # typical differences: the search keeps what is preferred about there; 1 or 2 cm of distance
-TOLERANCE = 0.075  # typical differences: what is preferred may not be less by more; 4 cm of distance (field), 3 (room)
 OBSERVED = (0, 2)  # where the observation says how far the goal and the person are
 PLACES = ("anywhere", "goal_far", "person_far")
 MIDDLE_M = {"open_field": (3.0, 2.0), "study_room": (2.0, 1.5), "crowd_hall": (2.5, 2.0)}
@@ -79,20 +78,29 @@ class ConditioningSearchResult:
     """policy: the instant policy conditioned otherwise, without critic. offsets: (3, 9) what is added to the preference
     weights that it is conditioned on, in the order of PLACES (`conditioned_by_place`).
 
-    preferred, score: its advantage over the instant policy on the gate's scenes, in what is preferred alone and with
-    what every trajectory costs (`Compared`). takes_over: whether it is to be shown instead: gate passed, what is
-    preferred no worse by the whole interval (TOLERANCE) and the whole interval of the score above 0. history: the guess
-    after each round; chosen: which of them, 0 for the instant policy itself.
+    beside_instant: its advantage over the instant policy on the gate's scenes (`Compared`). history: the guess after
+    each round; chosen: which of them, 0 for the instant policy itself.
     """
 
     policy: Policy
     offsets: Floats
-    takes_over: bool
-    preferred: Estimate
-    score: Estimate
+    beside_instant: BesideInstant
     gate: Gate
     chosen: int
     history: list[dict[str, float]]
+
+    @property
+    def preferred(self) -> Estimate:
+        return self.beside_instant.preferred
+
+    @property
+    def score(self) -> Estimate:
+        return self.beside_instant.score
+
+    @property
+    def takes_over(self) -> bool:
+        """Whether it is to be shown instead."""
+        return decide(self.gate, beside_instant=self.beside_instant).passed
 
 
 class Compared(NamedTuple):
@@ -169,8 +177,8 @@ def search_conditioning(
     better = compared(own, course.rollout(conditioned.at(weights)), weights, setup)
     gate = verdict(config.gate, float(own.success.mean()), success_in(base, scenes), scenes=config.gate.scenes)
     preferred, score = mean_estimate(better.preferred), mean_estimate(better.scores(length_weight_of(weights, setup)))
-    takes_over = gate.passed and preferred.low > -TOLERANCE and score.low > 0
-    return ConditioningSearchResult(policy, guesses[chosen], takes_over, preferred, score, gate, chosen, history)
+    found = BesideInstant(preferred, score)
+    return ConditioningSearchResult(policy, guesses[chosen], found, gate, chosen, history)
 
 
 def _search(

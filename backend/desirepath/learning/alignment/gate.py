@@ -1,17 +1,20 @@
-"""The success gate: may somebody be shown this policy? The one place where that is decided, for every job.
+"""May somebody be shown this policy? The one place where that is decided, for every job: `decide`.
 
-What is compared, and on which scenes, is the algorithm's; here are the rule, the verdict, and how both are stored.
+What is measured, and in which scenes, is the algorithm's (`never_worse.py`: for one very person); here are the success
+gate's rule and verdict, what is asked beside it, and how both are stored.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Self
+from typing import Any, Literal, Self
 
+from desirepath.analysis.estimates import Estimate
 from desirepath.analysis.metrics import success_rate
 from desirepath.learning.policies.evaluate import social_means
 from desirepath.learning.policies.policy import Policy
+from desirepath.learning.preferences.sureness import Sureness
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import evaluate
 from desirepath.simulation.scene import Scene
@@ -65,6 +68,56 @@ def verdict(rule: GateRule, own_success: float, base_success: float | None = Non
     if base_success is not None and rule.max_loss is not None:
         enough = enough and own_success >= base_success - rule.max_loss
     return Gate(enough, own_success, base_success, scenes, rule.min_success, rule.max_loss)
+
+
+Why = Literal["passed", "gate_not_passed", "not_better_than_instant", "not_surely_better"]
+TOLERANCE = 0.075  # typical differences: what is preferred may not be less by more; 4 cm of distance (field), 3 (room)
+SURE = 0.9
+"""Issue 15: shown as personal only where it is better for this person with at least this probability."""
+CLEARLY = 0.85
+"""And by LEAST_GAIN (`sureness.py`) with this one. Who was harmed before, was harmed by what is surely better by next
+to nothing. Chosen on tuning families."""
+
+
+@dataclass(frozen=True)
+class BesideInstant:
+    """A searched policy's advantage over the instant one in the gate's scenes, with intervals: in what is preferred
+    alone, and with what every trajectory costs."""
+
+    preferred: Estimate
+    score: Estimate
+
+    @property
+    def better(self) -> bool:
+        """No worse in what is preferred, and better with all costs, by the whole intervals."""
+        return self.preferred.low > -TOLERANCE and self.score.low > 0
+
+
+def surely_better(sure: Sureness, needed: float = SURE) -> bool:
+    """For one very person. needed: of the probability that it is better; where that is at most one half nothing is
+    asked, and the usual policy itself will do."""
+    return sure.better >= needed and (sure.clearly >= CLEARLY or needed <= 0.5)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Whether somebody may be shown a policy, and what it lacks first."""
+
+    passed: bool
+    why: Why
+
+
+def decide(gate: Gate, *, beside_instant: BesideInstant | None = None, surely: bool | None = None) -> Decision:
+    """From what was measured. beside_instant: of a searched policy; surely: whether it is surely better for this very
+    person (`surely_better`), where that was asked."""
+    why: Why = "passed"
+    if not gate.passed:
+        why = "gate_not_passed"
+    elif beside_instant is not None and not beside_instant.better:
+        why = "not_better_than_instant"
+    elif surely is False:
+        why = "not_surely_better"
+    return Decision(why == "passed", why)
 
 
 def gate_scenes(setup: str, rule: GateRule, seed: int) -> list[Scene]:

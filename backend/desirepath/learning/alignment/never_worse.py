@@ -1,6 +1,6 @@
 """Is a policy better than the usual one for this very person? By their own posterior, in scenes that chose nothing.
 
-Whether it drives well enough for anybody is `gate.py`'s. Both together decide what is shown as somebody's own.
+What of it decides, together with how it drives for anybody, is `gate.py`'s.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from desirepath.learning.alignment.gate import CLEARLY, SURE, surely_better
 from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.preferences.free_posterior import FreePosterior
-from desirepath.learning.preferences.sureness import CLEARLY, LEAST_GAIN, SURE, Sureness
+from desirepath.learning.preferences.sureness import LEAST_GAIN, Sureness
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup, require_same
@@ -56,4 +57,4 @@ def better_for_person(
     differences = PairDifferences.of(setup.name, both, left_right_symmetry=symmetry) if moved else None
     sure = Sureness.of(posterior, differences)
     something_else = posterior.something_else()
-    return PersonalVerdict(sure.enough(needed), sure.better, needed, len(both), something_else, sure.clearly)
+    return PersonalVerdict(surely_better(sure, needed), sure.better, needed, len(both), something_else, sure.clearly)

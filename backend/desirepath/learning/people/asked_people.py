@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.learning.alignment.gate import surely_better
 from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_pairs import AskedPairs, Candidates, asked_pairs, candidates
 from desirepath.learning.people.card import members, people_card, response_models
@@ -259,7 +260,7 @@ def _shown(posterior: FreePosterior, person: FamilyMember, room: _Room) -> dict[
         "setting": best,
         "probability_better": sure.better,
         "probability_clearly_better": sure.clearly,
-        "shown": sure.enough(),
+        "shown": surely_better(sure),
         **_gained(person, room.report.rolled_out[best], room, base, unit, ""),
         **_gained(person, today, room, base, unit, "today_"),
         "something_else": posterior.something_else(),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import datetime
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy import JSON, Boolean, CheckConstraint, Float, ForeignKey, Integer, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
+from desirepath.store.job_results import RESULTS, JobResult
 from desirepath.store.models.base import Base, new_id, utc_now
 
 
@@ -49,6 +51,9 @@ class ArtefactAnswer(Base):
     response_id: Mapped[str] = mapped_column(ForeignKey("response.id"), primary_key=True)
 
 
+R = TypeVar("R", bound=JobResult)
+
+
 class Job(Base):
     """One piece of background work. Written in the transaction that causes it; the worker starts it from here.
 
@@ -74,6 +79,20 @@ class Job(Base):
     finished_at: Mapped[datetime | None]
     heartbeat_at: Mapped[datetime | None]
     held_by: Mapped[str | None] = mapped_column(String(32))  # the attempt (`JobAttempt`) that may write how it ends
+
+    def keep_result(self, result: Mapping[str, Any]) -> None:
+        """Raises pydantic's ValidationError for what its kind does not result in."""
+        if self.kind in RESULTS:
+            RESULTS[self.kind].model_validate(result)
+        self.result = dict(result)
+
+    def result_as(self, of: type[R]) -> R | None:
+        """Its result, None where it has none or is of a kind that results in something else."""
+        model = RESULTS.get(self.kind)
+        if self.result is None or model is None or not issubclass(model, of):
+            return None
+        return model.model_validate(self.result)
+
     __table_args__ = (
         CheckConstraint(
             "state in ('queued', 'running', 'cancelling', 'succeeded', 'failed', 'cancelled')", name="state"

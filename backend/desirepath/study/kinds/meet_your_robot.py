@@ -14,6 +14,7 @@ from pydantic import Field
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.events import log_event
+from desirepath.store.job_results import Learned
 from desirepath.store.models import Artefact
 from desirepath.study.kinds.appointment import AppointmentStage
 from desirepath.study.kinds.base import Acting, Moment, Pace, Page, Planning, Simulated, Stage
@@ -197,7 +198,8 @@ def _own(moment: Moment, files: ArtefactStore) -> Policy | None:
     from desirepath.learning.policies.policy import Policy
 
     job = ready_job(moment.s, moment.session)
-    artefact = moment.s.get(Artefact, str((job.result or {}).get("policy"))) if job is not None else None
+    learned = job.result_as(Learned) if job is not None else None
+    artefact = moment.s.get(Artefact, learned.policy) if learned is not None else None
     return Policy.from_bytes(files.get(artefact.id)) if artefact is not None else None
 
 

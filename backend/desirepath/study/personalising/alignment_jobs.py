@@ -5,7 +5,7 @@ The alignment itself is a job (`backend/desirepath/jobs`); what the session does
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -16,6 +16,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.demonstration_snapshots import StrokeError, take_demonstrations
 from desirepath.store.events import log_event
+from desirepath.store.job_results import AlignResult, Learned, Rollouts
 from desirepath.store.models import Job, Participant, Response, Session, TrajectoryRow, Trial
 from desirepath.store.outbox import ENDED, NOBODY_WAITS, PARTICIPANT_WAITS, REFINES, cancel_job, enqueue_job
 from desirepath.store.snapshots import SnapshotError, take_snapshot
@@ -225,10 +226,10 @@ def check_of(s: DatabaseSession, session: Session) -> dict[str, Any] | None:
     shown = ready_job(s, session)
     # what is shown first, then the instant policy: whether it is refused decides how long is waited
     for job in [*([shown] if shown is not None else []), *reversed(jobs_of(s, session))]:
-        result = job.result or {}
-        if "check" in result:
-            prior = {"prior": result["prior"]} if "prior" in result else {}
-            return {**result["check"], **prior, "personal": result.get("personal")}
+        result = job.result_as(AlignResult)
+        if result is not None and result.check is not None:
+            prior = {"prior": result.prior} if result.prior is not None else {}
+            return {**result.check, **prior, "personal": result.personal}
     return None
 
 
@@ -301,8 +302,12 @@ def make_comparisons(acting: Acting, planned: Sequence[tuple[int, ComparisonStep
     """
     s, session = acting.s, acting.session
     job = ready_job(s, session)
-    result: dict[str, Any] = (job.result or {}) if job is not None else {}
-    made = {against: iter(result.get(there, [])) for against, there in MADE_FOR.items()}
+    result = job.result_as(Learned) if job is not None else None
+    if job is None or result is None:
+        return 0
+    made: dict[str, Iterator[Rollouts]] = {
+        against: iter(getattr(result, there, ())) for against, there in MADE_FOR.items()
+    }
     count = 0
     for index, step in planned:
         against = step.against
@@ -310,17 +315,17 @@ def make_comparisons(acting: Acting, planned: Sequence[tuple[int, ComparisonStep
         if rollouts is None:
             continue
         count += 1
-        rival = s.get(TrajectoryRow, rollouts[against])
-        policies = {"own": result["policy"], against: rival.made_by if rival is not None else None}
-        if job is not None and job.kind == PATHS_JOB:
+        rival = s.get(TrajectoryRow, rollouts.of(against))
+        policies = {"own": result.policy, against: rival.made_by if rival is not None else None}
+        if job.kind == PATHS_JOB:
             policies["base"] = "dwa"  # which is no artefact
         a, b = ("own", against) if step.sides_swapped else (against, "own")
-        arms = {"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"}
+        arms: dict[str, Any] = {"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"}
         if against != "base":
             arms[against] = "b" if a == "own" else "a"
         if against == "other" and policies["other"] is not None:
             arms["lent"] = policy_key(s, policies["other"])
-            if job is not None and job.params.get("other") is None:
+            if job.params.get("other") is None:
                 arms["stand_in"] = True
         s.add(
             Trial(
@@ -330,9 +335,9 @@ def make_comparisons(acting: Acting, planned: Sequence[tuple[int, ComparisonStep
                 block=step.stage,
                 kind="comparison",
                 view=step.view,
-                trajectory_a=rollouts[a],
-                trajectory_b=rollouts[b],
-                arms={**arms, "look_alike": rollouts["look_alike"]},
+                trajectory_a=rollouts.of(a),
+                trajectory_b=rollouts.of(b),
+                arms={**arms, "look_alike": rollouts.look_alike},
                 phase_since=acting.now,
             )
         )

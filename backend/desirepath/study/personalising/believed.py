@@ -12,6 +12,7 @@ from typing import Any, Literal
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.job_results import AlignResult, Learned
 from desirepath.store.models import Artefact, Job, Session
 from desirepath.study.personalising import alignment_jobs, next_query
 
@@ -74,7 +75,8 @@ def believed_of(
     least = min(others, key=lambda k: float(importance[k]))
     more = posterior.weights[:, foremost] > posterior.weights[:, least]
     check = alignment_jobs.check_of(s, session) or {}
-    beyond = beyond_nine(check, (shown.result or {}) if shown is not None else {})
+    aligned = shown.result_as(AlignResult) if shown is not None else None
+    beyond = beyond_nine(check, aligned is not None and aligned.free_form)
     rather_sure = (1 - float(check.get("something_else") or 0.0)) * float(posterior.masses() @ more)
     statement: Literal["rather", "beyond"] | None = None
     if check.get("better_than_chance"):
@@ -96,11 +98,11 @@ def believed_of(
     )
 
 
-def beyond_nine(check: Mapping[str, Any], shown: Mapping[str, Any]) -> Beyond | None:
+def beyond_nine(check: Mapping[str, Any], free_form: bool) -> Beyond | None:
     """What the predictive check says where a free-form policy is shown, or where something else is more probable."""
     words, agreeing = check.get("words") or {}, check.get("agreeing") or {}
     sure = float(check.get("something_else") or 0.0)
-    if not words or not (shown.get("free_form") or sure >= SOMETHING_ELSE):
+    if not words or not (free_form or sure >= SOMETHING_ELSE):
         return None
     answers = int(check.get("answers") or 0)
     most = [name for name in sorted(words, key=lambda name: -abs(words[name])) if agreeing[name] >= SEEN_IN * answers]
@@ -112,8 +114,8 @@ def beyond_nine(check: Mapping[str, Any], shown: Mapping[str, Any]) -> Beyond | 
 
 def _weights_of(s: DatabaseSession, shown: Job | None) -> dict[str, float] | None:
     """The weights that the shown policy is conditioned on, None where it is no conditioned one."""
-    policy = (shown.result or {}).get("policy") if shown is not None else None
-    artefact = s.get(Artefact, str(policy)) if policy else None
+    learned = shown.result_as(Learned) if shown is not None else None
+    artefact = s.get(Artefact, learned.policy) if learned is not None else None
     config = (artefact.card.get("config") or {}) if artefact is not None else {}
     found = config.get("preference_weights")
     return {str(name): float(weight) for name, weight in found.items()} if found else None

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.simulation.demonstration_scenes import pair_seed
+from desirepath.store.job_results import DemonstrationsResult
 from desirepath.store.models import Artefact, Session
 from desirepath.study.personalising.alignment_jobs import jobs_of
 
@@ -29,13 +30,13 @@ def rollouts_for(
     """The controller's rollouts in one situation, or in all of its environment; none where nothing was learned."""
     for job in jobs_of(s, session):
         snapshot = s.get(Artefact, job.params["snapshot"])
-        result = job.result or {}
-        if snapshot is None or snapshot.setup != environment or not result.get("passed"):
+        result = job.result_as(DemonstrationsResult)
+        if snapshot is None or snapshot.setup != environment or result is None or not result.passed:
             continue
-        made_by = result["policy"] if controller == "own" else controller
+        made_by = result.policy if controller == "own" else controller
         return [
-            Rollout(made[ARMS[controller]], made_by)
-            for made in result.get("situations", result["comparisons"])  # jobs of older versions have these alone
-            if pair is None or made["scene_seed"] == pair_seed(environment, pair)
+            Rollout(made.of(ARMS[controller]), made_by)
+            for made in result.situations
+            if pair is None or made.scene_seed == pair_seed(environment, pair)
         ]
     return []

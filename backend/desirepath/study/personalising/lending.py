@@ -14,6 +14,7 @@ from typing import Any
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session as DatabaseSession
 
+from desirepath.store.job_results import Learned
 from desirepath.store.models import Artefact, Job, Participant, Session, Study
 from desirepath.store.who_counts import not_left_out, same_kind
 from desirepath.study.personalising.verdicts import verdict
@@ -67,8 +68,9 @@ def _ready(s: DatabaseSession, session: Session) -> list[str]:
     jobs = s.execute(ready.order_by(Job.finished_at.desc(), Job.id))
     of_participant: dict[str, str] = {}
     for job, participant in jobs:
-        if participant not in of_participant and verdict(job) == "shown":
-            policy = str((job.result or {})["policy"])
+        learned = job.result_as(Learned)
+        if learned is not None and participant not in of_participant and verdict(job) == "shown":
+            policy = learned.policy
             kept = s.get(Artefact, policy)
             if kept is not None and kept.quarantined_at is None:
                 of_participant[participant] = policy

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from desirepath.store.job_results import DemonstrationsResult, Learned
 from desirepath.store.models import Job
 
 
@@ -9,11 +10,10 @@ def verdict(job: Job, *, rated: bool = False) -> str | None:
     """What became of one alignment, None while it goes on. rated: its trajectories are rated one by one, arrived or
     not."""
     if job.state == "succeeded":
-        result = job.result or {}
-        if not result.get("passed"):
-            personal = result.get("personal")
-            gate = result.get("gate") or {}
-            unsure = personal is not None and not personal["passed"] and gate.get("passed")
+        result = job.result_as(Learned)
+        if result is None or not result.passed:
+            unsure = result is not None and result.why == "not_surely_better"
             return "not_surely_better" if unsure else "gate_not_passed"
-        return "shown" if result.get("comparisons") or (rated and result.get("situations")) else "no_scenes"
+        to_rate = rated and isinstance(result, DemonstrationsResult) and result.situations
+        return "shown" if result.comparisons or to_rate else "no_scenes"
     return "job_failed" if job.state in ("failed", "cancelled", "cancelling") else None

@@ -22,6 +22,7 @@ from desirepath.jobs.leases import attempts_at, kept_log
 from desirepath.jobs.params import Params
 from desirepath.jobs.process import FINAL_STATES, read_log
 from desirepath.store.artefacts import ArtefactError
+from desirepath.store.job_results import JobResult
 from desirepath.store.models import Artefact, Job, JobAttempt, Study, utc_now
 from desirepath.store.outbox import cancel_job, enqueue_job
 from desirepath.web.analyst.job_curves import drawn_curves, seconds_to_go
@@ -41,7 +42,6 @@ router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
 
 ROWS_PER_PAGE = 50
 LOG_TAIL_BYTES = 6_000
-MADE_KEYS = ("policy", "policies", "reward_model", "evaluation", "query_set")  # of a job's result
 
 
 @router.get("/lab/jobs")
@@ -204,10 +204,8 @@ def log(job_id: str, database: Db, services: TheServices) -> Response:
 
 def made_by(s: DatabaseSession, job: Job) -> list[Artefact]:
     """What a job made, in the order its result names it; artefacts that were erased since are not among them."""
-    ids: list[str] = []
-    for key in MADE_KEYS:
-        named = (job.result or {}).get(key, [])
-        ids += named if isinstance(named, list) else [named]
+    result = job.result_as(JobResult)
+    ids = result.made if result is not None else []
     return [found for found in (s.get(Artefact, one) for one in ids) if found is not None]
 
 

@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.jobs.kinds import KINDS
 from desirepath.jobs.process import FINAL_STATES
 from desirepath.store.artefacts import ArtefactError
+from desirepath.store.job_results import JobResult
 from desirepath.store.models import Artefact, ArtefactAnswer, Job, Participant, Response, Session, Study, utc_now
 from desirepath.store.shipped_policies import policy_artefact
 from desirepath.web.core.permits import seen_artefacts
@@ -61,7 +62,7 @@ class JobLine:
     @property
     def warning(self) -> str | None:
         """The verdict on what its answers predict, where that is not better than chance and majority."""
-        verdict = ((self.job.result or {}).get("predicted") or {}).get("verdict")
+        verdict = getattr(self.job.result_as(JobResult), "predicted", {}).get("verdict")
         return verdict if verdict not in (None, "better") else None
 
     @property

@@ -16,6 +16,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore, load_trajectory
 from desirepath.store.demonstration_snapshots import KEPT, read_demonstrations
+from desirepath.store.job_results import DemonstrationsResult
 from desirepath.store.models import Artefact, Job, Participant, Session, StrokeRow, Study
 from desirepath.store.who_counts import asked_for, not_withdrawn, reason_not_to_learn
 from desirepath.study.personalising.alignment_jobs import PATHS_JOB
@@ -60,14 +61,15 @@ class Controller:
     @property
     def judged(self) -> Mapping[str, float | None]:
         """Its trajectories from the demonstrated starts against the demonstrations; nothing before it has succeeded."""
-        judged: Mapping[str, float | None] = (self.job.result or {}).get("judged", {})
-        return judged
+        result = self.job.result_as(DemonstrationsResult)
+        return result.judged if result is not None else {}
 
     def trajectories(self, files: ArtefactStore) -> dict[int, dict[str, Trajectory]]:
         """Number of the situation -> demonstration (sha256) from whose start it rolls out -> trajectory."""
         found: dict[int, dict[str, Trajectory]] = {}
-        for one in (self.job.result or {}).get("rollouts", []):
-            found.setdefault(one["pair"], {})[one["demonstration"]] = load_trajectory(files, one["trajectory"])
+        result = self.job.result_as(DemonstrationsResult)
+        for one in result.rollouts if result is not None else ():
+            found.setdefault(one.pair, {})[one.demonstration] = load_trajectory(files, one.trajectory)
         return found
 
 
