@@ -44,6 +44,8 @@ SERVER_PLACES = ("web", "frontend", "faults", "jobs", "journeys", "cli", "test_w
 SLOW_PLACES = (
     "experiments",
     "learning",
+    "demonstrations/test_td3_bc.py",
+    "simulation/test_parity.py",
     "report/test_made_up_cohorts.py",
     "test_notebook.py",
     "test_recipes.py",
