@@ -13,8 +13,9 @@ ARG DESIREPATH_TORCH_INDEX
 RUN apt-get update && apt-get install -y --no-install-recommends postgresql-common ca-certificates \
  && /usr/share/postgresql-common/pgdg/apt.postgresql.org.sh -y \
  && apt-get install -y --no-install-recommends postgresql-client-17 && rm -rf /var/lib/apt/lists/*
+# The package names the folders that come below; they come late, so that a new text builds no environment anew.
 RUN apt-get update && apt-get install -y --no-install-recommends make g++ \
- && scripts/setup.sh \
+ && mkdir frontend docs study_protocols datasets && scripts/setup.sh \
  && .venv/bin/python -m compileall -q app backend experiments \
  && apt-get purge -y g++ && apt-get autoremove -y && rm -rf /var/lib/apt/lists/* /root/.cache
 COPY frontend frontend

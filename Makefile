@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Many tests wait for servers and browsers: more processes than cores may be quicker.
 TEST_PROCESSES ?= 2
 
-.PHONY: compose-here image-here rehearse-upgrade run check test-fast test soak setup setup-test lint lock secrets clean
+.PHONY: compose-here rehearse-upgrade run check test-fast test soak setup setup-test lint lock secrets clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
@@ -64,15 +64,11 @@ secrets:
 
 # What docker-compose.yml would start, without containers, on loopback; a study walked through it in Chromium.
 compose-here: setup-test
-	$(BIN)/python scripts/compose_here.py walk
+	$(BIN)/python -m tests.composed walk
 
 # The version of a commit (OLD=...), upgraded to this one while people take part: what was lost?
 rehearse-upgrade: setup-test
-	$(BIN)/python scripts/compose_here.py upgrade $(if $(OLD),--old $(OLD)) --participants 4
-
-# The Dockerfile's steps in a folder instead of a container (root; debootstrap), and what it starts asked for its health.
-image-here: setup
-	$(BIN)/python scripts/compose_here.py image
+	$(BIN)/python -m tests.composed upgrade $(if $(OLD),--old $(OLD)) --participants 4
 
 clean:
 	rm -rf $(VENV) .venv-tools node_modules .pytest_cache .mypy_cache .ruff_cache

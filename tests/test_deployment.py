@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,9 @@ from desirepath.jobs import heartbeat
 from desirepath.jobs.process import environment_of
 from desirepath.settings import Settings, SettingsError
 from desirepath.study.protocol.freezing import freeze
-from desirepath_experiments.composed_walk import shortened
-from desirepath_experiments.image_here import Image, ImageError, steps_of
-from desirepath_experiments.image_surroundings import places_named
+from tests.composed import shortened
 
 ROOT = Path(__file__).resolve().parents[1]
-DOCKERFILE = (ROOT / "Dockerfile").read_text(encoding="utf-8")
 COMPOSE: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text(encoding="utf-8"))
 SERVER = "postgresql+psycopg://desirepath@database/desirepath"
 
@@ -40,46 +38,13 @@ def test_every_image_is_pinned_to_an_exact_version() -> None:
     assert own == {f"desirepath:{version[1]}"}
 
 
-def test_the_images_steps_can_be_carried_out_in_a_folder(tmp_path: Path) -> None:
-    """All but the commands themselves, which `make image-here` runs: what is copied, and who starts what with which
-    environment."""
-    image = Image(tmp_path)
-    told = {step.line: image.take(step) for step in steps_of(DOCKERFILE) if step.instruction not in ("FROM", "RUN")}
-    inside = tmp_path / "desirepath"
-    assert (inside / "backend/desirepath/web/server.py").is_file()
-    assert (inside / "scripts/setup.sh").stat().st_mode & 0o111, "it is run"
-    assert {one.name for one in inside.iterdir()} >= {"app", "backend", "datasets", "docs", "frontend", "Makefile"}
-    assert not (inside / "tests").exists()
-    assert (image.user, image.command) == ("desirepath", ["desirepath", "serve"])
-    assert image.environment["DESIREPATH_DATA"] == "/desirepath/data"
-    assert "files" in told[5]
-
-
-def test_a_step_over_several_lines_is_one_and_an_unknown_one_is_named(tmp_path: Path) -> None:
-    steps = steps_of("# first\nFROM debian:12\nRUN one \\\n # beside\n && two\n\nHEALTHCHECK NONE\n")
-    assert [(step.instruction, step.line) for step in steps] == [("FROM", 2), ("RUN", 3), ("HEALTHCHECK", 7)]
-    assert str(steps[1]) == "RUN one && two"
-    assert "\n" not in steps[1].words, "a shell takes no line that begins with &&"
-    with pytest.raises(ImageError, match="line 7: HEALTHCHECK is not known here"):
-        Image(tmp_path).take(steps[2])
-
-
-def test_a_step_has_the_folders_of_packages_that_pips_settings_name(tmp_path: Path, monkeypatch) -> None:
-    """As they are, where the settings say; and nothing in the folder's own place of certificates, which Debian's
-    packages write to."""
-    shelf, index, trusted = tmp_path / "shelf", tmp_path / "index/simple", tmp_path / "trusted.crt"
-    said = f"[global]\nfind-links = {shelf}\nextra-index-url = file://{index} https://packages.example.org/simple\n"
-    assert places_named(said) == [shelf, index.parent]
-    shelf.mkdir()
-    trusted.write_text("certificates")
-    monkeypatch.setenv("PIP_FIND_LINKS", str(shelf))
-    for name in ("PIP_CERT", "SSL_CERT_FILE", "REQUESTS_CA_BUNDLE"):
-        monkeypatch.setenv(name, str(trusted))
-    entering, environment = Image(tmp_path / "root")._entered("true")
-    assert f"mount -o bind,ro {shelf} {tmp_path}/root{shelf}" in entering[-1]
-    assert environment["PIP_CERT"] == "/run/certificates/PIP_CERT"
-    assert f"{trusted} {tmp_path}/root/run/certificates/PIP_CERT" in entering[-1]
-    assert "root/etc/ssl" not in entering[-1]
+def test_the_image_has_the_folders_that_its_package_names_when_that_is_installed() -> None:
+    """The build of an editable package ends where a folder of its wheel is missing."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    named = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    before, _, _ = (ROOT / "Dockerfile").read_text(encoding="utf-8").partition("scripts/setup.sh")
+    there = {word for line in re.findall(r"(?:COPY|mkdir) ([^&\n]+)", before) for word in line.split()}
+    assert there >= set(named)
 
 
 def test_what_is_walked_through_a_deployment_is_the_quick_study_with_fewer_pairs(tmp_path: Path) -> None:

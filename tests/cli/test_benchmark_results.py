@@ -15,9 +15,9 @@ def test_the_command_is_kept_without_the_folders_of_this_machine(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "results" / "people.json"
-    given = ["benchmark", "ceiling", "--out", str(out), "--conditioned", f"sharpened={tmp_path}/policy.npz", "--n", "3"]
+    given = ["benchmark", "people", "--out", str(out), "--conditioned", f"sharpened={tmp_path}/policy.npz", "--n", "3"]
     monkeypatch.setattr(sys, "argv", ["desirepath", *given])
     write_result(out, {"share": 0.123456789})
     kept = json.loads(out.read_text(encoding="utf-8"))
-    assert kept["command"] == "desirepath benchmark ceiling --out people.json --conditioned sharpened=policy.npz --n 3"
+    assert kept["command"] == "desirepath benchmark people --out people.json --conditioned sharpened=policy.npz --n 3"
     assert kept["share"] == 0.12346

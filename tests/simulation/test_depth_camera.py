@@ -20,7 +20,7 @@ from desirepath.simulation.depth_camera import (
 from desirepath.simulation.depth_shapes import UprightBox, parts_of
 from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene
 from desirepath.simulation.scenes import draw_scenes
-from desirepath_experiments.benchmarks.reference_camera import ReferenceCamera
+from tests.simulation.reference_camera import ReferenceCamera
 
 EMPTY = Scene(
     setup="home",

@@ -19,7 +19,6 @@ import torch
 from desirepath.learning.errors import LearningError
 from desirepath.learning.td3.base import BaseConfig
 from desirepath.simulation.setups import get_setup
-from desirepath_experiments.benchmarks.limits import matmul_gflops, matmul_gflops_torch
 from desirepath_experiments.benchmarks.training_arms import (
     AVERAGED,
     CONFIRM_SCENES,
@@ -53,14 +52,6 @@ def alone(base: BaseConfig) -> BaseConfig:
         exploration=(middle, middle),
         random_transitions=min(RANDOM_TRANSITIONS_ALONE, base.random_transitions),
     )
-
-
-ABLATION: dict[str, Callable[[BaseConfig], BaseConfig]] = {
-    "as_it_is": lambda base: base,
-    "a_quarter_of_the_updates_per_step": lambda base: replace(base, updates_per_step=base.updates_per_step // 4),
-    "four_times_the_updates_per_step": lambda base: replace(base, updates_per_step=base.updates_per_step * 4),
-}
-"""Our own training with one thing changed."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +93,6 @@ def benchmark_train(
     config: TrainBenchmarkConfig | None = None,
     base: BaseConfig | None = None,
     keep: Path | None = None,
-    ablation_seeds: int = 0,
 ) -> dict[str, Any]:
     """Processor seconds of training until a base policy reaches 94 %, ours (`fast`) against SB3 on the same fast engine
     and on PyBullet. One thread each, ours and SB3 on the fast engine in turns of some hundred updates, so that both
@@ -118,7 +108,6 @@ def benchmark_train(
     The PyBullet arm is SB3 as its users begin (one environment, one update per step), trained on the fast engine and
     charged with measured seconds per PyBullet step instead of the fast engine's; `sb3_pybullet_note` says so.
     keep: file that finished trainings are kept in; a broken run goes on from there.
-    ablation_seeds: so many seeds of `ABLATION`, to tell the causes apart.
     """
     unknown = [arm for arm in arms if arm not in ARMS]
     if unknown or not arms or seeds < 1:
@@ -152,7 +141,6 @@ def benchmark_train(
             f"(measured over {config.pybullet_steps} steps, restarts included) plus its seconds of updates"
         )
     judged = {arm: _judged(entries, arm, WEIGHTS[arm]) for arm in arms}
-    alone_s = _median([e.seconds_to_94 for e in trained if e.arm == "sb3_pybullet"]) if note else None
     medians = {arm: _median_seconds(found) for arm, found in judged.items()}
     return {
         "setup": setup,
@@ -166,8 +154,6 @@ def benchmark_train(
         "per_seed": [asdict(entry) for entry in entries],
         **_ratios(medians, "sb3_fast"),
         **_ratios(medians, "sb3_pybullet"),
-        "causes": _causes(judged, entries, chosen.batch_size, alone_s) if {"fast", "sb3_fast"} <= set(judged) else None,
-        "ablation": _ablation(chosen, train, ablation_seeds) if ablation_seeds else None,
         "sb3_pybullet_note": note,
         "network_heads": list(chosen.heads),
         "openblas_coretype": os.environ.get("OPENBLAS_CORETYPE"),
@@ -195,57 +181,6 @@ def _judged(entries: Sequence[Reached], arm: str, weights: Sequence[str]) -> lis
     found = [e for e in entries if e.arm == arm and e.weights in weights]
     per_seed = {e.seed: [other for other in found if other.seed == e.seed] for e in found}
     return [min(same, key=lambda e: (e.seconds_to_94 is None, e.seconds)) for same in per_seed.values()]
-
-
-def _causes(
-    judged: dict[str, list[Reached]], entries: Sequence[Reached], batch_size: int, alone_s: float | None
-) -> dict[str, Any]:
-    """Where the gain over SB3 on the same engine comes from: medians over seeds, and SB3's divided by ours.
-
-    `matmul_gflops`: part of `ms_per_update`'s ratio is that NumPy's library multiplies matrices of this size faster
-    (or slower) than torch's on this machine. `batched_environments`: SB3 with one environment and one update per step,
-    on the fast engine too, against SB3 with many (null where the PyBullet arm did not run).
-    """
-    by_last = _judged(entries, "fast", (LAST,))
-
-    def compared(name: str, ours: Sequence[Reached], *, if_reached: bool) -> dict[str, float | None]:
-        sides = {"fast": ours, "sb3_fast": judged["sb3_fast"]}
-        middle = {
-            arm: _median([None if if_reached and e.seconds_to_94 is None else getattr(e, name) for e in found])
-            for arm, found in sides.items()
-        }
-        return {**middle, "ratio": _ratio(middle["sb3_fast"], middle["fast"])}
-
-    sb3_s = _median_seconds(judged["sb3_fast"]).value
-    numpys, torchs = matmul_gflops(batch_size), matmul_gflops_torch(batch_size)
-    return {
-        "ms_per_update": compared("ms_per_update", judged["fast"], if_reached=False),
-        "matmul_gflops": {"fast": numpys, "sb3_fast": torchs, "ratio": numpys / torchs},
-        "ms_per_transition_stepped": compared("ms_per_transition", judged["fast"], if_reached=False),
-        "batched_environments": {"sb3_alone_seconds_to_94": alone_s, "ratio": _ratio(alone_s, sb3_s)},
-        "updates_needed": compared("updates", judged["fast"], if_reached=True),
-        "updates_needed_without_averaging": compared("updates", by_last, if_reached=True),
-    }
-
-
-def _ablation(base: BaseConfig, train: Callable[..., list[Reached]], seeds: int) -> dict[str, Any]:
-    """Our training with one thing changed: medians over seeds, last weights only."""
-    table: dict[str, Any] = {}
-    for name, change in ABLATION.items():
-        arm = "fast" if name == "as_it_is" else f"fast_{name}"
-        entries = [e for seed in range(seeds) for e in train(seed, {arm: (train_ours, change(base))})]
-        found = _judged(entries, arm, (LAST,))
-        median = _median_seconds(found)
-        table[name] = {
-            "seconds_to_94": median.value,
-            "seconds_longer_than": median.longer_than,
-            "updates": _median([e.updates for e in found]),
-            "transitions": _median([e.transitions for e in found]),
-            "ms_per_update": _median([e.ms_per_update for e in found]),
-            "ms_per_transition": _median([e.ms_per_transition for e in found]),
-            "seeds": seeds,
-        }
-    return table
 
 
 def _median_seconds(found: Sequence[Reached]) -> Median:

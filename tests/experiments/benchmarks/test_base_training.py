@@ -20,7 +20,7 @@ TINY = TrainBenchmarkConfig(updates_per_check=24, check_scenes=50, max_updates=4
 
 
 def test_train_benchmark_compares_arms_and_admits_failure(tiny_config: BaseConfig) -> None:
-    result = benchmark_train(seeds=1, config=TINY, base=replace(tiny_config, updates_per_step=12), ablation_seeds=1)
+    result = benchmark_train(seeds=1, config=TINY, base=replace(tiny_config, updates_per_step=12))
     assert result["seconds_to_94"] is None  # 48 updates do not make a driver
     assert result["held_out_success"] is None
     for ratio in ("ratio_vs_sb3_fast", "ratio_vs_sb3_pybullet"):
@@ -42,13 +42,6 @@ def test_train_benchmark_compares_arms_and_admits_failure(tiny_config: BaseConfi
     assert all(entry["transitions"] > tiny_config.random_transitions for entry in trained)
     assert pybullet["wall_seconds"] is None  # computed: steps times seconds per PyBullet step
     assert pybullet["seconds"] > pybullet["transitions"] * 1e-3
-    assert set(result["causes"]["ms_per_update"]) == {"fast", "sb3_fast", "ratio"}
-    assert result["causes"]["updates_needed"]["fast"] is None
-    assert result["causes"]["batched_environments"]["ratio"] is None
-    changed = result["ablation"]["four_times_the_updates_per_step"]
-    assert changed["seconds_to_94"] is None
-    assert changed["seconds_longer_than"] > 0
-    assert changed["transitions"] < result["ablation"]["as_it_is"]["transitions"]
     assert "not trained in PyBullet" in result["sb3_pybullet_note"]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desirepath_experiments.cli.benchmark import engine, serving, personalisation, methods, ceiling, cohorts  # isort: skip (the order of --help)
+from desirepath_experiments.cli.benchmark import engine, serving, personalisation, methods, cohorts  # isort: skip (the order of --help)
 from desirepath_experiments.cli.benchmark.group import commands
 
-__all__ = ["ceiling", "cohorts", "commands", "engine", "methods", "personalisation", "serving"]
+__all__ = ["cohorts", "commands", "engine", "methods", "personalisation", "serving"]

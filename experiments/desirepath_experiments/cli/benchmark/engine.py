@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from desirepath.cli.output import IndifferenceOption, JsonFlag, MyopiaOption, NoiseOption, plain_errors, say
-from desirepath_experiments.cli.benchmark.group import OutOption, commands, say_and_write, seed_range, tell
+from desirepath_experiments.cli.benchmark.group import OutOption, commands, say_and_write
 
 
 @commands.command()
@@ -31,61 +31,14 @@ def train(
     keep: Annotated[
         Path | None, typer.Option(help="Keep finished trainings in this file; a broken run goes on from there.")
     ] = None,
-    ablation_seeds: Annotated[
-        int, typer.Option(min=0, help="So many seeds of our training with one thing changed, to tell causes apart.")
-    ] = 0,
-    instructions: Annotated[
-        str, typer.Option(help="avx2, avx512 or both: ours and SB3 on the fast engine once for each, instead.")
-    ] = "",
-    beside: Annotated[
-        str, typer.Option(help="With --instructions: numbers of processes that multiply matrices meanwhile.")
-    ] = "0,1",
     out: OutOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds until a base policy reaches 94 % success, ours against Stable-Baselines3."""
-    if instructions:
-        from desirepath_experiments.benchmarks.training_cases import benchmark_cases
-
-        cases = benchmark_cases(
-            setup=setup,
-            seeds=seeds,
-            instructions=instructions.split(","),
-            beside=[int(number) for number in beside.split(",") if number.strip().isdecimal()],
-            tell=tell,
-        )
-        say_and_write(cases, out, as_json)
-        return
     from desirepath_experiments.benchmarks.base_training import benchmark_train
 
-    result = benchmark_train(
-        setup=setup, seeds=seeds, arms=tuple(arms.split(",")), keep=keep, ablation_seeds=ablation_seeds
-    )
+    result = benchmark_train(setup=setup, seeds=seeds, arms=tuple(arms.split(",")), keep=keep)
     say_and_write(result, out, as_json)
-
-
-@commands.command()
-@plain_errors
-def limits(
-    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field", as_json: JsonFlag = False
-) -> None:
-    """How far an update and the simulator are from the core's matrix products and memory."""
-    from desirepath_experiments.benchmarks.limits import benchmark_limits
-
-    say(benchmark_limits(setup=setup), as_json)
-
-
-@commands.command()
-@plain_errors
-def evaluate(
-    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
-    episodes: Annotated[int, typer.Option(min=1)] = 2_000,
-    as_json: JsonFlag = False,
-) -> None:
-    """Seconds to roll out many episodes at once, and to make one flow-field plot."""
-    from desirepath_experiments.benchmarks.batched_evaluation import benchmark_evaluate
-
-    say(benchmark_evaluate(setup=setup, episodes=episodes), as_json)
 
 
 @commands.command()
@@ -100,37 +53,6 @@ def parity(
     from desirepath_experiments.benchmarks.parity import benchmark_parity
 
     say(benchmark_parity(policy=policy, scenes=scenes, seed=seed), as_json)
-
-
-@commands.command()
-@plain_errors
-def depth(
-    setup: Annotated[str, typer.Option(help="home, or another furnished setup.")] = "home",
-    frames: Annotated[int, typer.Option(min=5)] = 1_000,
-    seconds: Annotated[float, typer.Option(min=0.1, help="For both cameras together.")] = 6.0,
-    wide: Annotated[bool, typer.Option(help="120 degrees instead of 87.")] = False,
-    seed: Annotated[int, typer.Option()] = 0,
-    as_json: JsonFlag = False,
-) -> None:
-    """The depth camera against PyBullet's software renderer: errors in metres, frames per second."""
-    from desirepath_experiments.benchmarks.depth_camera import benchmark_depth
-
-    say(benchmark_depth(setup, frames=frames, seconds=seconds, wide=wide, seed=seed), as_json)
-
-
-@commands.command()
-@plain_errors
-def walking(
-    out: Annotated[Path, typer.Option(help="Folder of finished trainings; started again, it goes on.")],
-    seeds: Annotated[str, typer.Option(help="FIRST-LAST; each in both environments of chapter 2.")] = "0-5",
-    updates: Annotated[int, typer.Option(min=16)] = 8_000,
-    processes: Annotated[int, typer.Option(min=1)] = 1,
-    as_json: JsonFlag = False,
-) -> None:
-    """Chapter 2's controllers with walking against standing people in exploration: paired differences."""
-    from desirepath_experiments.benchmarks.walking_people import benchmark_walking
-
-    say(benchmark_walking(out, seeds=seed_range(seeds), updates=updates, processes=processes), as_json)
 
 
 @commands.command()

@@ -7,8 +7,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from desirepath.cli.output import JsonFlag, plain_errors, say
-from desirepath_experiments.cli.benchmark.group import commands, say_and_write, seed_range, write_result
+from desirepath.cli.output import JsonFlag, plain_errors
+from desirepath_experiments.cli.benchmark.group import commands, say_and_write
 
 
 @commands.command()
@@ -26,23 +26,3 @@ def words(
     chosen: Literal["test", "development"] = "test" if part == "test" else "development"
     result = benchmark_words(chosen)
     say_and_write(result, out, as_json)
-
-
-@commands.command()
-@plain_errors
-def telling(
-    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
-    seeds: Annotated[str, typer.Option(help="FIRST-LAST; each has scenes, pairs and hands of its own.")] = "0-2",
-    candidates: Annotated[int, typer.Option(min=20, help="Weights that drawn paths are compared with.")] = 600,
-    out: Annotated[Path | None, typer.Option(help="Also write every row to this file, as JSON.")] = None,
-    as_json: JsonFlag = False,
-) -> None:
-    """Simulated people say what they prefer by 15 choices, four drawn paths, sliders and a sentence: how far off each
-    is."""
-    from desirepath_experiments.benchmarks.ways_of_telling import TellingConfig, benchmark_telling
-
-    config = TellingConfig(setup=setup, candidates=candidates)
-    result = benchmark_telling(seed_range(seeds), config, lambda done, _: typer.echo(f"{done:.0%}", err=True))
-    if out is not None:
-        write_result(out, result)
-    say({name: value for name, value in result.items() if name != "rows"}, as_json)

@@ -14,47 +14,6 @@ from desirepath_experiments.cli.benchmark.group import commands, say_and_write, 
 
 @commands.command()
 @plain_errors
-def asking(
-    query_set: Annotated[str, typer.Argument(help="A shipped query set or a file.")] = "study_room/queries_200",
-    oracles: Annotated[str, typer.Option(help="Comma-separated; default all.")] = "",
-    response_models: Annotated[
-        str,
-        typer.Option("--response-models", "--habits", help="Any of right,lapses,indifference,myopia; default all."),
-    ] = "",
-    answers: Annotated[int, typer.Option(min=1)] = 30,
-    repetitions: Annotated[int, typer.Option(min=2)] = 20,
-    seed: Annotated[int, typer.Option()] = 0,
-    plain: Annotated[str, typer.Option(help="Another query set, asked at random, to compare with.")] = "",
-    out: Annotated[Path | None, typer.Option(help="Also write every curve to this file, as JSON.")] = None,
-    as_json: JsonFlag = False,
-) -> None:
-    """Simulated: accuracy against number of answers, for queries chosen at random, by disagreement, by information."""
-    from desirepath.learning.policies.shipped import load_queries
-    from desirepath.learning.preferences.oracles import ORACLE_PREFERENCES
-    from desirepath_experiments.asking import RESPONSE_MODELS, AskingConfig, asking_study, summarise
-
-    config = AskingConfig(
-        oracles=tuple(oracles.split(",")) if oracles else tuple(ORACLE_PREFERENCES),
-        response_models=tuple(response_models.split(",")) if response_models else tuple(RESPONSE_MODELS),
-        answers=answers,
-        repetitions=repetitions,
-        seed=seed,
-    )
-    result = asking_study(
-        load_queries(query_set),
-        config,
-        lambda done: typer.echo(f"{done:.0%}", err=True),
-        load_queries(plain) if plain else None,
-    )
-    result |= {"query_set": query_set, "plain": plain or None}
-    summary = summarise(result)
-    if out is not None:
-        write_result(out, result | {"summary": summary["rows"]})
-    say(summary, as_json)
-
-
-@commands.command()
-@plain_errors
 def people(
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
     family: Annotated[
@@ -282,58 +241,6 @@ def people_harm(
     if out is not None:
         write_result(out, result)
     say({key: value for key, value in result.items() if key != "persons"}, as_json)
-
-
-@commands.command("wants", hidden=True, deprecated=True)
-@commands.command("preferences")
-@plain_errors
-def preferences_command(
-    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
-    oracles: Annotated[str, typer.Option(help="Comma-separated; default all.")] = "",
-    noises: Annotated[str, typer.Option(help="Shares of wrong answers, comma-separated.")] = "0",
-    seeds: Annotated[str, typer.Option(help="Of the query sets: FIRST-LAST.")] = "70-79",
-    queries: Annotated[
-        str, typer.Option(help="Whose trajectories: ensemble, or varied (of the conditioned policy).")
-    ] = "varied",
-    answers: Annotated[int, typer.Option(min=2)] = 15,
-    choose: Annotated[
-        str, typer.Option(help="random: as many queries as answers; information, disagreement: from a pool of 60.")
-    ] = "random",
-    scenes: Annotated[int, typer.Option(min=2)] = 2_000,
-    pretrainings: Annotated[
-        str, typer.Option(help="Conditioned policies with cards, comma-separated; default the shipped one.")
-    ] = "",
-    out: Annotated[Path | None, typer.Option(help="Also write every row to this file, as JSON.")] = None,
-    as_json: JsonFlag = False,
-) -> None:
-    """Simulated: how far each oracle's answers move the instant policy, over query sets and pre-trainings."""
-    from desirepath.learning.policies.shipped import load_conditioned
-    from desirepath.learning.preferences.oracles import ORACLE_PREFERENCES
-    from desirepath.learning.shipped_files import load_card
-    from desirepath_experiments.benchmarks.preference_learning import PreferencesConfig, benchmark_preferences
-
-    first, _, last = seeds.partition("-")
-    if queries not in ("ensemble", "varied") or not first.isdigit() or not (last or first).isdigit():
-        raise typer.BadParameter(f"queries = {queries}, seeds = {seeds}: ensemble or varied; such as 70-79")
-    config = PreferencesConfig(
-        oracles=tuple(oracles.split(",")) if oracles else tuple(ORACLE_PREFERENCES),
-        noises=tuple(float(noise) for noise in noises.split(",")),
-        query_seeds=tuple(range(int(first), int(last or first) + 1)),
-        queries="ensemble" if queries == "ensemble" else "varied",
-        choose=choose,
-        answers=answers,
-        scenes=scenes,
-    )
-    names = pretrainings.split(",") if pretrainings else [f"{setup}/conditioned"]
-    cards = [load_card(name) for name in names]
-    conditioned = {f"seed {card.seed}": load_conditioned(name) for name, card in zip(names, cards, strict=True)}
-    result = benchmark_preferences(setup, conditioned, config, lambda done: typer.echo(f"{done:.0%}", err=True))
-    result |= {
-        "pretrainings": {f"seed {card.seed}": {"command": card.command, "sha256": card.sha256} for card in cards}
-    }
-    if out is not None:
-        write_result(out, result)
-    say({"setup": setup, "ceiling_m": result["ceiling_m"], "rows": result["summary"]}, as_json)
 
 
 @commands.command("headline")

@@ -99,48 +99,6 @@ def faults(
 
 @commands.command()
 @plain_errors
-def database(
-    connections: Annotated[str, typer.Option(help="Numbers of connections, with commas.")] = "1,2,4,8,16",
-    seconds: Annotated[float, typer.Option(min=0.1, help="How long with each number.")] = 5.0,
-    out: OutOption = None,
-    as_json: JsonFlag = False,
-) -> None:
-    """How many answers a second PostgreSQL alone stores, every one on the disk. On a server of its own."""
-    from desirepath_experiments.benchmarks.database_writes import benchmark_database
-
-    result = benchmark_database(connections=[int(one) for one in connections.split(",")], seconds=seconds, tell=tell)
-    say_and_write(result, out, as_json)
-
-
-@commands.command("workers")
-@plain_errors
-def several_workers(
-    tasks: Annotated[int, typer.Option(min=1, help="Of one sweep.")] = 24,
-    workers: Annotated[str, typer.Option(help="Numbers of workers, with commas.")] = "1,2,4",
-    task_s: Annotated[float, typer.Option(min=0.1, help="Seconds that one task takes.")] = 5.0,
-    load: Annotated[str, typer.Option(help="waiting: needs no processor; working: one core each.")] = "waiting",
-    kills: Annotated[int, typer.Option(min=0, help="How often a worker is killed in the middle of a job.")] = 3,
-    out: OutOption = None,
-    as_json: JsonFlag = False,
-) -> None:
-    """A sweep on several workers, and seconds until a killed one's job goes on. On a PostgreSQL server of its own."""
-    from desirepath_experiments.benchmarks.workers import benchmark_workers
-
-    if load not in ("waiting", "working"):
-        raise typer.BadParameter(f"load = {load}: must be waiting or working")
-    result = benchmark_workers(
-        tasks=tasks,
-        workers=[int(one) for one in workers.split(",")],
-        task_s=task_s,
-        load="working" if load == "working" else "waiting",
-        kills=kills,
-        tell=tell,
-    )
-    say_and_write(result, out, as_json)
-
-
-@commands.command()
-@plain_errors
 def pages(
     studies: Annotated[int, typer.Option(min=1, help="Studies in the installation.")] = 20,
     participants: Annotated[int, typer.Option(min=1, help="Simulated people in each of them.")] = 31,
@@ -194,21 +152,6 @@ def finish(
     from desirepath_experiments.benchmarks.finishing import benchmark_finish
 
     say(benchmark_finish(participants=participants, oracle=oracle, seed=seed), as_json)
-
-
-@commands.command("study")
-@plain_errors
-def study_command(
-    participants: Annotated[int, typer.Option(min=3, help="Simulated participants of the interface study.")] = 31,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
-    out: OutOption = None,
-    as_json: JsonFlag = False,
-) -> None:
-    """Simulated: chapter 7's study over HTTP, its report, its data set there and back; what was put in is found."""
-    from desirepath_experiments.benchmarks.interface_study import benchmark_study
-
-    result = benchmark_study(participants=participants, seed=seed, tell=tell)
-    say_and_write(result, out, as_json)
 
 
 @commands.command()
