@@ -19,7 +19,7 @@ from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
 
-CANDIDATES = 600  # as in `desirepath benchmark telling`
+CANDIDATES = 600  # as in the comparison of ways of telling (docs/numbers.md)
 
 
 def ship_path_weights(setup: str, seed: int, folder: Path, on_progress: OnProgress, count: int = CANDIDATES) -> Card:
