@@ -134,7 +134,7 @@ def test_a_sweep_is_spread_over_machines_and_goes_on_where_it_was(postgres_serve
         told: list[str] = []
 
         def sweep(folder: str, tasks: list[Task]) -> int:
-            queue = Queue("benchmark", database, ArtefactStore(artefacts), created_by="tests")
+            queue = Queue("trial", database, ArtefactStore(artefacts), created_by="tests")
             work = Work(tmp_path / folder)
             with work.claimed():
                 done = queue.finish(tasks, work, on_task=lambda task, *_: told.append(task.kind))

@@ -37,7 +37,7 @@ from desirepath_experiments.reproduction.tasks import (
 CHAPTERS = {
     name: f"desirepath_experiments.reproduction.{name}.computing"
     for name in ("enquery", "demonstrations", "interface", "adaptable", "explanations", "depth", "pedestrians")
-} | {"benchmark": "desirepath_experiments.benchmarks.sweep_tasks"}
+} | {"trial": "desirepath_experiments.reproduction.trial_tasks"}
 POLL_S = 0.25
 SWEEP_PRIORITY = 30  # after everything that somebody started by hand
 
