@@ -32,7 +32,7 @@ def accuracy(posterior: FreePosterior, differences: PairDifferences, chosen: np.
     return float(((posterior.predict(differences[first:]) > 0.5) == chosen[first:]).mean())
 
 
-def test_who_is_outside_the_list_is_foretold_better_and_the_posterior_says_so(
+def test_who_is_outside_the_list_is_predicted_better_and_the_posterior_says_so(
     study_queries: QuerySet, differences: PairDifferences
 ) -> None:
     gained = []
@@ -99,7 +99,7 @@ def test_an_answer_that_is_known_tells_nothing_more(study_queries: QuerySet, dif
     assert bits[:20].mean() < bits[20:].mean()
 
 
-def test_a_question_tells_about_what_is_to_be_foretold_and_not_about_all_there_is(
+def test_a_question_tells_about_what_is_to_be_predicted_and_not_about_all_there_is(
     study_queries: QuerySet, differences: PairDifferences
 ) -> None:
     """A pair asked again tells most about itself; none tells about a pair whose answer is a coin's."""

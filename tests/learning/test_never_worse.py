@@ -1,4 +1,4 @@
-"""A policy is somebody's own only where it is better for them, by their own answers; answers that cannot be foretold
+"""A policy is somebody's own only where it is better for them, by their own answers; answers that cannot be predicted
 say so."""
 
 from __future__ import annotations
@@ -63,13 +63,13 @@ def test_the_usual_policy_is_not_better_than_itself(study_queries: QuerySet, dif
     assert (verdict.passed, verdict.probability_better) == (False, 0.5)
 
 
-def test_answers_that_can_be_foretold_come_true_as_claimed(
+def test_answers_that_can_be_predicted_come_true_as_claimed(
     study_queries: QuerySet, differences: PairDifferences
 ) -> None:
     chosen = np.equal(make_oracle("min-human-distance").choices(study_queries.queries[:15]), 0)
     _, check = checked_answers(differences[:15], chosen, CONFIG)
     assert (check.answers, check.verdict) == (15, "as_claimed")
-    assert check.foretold >= 10
+    assert check.correct >= 10
     assert check.log_score > np.log(0.5)
     assert check.something_else < 0.5
     _, few = checked_answers(differences[:2], chosen[:2], CONFIG)
@@ -82,7 +82,7 @@ def test_who_answers_otherwise_than_claimed_is_told() -> None:
     assert told.as_dict()["verdict"] == "overclaimed"
 
 
-def test_the_chance_of_so_few_foretold_is_summed_over_all_that_could_have_come_true(
+def test_the_chance_of_so_few_predicted_is_summed_over_all_that_could_have_come_true(
     differences: PairDifferences,
 ) -> None:
     """What is claimed of each answer follows from the checks of ever more of them; of 2^5 outcomes those count in which
@@ -95,6 +95,6 @@ def test_the_chance_of_so_few_foretold_is_summed_over_all_that_could_have_come_t
         chance = sum(
             np.prod(np.where(came_true, sure[:n], 1 - sure[:n]))
             for came_true in product((True, False), repeat=n)
-            if sum(came_true) <= check.foretold
+            if sum(came_true) <= check.correct
         )
         assert check.p_value == pytest.approx(chance)

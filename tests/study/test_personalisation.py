@@ -39,7 +39,7 @@ def waiting(walker):
     return walker
 
 
-CHECK = {"verdict": "as_claimed", "answers": 6, "foretold": 5, "claimed": 4.2, "p_value": 0.9, "log_score": -0.4}
+CHECK = {"verdict": "as_claimed", "answers": 6, "correct": 5, "claimed": 4.2, "p_value": 0.9, "log_score": -0.4}
 CHECK |= {"something_else": 0.8, "words": {"jerk": -1.0, "free_range_ahead": 0.6}}
 UNSURE = {"passed": False, "probability_better": 0.62, "needed": 0.9, "scenes": 200, "something_else": 0.8}
 

@@ -71,7 +71,7 @@ def test_a_reward_of_ones_own_is_taken_in_asked_and_told_in_words(lab, lab_servi
     assert started.status_code == 303, started.text
     page = lab.get(f"/lab/jobs/{done(lab_services, monkeypatch)}").text
     words = {
-        "en": ("How well it is foretold", "20 pairs in other scenes", "Calibration error", "typical differences"),
+        "en": ("How well it is predicted", "20 pairs in other scenes", "Calibration error", "typical differences"),
         "de": ("Wie gut es vorhergesagt wird", "20 Paare in anderen Szenen", "Kalibrierungsfehler", "Unterschiede"),
     }[language]
     assert all(one in page for one in words)

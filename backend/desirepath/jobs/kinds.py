@@ -184,7 +184,7 @@ class TrainDemonstrationsParams(Params):
 
 
 class AskPersonParams(Params):
-    """Ask a reward model as if it were a participant: how well, and how surely, its answers are foretold, and what its
+    """Ask a reward model as if it were a participant: how well, and how surely, its answers are predicted, and what its
     robot would gain.
 
     answers: the most that it gives; it is also measured after those of MEASURED_AFTER that are fewer.

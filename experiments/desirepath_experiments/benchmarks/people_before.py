@@ -1,4 +1,4 @@
-"""`benchmark people --before`: how much earlier participants of a study help to foretell the next one.
+"""`benchmark people --before`: how much earlier participants of a study help to predict the next one.
 
 Everybody is simulated. People of one population have something in common: each is half the population's own preference,
 half one of their own, both random reward networks. Those before are of the same population, or of another one.
@@ -28,7 +28,7 @@ POPULATIONS = ("same", "shifted")
 
 @dataclass(frozen=True)
 class BeforeConfig:
-    """before: how many earlier participants. answers: after how many own ones it is measured. people: who are foretold,
+    """before: how many earlier participants. answers: after how many own ones it is measured. people: who are predicted
     of each seed; each seed has pairs and populations of its own."""
 
     before: tuple[int, ...] = (0, 10, 30, 100)
@@ -70,7 +70,7 @@ def benchmark_before(
             for key, prior in priors.items():
                 if key == ("shifted", 0):
                     continue
-                for n, accuracy in _foretold(person, pairs, prior, config, np.random.default_rng([seed, 82, number])):
+                for n, accuracy in _predict(person, pairs, prior, config, np.random.default_rng([seed, 82, number])):
                     found.setdefault((*key, n), []).append(accuracy)
             if on_progress:
                 on_progress((place + (number + 1) / config.people) / len(config.seeds))
@@ -100,7 +100,7 @@ def _answered(person: FamilyMember, pairs: AskedPairs, random: np.random.Generat
     return EarlierPerson(pairs.differences[asked], better[asked] > 0)
 
 
-def _foretold(
+def _predict(
     person: FamilyMember,
     pairs: AskedPairs,
     prior: WeightPrior | None,

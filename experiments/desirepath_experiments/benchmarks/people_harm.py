@@ -147,7 +147,7 @@ def benchmark_people_harm(
 
 
 def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleHarmConfig) -> dict[str, Any]:
-    """One person: asked, foretold, judged, shown or not."""
+    """One person: asked, predicted, judged, shown or not."""
     pairs, now = room.pairs, person.after(config.answers)
     answers = {
         False: answers_of(person.after(0), pairs, answering, room.setup, room.seed),
@@ -156,7 +156,7 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
     believed = FreePosterior.prior(room.setup, FreeConfig(posterior=PosteriorConfig(particles=config.particles)))
     left, asked = list(pairs.asked), []
     for n in range(config.answers):
-        asked.append(left.pop(int(believed.bits_about(pairs.differences[left], pairs.foretold).argmax())))
+        asked.append(left.pop(int(believed.bits_about(pairs.differences[left], pairs.to_predict).argmax())))
         believed = believed.updated(
             pairs.differences[[asked[-1]]], bool(answers[person.after(n) is now][asked[-1]] > 0)
         )

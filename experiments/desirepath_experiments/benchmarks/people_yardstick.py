@@ -93,7 +93,7 @@ def benchmark_yardstick(
 
 
 def _agrees(columns: Doubles, chosen: NDArray[np.bool_], test: Doubles, right: NDArray[np.bool_]) -> float:
-    """Share of the test pairs that a linear model of these answers foretells."""
+    """Share of the test pairs that a linear model of these answers predicts."""
     signs = np.where(chosen, 1.0, -1.0)
     fitted = [AdvantageProcess.after(strength, (np.zeros(len(signs)), columns), signs) for strength in STRENGTHS]
     best = max(fitted, key=lambda process: process.log_evidence)

@@ -2,7 +2,7 @@
 
 A search that is told the building and how everybody moves (`foresight.constant_velocity`) says what each command costs
 wherever the learner's own driving leads (DAgger, Ross et al. 2011, with the costs of all commands as in AggreVaTe, Ross
-and Bagnell 2014); the network foretells those costs from what the robot senses. Chapter 4's learner is
+and Bagnell 2014); the network predicts those costs from what the robot senses. Chapter 4's learner is
 `crowd_training.py`.
 """
 
@@ -148,8 +148,8 @@ def learn_from(
 ) -> None:
     """One step. targets: (b, 24) m, NaN where nothing is known. bfloat16: products in it."""
     with torch.autocast("cpu", torch.bfloat16, enabled=bfloat16):
-        foretold = actor.costs(seen)
-    off = foretold.float() - (targets[:, None] / dearest).clamp(max=1.0)
+        predicted = actor.costs(seen)
+    off = predicted.float() - (targets[:, None] / dearest).clamp(max=1.0)
     loss = torch.where(off.isnan(), 0.0, off).square().mean()
     adam.zero_grad()
     torch.autograd.backward(loss)

@@ -141,7 +141,7 @@ def test_networks_tell_states_apart_before_they_have_learned_anything(variant):
     assert before_the_last_layer.std(dim=0).mean() > 0.003, "torch's own first numbers: 0.000005 with attention"
 
 
-def test_an_untrained_network_attends_to_everything_alike_and_foretells_hardly_any_cost():
+def test_an_untrained_network_attends_to_everything_alike_and_predicts_hardly_any_cost():
     torch.manual_seed(0)
     actor, seen = Chooser("ours"), torch.as_tensor(states(begun(20), "points_and_groups"))
     for weights in attention_weights(actor, seen).values():
@@ -185,10 +185,10 @@ def test_what_is_told_is_learned():
     for _ in range(400):
         learn_from(actor, adam, seen, told, dearest)
     with torch.no_grad():
-        foretold = actor.costs(seen)
+        predicted = actor.costs(seen)
     for table, most in enumerate((1.0, 4.0)):
         should = (told / most).clamp(max=1.0)
-        assert (foretold[:, table] - should).square().mean() < 0.5 * should.var(dim=0).mean()
+        assert (predicted[:, table] - should).square().mean() < 0.5 * should.var(dim=0).mean()
 
 
 def test_a_training_tells_how_it_goes_and_keeps_one_table():

@@ -21,7 +21,7 @@ from desirepath.simulation.trajectory import Trajectory
 Doubles = NDArray[np.float64]
 Measured = tuple[Doubles, Doubles]
 """Named measures (n, measures) and embedding (n, features) of trajectories."""
-FORETOLD = 100  # pairs that stand for all that are to be foretold; ours
+MOST_PREDICTED = 100  # pairs that stand for all that are to be predicted; own choice
 LARGEST = 4.0  # typical differences: a larger one says no more
 
 
@@ -65,7 +65,7 @@ class PairDifferences:
     def __getitem__(self, rows: NDArray[np.int64] | Sequence[int] | slice) -> PairDifferences:
         return PairDifferences(self.setup, self.seen[rows], self.named[rows], self.embedding[rows])
 
-    def thinned(self, most: int = FORETOLD) -> PairDifferences:
+    def thinned(self, most: int = MOST_PREDICTED) -> PairDifferences:
         """Evenly spread ones of these pairs, at most so many."""
         return self[np.linspace(0, len(self) - 1, min(len(self), most)).astype(np.int64)]
 

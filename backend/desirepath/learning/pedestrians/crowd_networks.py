@@ -183,10 +183,10 @@ class Actor(nn.Module):
 
 
 class Chooser(Actor):
-    """What every command of `foresight.COMMANDS` is foretold to cost; its action is the cheapest one's. Ours, for
+    """What every command of `foresight.COMMANDS` is predicted to cost; its action is the cheapest one's. Ours, for
     imitation: two ways around somebody do not average to a way between them.
 
-    tables: costs are foretold that many times, in different units; which: by whose it acts.
+    tables: costs are predicted that many times, in different units; which: by whose it acts.
     """
 
     def __init__(self, variant: str, tables: int = 1, which: int = 0) -> None:

@@ -37,7 +37,7 @@ PER_SCENE = 2
 
 @dataclass(frozen=True)
 class AskedPairs:
-    """Pairs to ask about and others, in other scenes, to be foretold. manners: how many to ask about, the first ones,
+    """Pairs to ask about and others, in other scenes, to be predicted. manners: how many to ask about, the first ones,
     are of policies in many manners."""
 
     trajectories: tuple[tuple[Trajectory, Trajectory], ...]
@@ -53,7 +53,7 @@ class AskedPairs:
 
     def with_manners(self, setup: str, seed: int, manners: int, kept: int) -> AskedPairs:
         """Asked about are `kept` of these pairs and `manners` of policies in many manners, the most telling ones; what
-        is foretold stays."""
+        is predicted stays."""
         config = MannerConfig(QueryConfig(seed=FIRST_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup]))
         scenes = scene_set(setup, manners, purpose=Purpose.QUERIES, seed=MANNER_SEED + seed)
         found = manner_pairs(setup, scenes, replace(config, pairs_per_scene=MANNERS_PER_SCENE))
@@ -66,7 +66,7 @@ class AskedPairs:
         return AskedPairs(tuple(trajectories), together, np.arange(asked), np.arange(asked, len(trajectories)), manners)
 
     @cached_property
-    def foretold(self) -> PairDifferences:
+    def to_predict(self) -> PairDifferences:
         """What the answer to a question should tell about: pairs to ask about of policies as they are, evenly spread;
         of those in many manners where there are no others."""
         return self.differences[self.asked[self.manners :] if self.manners < len(self.asked) else self.asked].thinned()

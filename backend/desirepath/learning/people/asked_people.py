@@ -1,4 +1,4 @@
-"""How well people outside the list are foretold, how sure that is, and what their robot gains: `benchmark people`, and
+"""How well people outside the list are predicted, how sure that is, and what their robot gains: `benchmark people`, and
 the job of that name.
 
 Everybody here is simulated. Accuracy is agreement with the preference itself; claims are held against the answers that
@@ -47,7 +47,7 @@ class PeopleConfig:
     after how many it is measured; shown_after: after how many a policy is made. choose: random, or information (the
     next pair is the one whose answer tells most about the others', for the first CHOSEN answers). queries: what is
     asked about, pairs of policies as they are, of policies in many manners, or half of each. test: pairs of policies as
-    they are that are foretold; scenes: in which a policy is chosen, in which it is judged by the posterior, and in
+    they are that are predicted; scenes: in which a policy is chosen, in which it is judged by the posterior, and in
     which its true gain is measured. particles: of the posterior over the nine."""
 
     families: tuple[str, ...]
@@ -193,7 +193,7 @@ def people_of(family: str, count: int, setup: str, first: int) -> Mapping[str, F
 
 
 def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleConfig) -> dict[str, Any]:
-    """One person: asked, foretold, shown."""
+    """One person: asked, predicted, shown."""
     random = np.random.default_rng([room.seed, 61])
     pairs = room.pairs
     now = person.after(max(config.answers))  # who it is when all is answered
@@ -210,7 +210,7 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
     for n in range(1, max(config.answers) + 1):
         if config.choose == "information" and n <= CHOSEN:
             began = time.process_time()
-            k = left.pop(int(posterior.bits_about(pairs.differences[left], pairs.foretold).argmax()))
+            k = left.pop(int(posterior.bits_about(pairs.differences[left], pairs.to_predict).argmax()))
             choosing.append(round(1000 * (time.process_time() - began), 1))
         else:
             k = left.pop()

@@ -1,5 +1,5 @@
 """What answers say where the nine objectives may not say it: a mixture of ways to explain them, weighed by how well
-each foretold every answer before it was given.
+each predicted every answer before it was given.
 
 The ways: the particle posterior over the nine (`posterior.py`), and Gaussian processes (`advantage_process.py`), over
 the named measures, over the embedding of trajectories (`learning/measures`), and over both with a prior from
@@ -21,16 +21,16 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.named import NAMES as NAMED
 from desirepath.learning.measures.pairs import PairDifferences, reference_differences
 from desirepath.learning.preferences.advantage_process import AdvantageProcess, Seen
-from desirepath.learning.preferences.foretelling import bits_about_others
 from desirepath.learning.preferences.measures import typical_differences
 from desirepath.learning.preferences.objectives import gains
 from desirepath.learning.preferences.population_prior import WeightPrior, shipped_priors
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
+from desirepath.learning.preferences.predictive_gain import bits_about_others
 
 Doubles = NDArray[np.float64]
 NAMED_WAY, EMBEDDING_WAY = "named", "embedding"
 PREDICTING = 2_000  # of the particles: what predicting needs not have more of
-SAMPLES = 1_000  # of all that is believed, where questions are chosen by what is to be foretold
+SAMPLES = 1_000  # of all that is believed, where questions are chosen by what is to be predicted
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class FreePosterior:
 
     def bits_about(self, differences: PairDifferences, others: PairDifferences) -> Doubles:
         """(n,) bits that the answer to each pair is expected to tell about the answer to one of the others: what may
-        not be foretold otherwise counts, not all that is unknown (`information_bits`)."""
+        not be predicted otherwise counts, not all that is unknown (`information_bits`)."""
         random = np.random.default_rng([self.config.posterior.seed, 23, len(self.chosen)])
         both = differences.joined(others)
         counts = np.floor(self._masses * SAMPLES + random.random()).astype(int)

@@ -1,6 +1,6 @@
-"""Do somebody's answers look like what is believed of them? Each answer foretold from those before it, against how many
-should have come true by what was claimed, and against a coin (`predictive_power.py`). A posterior predictive check, one
-step ahead; ours.
+"""Do somebody's answers look like what is believed of them? Each answer predicted from those before it, against how
+many should have been correct by what was claimed, and against a coin (`predictive_power.py`). A posterior predictive
+check, one step ahead; own choice.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from desirepath.learning.preferences.predictive_power import better_than_chance,
 
 Doubles = NDArray[np.float64]
 FEWEST = 5
-MOST_CHECKED = 60  # answers; each is foretold by a posterior of its own
+MOST_CHECKED = 60  # answers; each is predicted by a posterior of its own
 SUSPICIOUS = 0.05
 
 
 @dataclass(frozen=True)
 class PredictiveCheck:
-    """answers: how many were foretold; foretold: of them how many came true; claimed: how many should have, by what was
+    """answers: how many were predicted; correct: of them how many were; claimed: how many should have been, by what was
     claimed; p_value: probability of so few by that. log_score: mean natural log probability of an answer, a coin has
     -0.69. something_else: probability that what they are about is not among the nine objectives; words: named measures
     that weigh most, more (above 0) or less preferred, the largest 1 or -1; agreeing: by measure, of how many answers
     that is true (the chosen trajectory has more, or less, of it than the other); odds: how many times more probable the
-    answers are by what was foretold than by a coin."""
+    answers are by what was predicted than by a coin."""
 
     answers: int
-    foretold: int
+    correct: int
     claimed: float
     p_value: float
     log_score: float
@@ -64,8 +64,8 @@ def checked_answers(
     probable = []
     for k, choice in enumerate(chosen):
         if k < MOST_CHECKED:
-            foretold = float(posterior.predict(differences[[k]])[0])
-            probable.append(foretold if choice else 1 - foretold)
+            predicted = float(posterior.predict(differences[[k]])[0])
+            probable.append(predicted if choice else 1 - predicted)
         posterior = posterior.updated(differences[[k]], bool(choice))
     given = np.clip(np.array(probable), 1e-9, 1.0)
     sure = np.maximum(given, 1 - given)
@@ -75,7 +75,7 @@ def checked_answers(
     towards = (differences.named * np.where(chosen, 1, -1)[:, None])[:MOST_CHECKED]  # chosen minus rejected
     return posterior, PredictiveCheck(
         answers=len(given),
-        foretold=right,
+        correct=right,
         claimed=float(sure.sum()),
         p_value=float(_so_many(sure)[: right + 1].sum()),
         log_score=float(np.log(given).mean()) if len(given) else 0.0,

@@ -86,7 +86,7 @@ SESSIONS = Table(
         Column(
             "predictive_check",
             TEXT,
-            "whether the answers look like what is believed of them: answers foretold one by one, how many came true "
+            "whether the answers look like what is believed of them: answers predicted one by one, how many came true "
             "and should have, p; odds: how many times more probable they are by that than by a coin; "
             "better_than_chance: whether that is enough to say what this person prefers; "
             "something_else: probability that they are about more than the nine objectives; "

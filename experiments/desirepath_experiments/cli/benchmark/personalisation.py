@@ -54,7 +54,7 @@ def people(
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Simulated people outside the nine objectives: foretold how well, claimed how surely, and what their robot
+    """Simulated people outside the nine objectives: predicted how well, claimed how surely, and what their robot
     gains."""
     from desirepath.learning.people.asked_people import PeopleConfig, benchmark_people, known_people, result_of
     from desirepath.learning.people.card import people_card

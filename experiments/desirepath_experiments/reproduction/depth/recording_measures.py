@@ -51,13 +51,13 @@ def prediction_errors(recording: Recording, encoder: DepthEncoder, predictor: Pe
 
     Constant velocity goes on as from the step before to the last one: in the robot's own frame, which is all that the
     predictor has, and in the world's, for a robot that knows how it moved itself. Latents: share of the variance of
-    their change that is foretold.
+    their change that is predicted.
     """
     sequences, latents, people, seen = prediction_set(recording, encoder)
     before = seen & (sequences[:, -2, 0] > 0)
     if not before.any():
         return {"n": 0}
-    foretold_latents, foretold = predictor.next(sequences)
+    predicted_latents, predicted = predictor.next(sequences)
     last, earlier = sequences[:, -1, :2], sequences[:, -2, :2]
 
     def off(guess: Floats) -> float:
@@ -70,11 +70,11 @@ def prediction_errors(recording: Recording, encoder: DepthEncoder, predictor: Pe
     change = np.square(latents - sequences[:, -1, 4:]).sum()
     return {
         "n": int(before.sum()),
-        "predictor_m": off(foretold),
+        "predictor_m": off(predicted),
         "constant_velocity_m": off(turned),
         "constant_velocity_in_the_world_m": _world_error(recording),
         "standing_m": off(last),
-        "latent_change_foretold": float(1 - np.square(latents - foretold_latents).sum() / change),
+        "latent_change_predicted": float(1 - np.square(latents - predicted_latents).sum() / change),
     }
 
 
