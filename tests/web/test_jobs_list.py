@@ -7,7 +7,7 @@ import re
 from sqlalchemy import select
 
 from desirepath.jobs.leases import WorkerName, begin_attempt
-from desirepath.store.models import Job, JobMetric, Session, utc_now
+from desirepath.store.models import Job, Session, utc_now
 from desirepath.store.outbox import enqueue_job
 from tests.web.lab_services import csrf
 
@@ -46,17 +46,6 @@ def test_a_jobs_page_says_which_machine_had_it_and_how_that_ended(lab, lab_servi
     assert re.search(r"cellar\s.*another worker took the job up.*attic\s.*at work", page, re.DOTALL)
     told = lab.get(f"/api/lab/jobs/{id_}").json()["attempts"]
     assert [(one["machine"], one["outcome"]) for one in told] == [("cellar", "lost"), ("attic", "running")]
-
-
-def test_curves_of_jobs_from_before_an_update_bear_todays_names(lab, lab_services):
-    with lab_services.database.transaction() as s:
-        job = Job(kind="align", state="succeeded", params={"recipe": "conditioning_search"}, finished_at=utc_now())
-        s.add(job)
-        s.flush()
-        s.add_all([JobMetric(job_id=job.id, step=step, name="wanted", value=step / 10) for step in (16, 32)])
-        id_ = job.id
-    page = lab.get(f"/lab/jobs/{id_}").text
-    assert "Weighted objectives: gain over the instant policy" in page
 
 
 def test_tasks_of_sweeps_are_shown_and_cancelled_but_nobody_starts_one_by_hand(lab, lab_services):
