@@ -11,15 +11,16 @@ from __future__ import annotations
 
 from gymnasium.envs.registration import register
 
+from desirepath.simulation.setups import setup_folders, setups_with
+
 SINGLE = "desirepath.simulation.environments:NavigationEnv"
 MULTIPLE = "desirepath.learning.preferences.multi_objective_env:MultiObjectiveNavigationEnv"
 
-for _setup in ("open_field", "study_room", "crowd_hall"):
+for _setup in (name for name in setup_folders() if name != "adaptable"):
     register(f"desirepath/{_setup}-v0", entry_point=SINGLE, kwargs={"setup": _setup})
-    register(f"desirepath/mo-{_setup}-v0", entry_point=MULTIPLE, kwargs={"setup": _setup})
 
-for _setup in ("crowd_corridor", "crowd_intersection", "crowd_office", "crowd_home"):
-    register(f"desirepath/{_setup}-v0", entry_point=SINGLE, kwargs={"setup": _setup})
+for _setup in setups_with("conditioned"):
+    register(f"desirepath/mo-{_setup}-v0", entry_point=MULTIPLE, kwargs={"setup": _setup})
 
 register("desirepath/adaptable-v0", entry_point=SINGLE, kwargs={"setup": "adaptable", "progress_weight": 125.0})
 register("desirepath/mo-adaptable-v0", entry_point="desirepath.learning.adaptable.vector_env:AdaptableEnv")

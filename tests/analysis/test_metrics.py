@@ -14,8 +14,10 @@ from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
 from desirepath.simulation.fast import evaluate, rollout
 from desirepath.simulation.scene import Obstacle, Person, Pose, Scene
 from desirepath.simulation.scenes import draw_scenes
-from desirepath.simulation.setups import PREFERENCE_SETUPS, SETUPS
+from desirepath.simulation.setups import SETUPS, preference_setups
 from desirepath.simulation.trajectory import Outcome, Trajectory
+
+PREFERENCE_SETUPS = preference_setups()
 
 
 def poses_of(xy: list[tuple[float, float]]) -> np.ndarray:

@@ -17,9 +17,12 @@ from desirepath.learning.preferences.oracles import ORACLE_PREFERENCES, min_huma
 from desirepath.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.scene import Person, Pose
-from desirepath.simulation.setups import CORRIDOR, DEMONSTRATION_SETUPS, ROOM, SetupError
+from desirepath.simulation.setups import DEMONSTRATION_SETUPS, SetupError, get_setup
 from desirepath.simulation.trajectory import Outcome
 from desirepath.simulation.walks import Walk
+
+CORRIDOR = get_setup("corridor")
+ROOM = get_setup("room")
 
 
 @pytest.mark.parametrize("setup", DEMONSTRATION_SETUPS)

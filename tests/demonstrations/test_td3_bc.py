@@ -28,7 +28,9 @@ from desirepath.simulation import kernels as k
 from desirepath.simulation.demonstration_scenes import demonstration_scene
 from desirepath.simulation.fast import FastEngine, rollout
 from desirepath.simulation.scenes import check_scene, row_to_scene
-from desirepath.simulation.setups import ROOM, SetupError, get_setup
+from desirepath.simulation.setups import SetupError, get_setup
+
+ROOM = get_setup("room")
 
 QUICK = DemonstrationConfig(updates=96, n_envs=16, random_transitions=256, augmentation=2, selection_scenes=20)
 

@@ -24,8 +24,11 @@ from desirepath.learning.policies.shipped import load_ensemble, load_policy
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene, SceneError
 from desirepath.simulation.scenes import check_scene, draw_scene
-from desirepath.simulation.setups import OPEN_FIELD, STUDY_ROOM, SetupError
+from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.trajectory import Outcome
+
+OPEN_FIELD = get_setup("open_field")
+STUDY_ROOM = get_setup("study_room")
 
 GAIN = math.pi / (STUDY_ROOM.robot.limits.w_max * 0.2)  # turns by exactly the goal's bearing in one step, where it can
 

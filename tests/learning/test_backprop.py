@@ -12,7 +12,11 @@ from desirepath.learning.policies.networks import Parameters, actor_forward, cri
 from desirepath.learning.policies.shape import EXPLAINED_HEADS, NetworkShape
 from desirepath.learning.td3.backprop import Adam
 from desirepath.learning.td3.td3 import Batch, Td3Config, act, actor_gradients, critic_gradients, td_targets
-from desirepath.simulation.setups import EXPLAINED_ROOM, OPEN_FIELD, STUDY_ROOM, Setup
+from desirepath.simulation.setups import Setup, get_setup
+
+EXPLAINED_ROOM = get_setup("explained_room")
+OPEN_FIELD = get_setup("open_field")
+STUDY_ROOM = get_setup("study_room")
 
 SHAPES = [
     NetworkShape.of(OPEN_FIELD),

@@ -24,8 +24,10 @@ from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.learning.policies.steerability import MeasuredRollouts
 from desirepath.learning.preferences.measures import MEASURES, typical_differences
 from desirepath.learning.preferences.objectives import SIZE, preference_weights
-from desirepath.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
+from desirepath.simulation.setups import SETUPS, SetupError, preference_setups
 from desirepath.simulation.trajectory import Outcome
+
+PREFERENCE_SETUPS = preference_setups()
 
 TINY = ConditioningSearchConfig(tried=16, copies=8, survivors=3, selection_scenes=40, gate=GateRule(scenes=60))
 FARTHER = preference_weights({"farther": 1.0})

@@ -25,8 +25,10 @@ from desirepath.learning.preferences.oracles import CROWD_PREFERENCES, preferenc
 from desirepath.simulation.fast import replay
 from desirepath.simulation.pedestrians import Crowd, Pedestrian
 from desirepath.simulation.scene import Person, Pose, Room, Scene
-from desirepath.simulation.setups import CROWD_HALL
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
+
+CROWD_HALL = get_setup("crowd_hall")
 
 PLACE = {measure.name: k for k, measure in enumerate(table_of("crowd_hall"))}
 

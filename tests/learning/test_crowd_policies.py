@@ -19,7 +19,8 @@ from desirepath.learning.pedestrians.crowd_training import (
 )
 from desirepath.learning.scene_sets import Purpose
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine
-from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, CrowdConditions, draw_crowd_scene
+from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, draw_crowd_scene
+from desirepath.simulation.pedestrians import CrowdConditions
 
 TINY = {"random_transitions": 64, "n_envs": 8, "batch_size": 16, "evaluation_episodes": 2, "evaluate_every": 8}
 

@@ -24,7 +24,9 @@ from desirepath.learning.preferences.objectives import (
 from desirepath.learning.shipped_files import load_card
 from desirepath.learning.td3.conditioned_training import REWARD_WEIGHTS
 from desirepath.simulation.scenes import draw_scenes
-from desirepath.simulation.setups import PREFERENCE_SETUPS, get_setup
+from desirepath.simulation.setups import get_setup, preference_setups
+
+PREFERENCE_SETUPS = preference_setups()
 
 LOCALES = Path(__file__).resolve().parents[2] / "frontend" / "locales"
 

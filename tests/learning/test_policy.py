@@ -27,7 +27,11 @@ from desirepath.learning.td3.ensemble import agent_of
 from desirepath.learning.td3.td3 import Td3Config
 from desirepath.simulation.fast import FastEngine, evaluate
 from desirepath.simulation.scenes import draw_scenes
-from desirepath.simulation.setups import EXPLAINED_ROOM, OPEN_FIELD, STUDY_ROOM, SetupError, get_setup
+from desirepath.simulation.setups import SetupError, get_setup
+
+EXPLAINED_ROOM = get_setup("explained_room")
+OPEN_FIELD = get_setup("open_field")
+STUDY_ROOM = get_setup("study_room")
 
 
 @pytest.fixture(params=["open_field", "study_room"])

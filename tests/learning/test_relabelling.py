@@ -22,7 +22,9 @@ from desirepath.learning.rewards.linear import LinearRewardModel, fit_linear
 from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
 from desirepath.learning.td3.base import BaseResult
 from desirepath.learning.td3.replay import collect
-from desirepath.simulation.setups import STUDY_ROOM, SetupError
+from desirepath.simulation.setups import SetupError, get_setup
+
+STUDY_ROOM = get_setup("study_room")
 
 TINY = FineTuningConfig(
     updates=120,

@@ -24,7 +24,10 @@ from desirepath.learning.rewards.reward_model import RewardModel, bradley_terry_
 from desirepath.learning.rewards.storage import load_reward_model, save_reward_model
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.scenes import draw_scenes
-from desirepath.simulation.setups import OPEN_FIELD, STUDY_ROOM, Setup, SetupError
+from desirepath.simulation.setups import Setup, SetupError, get_setup
+
+OPEN_FIELD = get_setup("open_field")
+STUDY_ROOM = get_setup("study_room")
 
 LEARNED, HELD_OUT = slice(0, 15), slice(15, 200)
 

@@ -176,7 +176,7 @@ def test_a_changed_file_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     folder.mkdir()
     for path in (DATASETS / "open_field/base.npz", DATASETS / "open_field/base.card.json"):
         (folder / path.name).write_bytes(path.read_bytes())
-    monkeypatch.setattr("desirepath.learning.shipped_files.DATASETS", tmp_path)
+    monkeypatch.setattr("desirepath.learning.shipped_files.setup_folders", lambda: {"open_field": folder})
     assert load_shipped("open_field/base")
     (folder / "base.npz").write_bytes(load_policy("open_field/base").without_critic().to_bytes())
     with pytest.raises(LearningError, match="disagree"):

@@ -22,8 +22,10 @@ from desirepath.learning.preferences.objectives import NAMES, OBJECTIVES, best_p
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Person, Pose, Scene
-from desirepath.simulation.setups import PREFERENCE_SETUPS, SETUPS, SetupError
+from desirepath.simulation.setups import SETUPS, SetupError, preference_setups
 from desirepath.simulation.trajectory import Outcome
+
+PREFERENCE_SETUPS = preference_setups()
 
 
 def trajectories(human_m: list[float], outcome: Outcome = Outcome.SUCCESS, crossings: int = 0) -> MeasuredRollouts:

@@ -15,7 +15,10 @@ from desirepath.learning.policies.networks import Parameters, actor_forward
 from desirepath.learning.policies.sb3 import SpacesOnly, actor_layers, critic_layers, read_layers, sb3_td3, write_layers
 from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
-from desirepath.simulation.setups import OPEN_FIELD, STUDY_ROOM, Setup
+from desirepath.simulation.setups import Setup, get_setup
+
+OPEN_FIELD = get_setup("open_field")
+STUDY_ROOM = get_setup("study_room")
 
 
 def random_batch(setup: Setup, n: int, seed: int) -> Batch:

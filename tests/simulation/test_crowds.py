@@ -10,21 +10,18 @@ import pytest
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool, recorded
 from desirepath.simulation.crowds.crowd_kernels import nearest_wall
 from desirepath.simulation.crowds.crowd_maps import boxes_of, map_of, path_from_anywhere
-from desirepath.simulation.crowds.crowd_scenes import (
-    PUBLISHED,
-    UNSEEN_HOMES,
-    CrowdConditions,
-    draw_crowd_scene,
-    robot_path,
-)
+from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, draw_crowd_scene, robot_path
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from desirepath.simulation.fast import FastEngine
-from desirepath.simulation.pedestrians import Crowd, Pedestrian, PedestrianError, where_on_route
+from desirepath.simulation.pedestrians import Crowd, CrowdConditions, Pedestrian, PedestrianError, where_on_route
 from desirepath.simulation.scene import Person, Pose, Room, Scene, SceneError
 from desirepath.simulation.scenes import draw_scene
-from desirepath.simulation.setups import CROWD_CORRIDOR, STUDY_ROOM
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.benchmarks.crowd_reference import CrowdReference
+
+CROWD_CORRIDOR = get_setup("crowd_corridor")
+STUDY_ROOM = get_setup("study_room")
 
 EIGHT = CrowdConditions(moving=(8, 8), standing=(2, 2))
 STAND = np.array([[-1.0, 0.0]], np.float32)

@@ -10,10 +10,10 @@ from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
 from desirepath.simulation.crowds.crowd_engine import GROUPS, CrowdEngine
-from desirepath.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
+from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from desirepath.simulation.crowds.descriptor_kernels import align_scan, describe_groups
-from desirepath.simulation.pedestrians import Crowd
+from desirepath.simulation.pedestrians import Crowd, CrowdConditions
 from desirepath.simulation.scene import Person, Pose, Room, Scene
 
 RANGE_M = 3.5

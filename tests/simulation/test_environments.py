@@ -15,8 +15,10 @@ from desirepath.simulation.environments import FastVecEnv, NavigationEnv
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.reference import ReferenceEngine
 from desirepath.simulation.scenes import draw_scene
-from desirepath.simulation.setups import SETUPS, STUDY_ROOM
+from desirepath.simulation.setups import SETUPS, get_setup
 from desirepath_experiments.benchmarks.engines import benchmark_simulate
+
+STUDY_ROOM = get_setup("study_room")
 
 NAMES = list(SETUPS)
 

@@ -16,9 +16,14 @@ from desirepath.simulation.acting import ActionError
 from desirepath.simulation.fast import FastEngine, evaluate, raw_ranges, rollout, table_of
 from desirepath.simulation.scene import Obstacle, Person, Pose, Scene, SceneError
 from desirepath.simulation.scenes import draw_scene, draw_scenes, scene_to_row
-from desirepath.simulation.setups import OPEN_FIELD, PREFERENCE_SETUPS, SETUPS, STUDY_ROOM, Setup, SetupError
+from desirepath.simulation.setups import SETUPS, Setup, SetupError, get_setup, preference_setups
 from desirepath.simulation.trajectory import Outcome, Trajectory
 from tests.simulation.simple_policies import towards_goal
+
+PREFERENCE_SETUPS = preference_setups()
+
+OPEN_FIELD = get_setup("open_field")
+STUDY_ROOM = get_setup("study_room")
 
 NAMES = list(SETUPS)
 EMPTY = Scene("open_field", 0, Pose(0.0, 0.0, 0.3), Pose(50.0, 0.0), 0.4, Person(Pose(0.0, 40.0)))

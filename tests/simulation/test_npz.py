@@ -20,8 +20,10 @@ from desirepath.learning.queries.queries import QuerySet
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.npz import Bounds, NpzError, from_npz, npz_header, to_npz
 from desirepath.simulation.scenes import draw_scenes
-from desirepath.simulation.setups import STUDY_ROOM
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
+
+STUDY_ROOM = get_setup("study_room")
 
 SHIPPED = sorted(DATASETS.glob("*/**/*.npz"))
 

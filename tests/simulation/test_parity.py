@@ -16,9 +16,11 @@ from desirepath.simulation.fast import FastEngine, raw_ranges, rollout
 from desirepath.simulation.reference import ReferenceEngine, rollout_reference
 from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import draw_scenes, scene_to_row
-from desirepath.simulation.setups import DEMONSTRATION_SETUPS, PREFERENCE_SETUPS, SETUPS
+from desirepath.simulation.setups import DEMONSTRATION_SETUPS, SETUPS, preference_setups
 from desirepath.simulation.trajectory import Outcome
 from tests.simulation.simple_policies import towards_goal
+
+PREFERENCE_SETUPS = preference_setups()
 
 SCENES = 100
 NAMES = PREFERENCE_SETUPS

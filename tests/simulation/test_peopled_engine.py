@@ -10,14 +10,20 @@ import pytest
 
 import desirepath.gymnasium_envs  # noqa: F401 - registers them
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine
-from desirepath.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
+from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
 from desirepath.simulation.crowds.peopled_engine import PeopledEngine
 from desirepath.simulation.fast import FastEngine, evaluate, rollout, table_of
+from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath.simulation.reference import ReferenceEngine
 from desirepath.simulation.scene import SceneError
 from desirepath.simulation.scenes import draw_scene, draw_scenes
-from desirepath.simulation.setups import CROWD_HALL, CROWD_OFFICE, CROWD_SETUPS, STUDY_ROOM, SetupError
+from desirepath.simulation.setups import SETUPS, SetupError, get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
+
+CROWD_HALL = get_setup("crowd_hall")
+CROWD_OFFICE = get_setup("crowd_office")
+CROWD_SETUPS = [setup for setup in SETUPS.values() if setup.crowded]
+STUDY_ROOM = get_setup("study_room")
 
 
 def slowly(observations: np.ndarray) -> np.ndarray:

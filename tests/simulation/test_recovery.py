@@ -18,9 +18,12 @@ from desirepath.simulation.fast import evaluate, rollout
 from desirepath.simulation.reference import rollout_reference
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import draw_scenes
-from desirepath.simulation.setups import CORRIDOR, STUDY_ROOM, SetupError
+from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.trajectory import Outcome
 from tests.simulation.simple_policies import towards_goal
+
+CORRIDOR = get_setup("corridor")
+STUDY_ROOM = get_setup("study_room")
 
 SETUP = STUDY_ROOM
 PATIENCE = Recovery().patience_steps

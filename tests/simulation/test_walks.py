@@ -14,9 +14,11 @@ from desirepath.simulation.demonstration_scenes import demonstration_scene
 from desirepath.simulation.fast import evaluate, replay, rollout, table_of
 from desirepath.simulation.reference import rollout_reference
 from desirepath.simulation.scene import Person, Pose, Scene, SceneError
-from desirepath.simulation.setups import CORRIDOR
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 from desirepath.simulation.walks import Walk, WalkError
+
+CORRIDOR = get_setup("corridor")
 
 STANDING = demonstration_scene("corridor", 0)
 STRAIGHT_ON = np.array([[1.0, 0.0]] * 260, dtype=np.float32)

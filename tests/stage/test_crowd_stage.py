@@ -13,8 +13,8 @@ from desirepath.explain.shown_explanation import ShownAttention, ShownExplanatio
 from desirepath.learning.pedestrians.attended import as_trajectory, attended
 from desirepath.learning.pedestrians.crowd_evaluation import roll_out_crowd
 from desirepath.learning.pedestrians.crowd_networks import Actor, actor_acts
-from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, CrowdConditions, draw_crowd_scene
-from desirepath.simulation.pedestrians import where_on_route
+from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, draw_crowd_scene
+from desirepath.simulation.pedestrians import CrowdConditions, where_on_route
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.walks import Walk
 from desirepath_stage.paper import crowd_tracks

@@ -16,12 +16,14 @@ from PIL import Image
 
 from desirepath.simulation.scene import Obstacle, Pose
 from desirepath.simulation.scenes import draw_scene
-from desirepath.simulation.setups import STUDY_ROOM
+from desirepath.simulation.setups import get_setup
 from desirepath_stage import bodies, furniture, scene_nodes, surfaces
 from desirepath_stage.glb import Surface, to_glb
 from desirepath_stage.shapes import Shape, ball, box, limb, merged, turned
 from desirepath_stage.views import CLOSEST_M, ViewError, camera_for, frame_of, holds, require_view
 from tests.stage.stage_rig import drive, open_field, study_room
+
+STUDY_ROOM = get_setup("study_room")
 
 
 def test_a_light_place_has_no_picture_and_still_a_line_every_metre() -> None:

@@ -17,9 +17,11 @@ from desirepath.jobs.process import finish
 from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_people import PeopleConfig
 from desirepath.learning.people.reward_manifest import FILE_BYTES
-from desirepath.simulation.setups import STUDY_ROOM
+from desirepath.simulation.setups import get_setup
 from desirepath.store.models import Artefact, Job
 from tests.web.lab_services import csrf
+
+STUDY_ROOM = get_setup("study_room")
 
 INPUTS = [{"of": "observation", "form": "export"}, {"of": "action", "form": "export"}]
 MANIFEST = {"format": "desirepath-reward-2", "setup": "study_room", "file": "net.pt", "inputs": INPUTS}

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from desirepath.learning.policies.policy import DrivingPolicy
     from desirepath.simulation.scene import Scene
 
-SetupFlag = Annotated[str | None, typer.Option(help="study_room or open_field; by default the policy's own.")]
+SetupFlag = Annotated[str | None, typer.Option(help="Name of a setup; by default the policy's own.")]
 SceneFlag = Annotated[
     int | None, typer.Option(help="Seed of the scene; by default the first one kept for figures (3500000000).")
 ]

@@ -55,7 +55,7 @@ def register(app: typer.Typer) -> None:
 @train.command()
 @in_data_folder
 def base(
-    setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "study_room",
+    setup: Annotated[str, typer.Option(help="Name of a setup, such as study_room.")] = "study_room",
     seed: SeedFlag = 0,
     out: OutFlag = None,
     more: SetFlag = None,
@@ -172,7 +172,7 @@ def demonstrations(
 @queries.command()
 @in_data_folder
 def generate(
-    setup: Annotated[str, typer.Option(help="study_room or open_field, with its shipped ensemble.")] = "study_room",
+    setup: Annotated[str, typer.Option(help="Name of a setup that an ensemble is shipped for.")] = "study_room",
     count: Annotated[int, typer.Option(min=1)] = 200,
     seed: SeedFlag = 1,
     out: OutFlag = None,

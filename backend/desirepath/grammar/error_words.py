@@ -72,7 +72,7 @@ def _in_words(error: Any, path: yaml_source.Path, model: type[BaseModel], source
     match error["type"]:
         case "missing":
             return "is missing"
-        case "extra_forbidden":
+        case "extra_forbidden" | "unexpected_keyword_argument":
             allowed = _allowed_keys(model, error["loc"][:-1])
             return f"is not a key that is known here; allowed: {', '.join(allowed)}{meant(error['loc'][-1], allowed)}"
         case "literal_error":
@@ -103,7 +103,7 @@ def _in_words(error: Any, path: yaml_source.Path, model: type[BaseModel], source
             return PATTERNS[context["pattern"]]
         case "value_error":
             return str(context["error"])
-        case "model_type" | "dict_type" | "model_attributes_type":
+        case "model_type" | "dataclass_type" | "dict_type" | "model_attributes_type":
             example = _example(_schema_at(model, error["loc"]), _schema(model), given)
             return f"must be a mapping of keys to values, such as {_form(path, example)}"
     said: str = error["msg"]

@@ -9,10 +9,13 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticUndefined
 
 from desirepath.learning.rewards.kinds import FITTINGS
+from desirepath.simulation.setups import setups_with, trainable_setups
 
-SetupName = Literal["study_room", "open_field", "crowd_hall"]
-# whose base policy can be trained anew
-TrainedSetup = Literal["study_room", "open_field", "explained_room", "crowd_hall"]
+if TYPE_CHECKING:
+    SetupName = str
+    TrainedSetup = str
+else:  # one of these names, as errors, forms and the published schema say
+    SetupName, TrainedSetup = Literal[setups_with("conditioned")], Literal[trainable_setups()]
 # backend/desirepath/learning/scene_sets.py: a set has so many scenes, and a purpose more sets than anybody will count
 MOST_SCENES = 10_000
 LARGEST_SEED = 9_999

@@ -1,4 +1,4 @@
-"""Which artefacts are shipped, where their files lie and what their cards say (`open_field/base`).
+"""Which artefacts lie in the setups' folders, where their files lie and what their cards say (`open_field/base`).
 
 Reads names and cards only, so that a server that starts need not load the simulator: opening the files is
 `policies/shipped.py`'s.
@@ -6,16 +6,25 @@ Reads names and cards only, so that a server that starts need not load the simul
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
-from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, card_path
 from desirepath.learning.errors import LearningError
+from desirepath.simulation.setups import setup_folders
+
+
+def _shipped() -> Iterator[tuple[str, Path]]:
+    """Name and file of every artefact with a card."""
+    for setup, folder in setup_folders().items():
+        for path in folder.glob("**/*.npz"):
+            if card_path(path).is_file():
+                yield f"{setup}/{path.relative_to(folder).with_suffix('').as_posix()}", path
 
 
 def shipped_names() -> list[str]:
     """Names of everything shipped, sorted."""
-    return sorted(path.relative_to(DATASETS).with_suffix("").as_posix() for path in DATASETS.glob("*/**/*.npz"))
+    return sorted(name for name, _ in _shipped())
 
 
 def resolve(name_or_path: str) -> Path:
@@ -23,8 +32,9 @@ def resolve(name_or_path: str) -> Path:
     path = Path(name_or_path)
     if path.is_file():
         return path
-    if name_or_path in shipped_names():
-        return DATASETS / f"{name_or_path}.npz"
+    found = dict(_shipped()).get(name_or_path)
+    if found is not None:
+        return found
     raise LearningError(f"{name_or_path!r} is neither a file nor shipped; shipped are: {', '.join(shipped_names())}")
 
 

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ConfigDict
 
 from desirepath.simulation.walks import Walk
 
@@ -18,10 +19,37 @@ Behaviour = Literal["path", "orca", "social_force"]
 BEHAVIOURS: tuple[Behaviour, ...] = ("path", "orca", "social_force")
 MOST_PEDESTRIANS = 20
 MOST_KNOTS = 32  # of a route
+FASTEST_M_S = 2.0
 
 
 class PedestrianError(ValueError):
     """Pedestrians that cannot be; says what is wrong."""
+
+
+@dataclass(frozen=True)
+class CrowdConditions:
+    """Who is drawn into a scene. moving, standing: numbers, from-to; speeds: m/s, from-to; area_m2: of floor that a
+    robot can get to, for each who moves, instead of `moving`. Defaults: the first of training, section 4.4.6.1.
+    """
+
+    moving: tuple[int, int] = (1, 2)
+    standing: tuple[int, int] = (1, 2)
+    speeds: tuple[float, float] = (0.5, 1.0)
+    behaviour: Behaviour = "path"
+    area_m2: float | None = None
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in (("moving", self.moving), ("standing", self.standing), ("speeds", self.speeds)):
+            if not 0 <= low <= high:
+                raise PedestrianError(f"{name} = {low}, {high}: must be from-to, from 0 on")
+        if self.standing[0] < 1:
+            raise PedestrianError(f"standing = {self.standing}: one person at least stands, the scene's own")
+        if self.moving[1] + self.standing[1] > MOST_PEDESTRIANS + 1:
+            raise PedestrianError(f"moving and standing: more than {MOST_PEDESTRIANS + 1} people in all")
+        if self.speeds[1] > FASTEST_M_S:
+            raise PedestrianError(f"speeds = {self.speeds}: at most {FASTEST_M_S:g} m/s")
 
 
 @dataclass(frozen=True)
@@ -42,8 +70,8 @@ class Pedestrian:
             raise PedestrianError(f"route has {len(self.route)} places; 1 to {MOST_KNOTS}")
         if not all(math.isfinite(value) for place in self.route for value in place):
             raise PedestrianError("route has places that are not finite")
-        if not 0.0 <= self.speed <= 2.0:
-            raise PedestrianError(f"speed = {self.speed}: 0 to 2 m/s")
+        if not 0.0 <= self.speed <= FASTEST_M_S:
+            raise PedestrianError(f"speed = {self.speed}: 0 to {FASTEST_M_S:g} m/s")
 
     def places_at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 2) where they are at times (n,), m: as they were if that was kept, else back and forth on their route."""

@@ -6,31 +6,22 @@ What a scene is stands in `scene.py`; the compiled geometry in `kernels.py`.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.simulation import home_interiors
 from desirepath.simulation import kernels as k
 from desirepath.simulation.scene import OBSTACLE_KINDS, Obstacle, Person, Pose, Room, Scene, SceneError
 from desirepath.simulation.setups import SETUPS, Setup
+from desirepath.simulation.worlds import WORLDS, RowWorld, SceneWorld
 
 LARGEST_SEED = 2**53 - 1  # stays exact in JSON and JavaScript
 OVERLAP_TOLERANCE_M = 1e-6  # drawn coordinates are rounded to this
 FIRST_UNIFORMS = 1024
 MOST_UNIFORMS = 2**20
-MOST_PEOPLED = 4_096  # scenes with pedestrians in a pool: they take milliseconds to draw
-PEOPLED_BOXES = 32
-PEOPLED_NUMBERS = {
-    "crowd_corridor": 41,
-    "crowd_intersection": 42,
-    "crowd_office": 43,
-    "crowd_home": 44,
-    "crowd_hall": 45,
-}
-"""By setup with pedestrians, its number in seeds."""
+MOST_SLOW = 4_096  # scenes of a `SceneWorld` in a pool: they take milliseconds to draw
 
 
 def spacing_of(setup: Setup) -> k.Spacing:
@@ -40,20 +31,6 @@ def spacing_of(setup: Setup) -> k.Spacing:
     )
 
 
-Draw = Callable[[NDArray[np.float64], k.Row, k.Spacing], bool]
-
-# Name of the setup -> its number in the seed (thesis chapter), its drawing function, the kinds of its boxes in order.
-_RECIPES: dict[str, tuple[int, Draw, tuple[str, ...]]] = {
-    "open_field": (6, k.draw_open_field, ("cube",) * 4),
-    "study_room": (7, k.draw_study_room, ("box",) * 4 + ("pillar",) * 4),
-    "corridor": (21, k.draw_corridor, ()),
-    "room": (22, k.draw_room, ("couch", "table", "cupboard")),
-    "adaptable": (5, k.draw_adaptable, ("box",) * 3),
-    "explained_room": (8, k.draw_explained_room, ("couch", "table", "cupboard", "box", "pillar")),
-    "home": (3, home_interiors.draw_home, home_interiors.KINDS),
-}
-
-
 def _setup(setup: str | Setup) -> Setup:
     name = setup.name if isinstance(setup, Setup) else setup
     if name not in SETUPS:
@@ -61,19 +38,10 @@ def _setup(setup: str | Setup) -> Setup:
     return SETUPS[name]
 
 
-@lru_cache(maxsize=2 * MOST_PEOPLED)
-def _among_people(name: str, seed: int) -> Scene:
-    """A scene with pedestrians, whose routes no row tells."""
-    from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene  # which draws its homes by this file
-
-    return draw_crowd_scene(name, seed)
-
-
-def _number_of(setup: Setup) -> int:
-    """The setup's number in the seeds of its pools."""
-    if setup.crowded:
-        return PEOPLED_NUMBERS[setup.name]
-    return _RECIPES[setup.name][0]
+@lru_cache(maxsize=2 * MOST_SLOW)
+def _drawn(world: SceneWorld, setup: Setup, seed: int) -> Scene:
+    """One of its scenes, of which a row does not tell everything."""
+    return world.draw(setup, seed)
 
 
 def _check_seed(seed: int) -> None:
@@ -88,49 +56,48 @@ def row_columns(boxes: int = 8) -> int:
 
 def columns_of(setup: str | Setup) -> int:
     """Width of the rows that are drawn for the setup."""
-    if _setup(setup).crowded:
-        return row_columns(PEOPLED_BOXES)
-    return row_columns(max(8, len(_RECIPES[_setup(setup).name][2])))
+    world = WORLDS[_setup(setup).world]
+    return row_columns(max(8, len(world.kinds) if isinstance(world, RowWorld) else world.boxes))
 
 
 def draw_rows(setup: str | Setup, seeds: Sequence[int] | NDArray[np.int64]) -> k.Rows:
     """Draw one scene row per seed: (seeds, columns) float64. The same numbers as `draw_scene`, without the objects."""
     setup = _setup(setup)
-    if setup.crowded:
-        return _peopled_rows(setup, seeds)
-    tag, draw, _ = _RECIPES[setup.name]
-    spacing = spacing_of(setup)
+    world, spacing = WORLDS[setup.world], spacing_of(setup)
+    if isinstance(world, SceneWorld):
+        return _rows_of_scenes(world, setup, seeds)
+    number, draw = world.number, world.draw
     rows = np.zeros((len(seeds), columns_of(setup)))
     rows[:, k.GOAL_RADIUS], rows[:, k.PERSON_RADIUS] = setup.goal_radius_m, Person(Pose(0.0, 0.0)).radius
     for row, seed in zip(rows, seeds, strict=True):
         _check_seed(int(seed))
         size = FIRST_UNIFORMS
         # A longer draw from the same seed begins with the same numbers, so retrying changes nothing but the supply.
-        while not draw(np.random.Generator(np.random.PCG64([int(seed), tag])).random(size), row, spacing):
+        while not draw(np.random.Generator(np.random.PCG64([int(seed), number])).random(size), row, spacing):
             size *= 4
             if size > MOST_UNIFORMS:
                 raise SceneError("seed", int(seed), f"gave no solvable {setup.name} scene; use another seed")
     return rows
 
 
-def _peopled_rows(setup: Setup, seeds: Sequence[int] | NDArray[np.int64]) -> k.Rows:
-    """Rows of scenes with pedestrians, without these."""
+def _rows_of_scenes(world: SceneWorld, setup: Setup, seeds: Sequence[int] | NDArray[np.int64]) -> k.Rows:
+    """Rows of the scenes, without their pedestrians."""
     rows = np.zeros((len(seeds), columns_of(setup)))
     for row, seed in zip(rows, seeds, strict=True):
         _check_seed(int(seed))
-        row[:] = scene_to_row(_among_people(setup.name, int(seed)), len(row))
+        row[:] = scene_to_row(_drawn(world, setup, int(seed)), len(row))
     return rows
 
 
 def row_to_scene(setup: str | Setup, seed: int, row: k.Row) -> Scene:
     """The scene that `draw_rows` drew from that seed."""
     setup = _setup(setup)
-    if setup.crowded:
-        return _among_people(setup.name, int(seed))
-    kinds = _RECIPES[setup.name][2]
+    world = WORLDS[setup.world]
+    if isinstance(world, SceneWorld):
+        return _drawn(world, setup, int(seed))
     values = [float(value) for value in row]
     obstacles = []
-    for box, kind in enumerate(kinds):
+    for box, kind in enumerate(world.kinds):
         o = k.FIRST_BOX + k.BOX_COLUMNS * box
         obstacles.append(
             Obstacle(
@@ -207,14 +174,16 @@ class ScenePool:
 
     SIZE = 16_384
     BLOCK = 256
-    PEOPLED_BLOCK = 16
+    SLOW_BLOCK = 16
 
     def __init__(self, setup: str | Setup, seed: int) -> None:
         self.setup = _setup(setup)
         _check_seed(seed)
-        self._generator = np.random.Generator(np.random.PCG64([seed, _number_of(self.setup), 0x9001]))
-        self._size = min(self.SIZE, MOST_PEOPLED) if self.setup.crowded else self.SIZE
-        self._block = self.PEOPLED_BLOCK if self.setup.crowded else self.BLOCK
+        world = WORLDS[self.setup.world]
+        slow = isinstance(world, SceneWorld)
+        self._generator = np.random.Generator(np.random.PCG64([seed, world.number, 0x9001]))
+        self._size = min(self.SIZE, MOST_SLOW) if slow else self.SIZE
+        self._block = self.SLOW_BLOCK if slow else self.BLOCK
         self._seeds = self._generator.integers(2**32, LARGEST_SEED, self._size)
         self._rows = np.zeros((self._size, columns_of(self.setup)))
         self._drawn = 0

@@ -1,4 +1,5 @@
-"""The setups: a scene generator, robot limits, observation layout and core reward that belong together.
+"""The setups: a robot, a world that its scenes come from, and a task (reward, goal, time, observation) that belong
+together. Each is one file `setup.yaml` in a folder of its name, read by `setup_files.py`.
 
 A policy, buffer or query set belongs to exactly one setup; `require_same` refuses a mix.
 """
@@ -6,48 +7,81 @@ A policy, buffer or query set belongs to exactly one setup; `require_same` refus
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import ConfigDict, Field
+
+from desirepath.installed import DATASETS
+from desirepath.simulation.pedestrians import CrowdConditions
 
 CONTROL_DT_S = 0.2  # 5 Hz everywhere
+SETUP_FILE = "setup.yaml"
+FOLDERS_VARIABLE = "DESIREPATH_SETUPS"
+"""Environment variable: folders, separated as in PATH, whose folders are setups."""
+ENTRY_POINTS = "desirepath.setups"
+"""Group of entry points of other packages. Each is the folder of one setup, or a function that returns it."""
+
+_STRICT = ConfigDict(extra="forbid")
+_NAME = re.compile("[a-z][a-z0-9_]{0,59}")
+Length = Annotated[float, Field(gt=0, le=1_000)]  # m
+Speed = Annotated[float, Field(ge=0, le=100)]  # m/s or rad/s
 
 
 class SetupError(ValueError):
-    """An unknown setup, or things of two setups mixed."""
+    """An unknown setup, one that cannot be read, or things of two setups mixed."""
 
 
 @dataclass(frozen=True)
 class Limits:
     """Robot command limits: v in [v_min, v_max] m/s, w in [-w_max, w_max] rad/s. Never backwards."""
 
-    v_min: float
-    v_max: float
-    w_max: float = math.pi
+    v_min: Speed
+    v_max: Speed
+    w_max: Speed
+
+    __pydantic_config__ = _STRICT
+
+    def __post_init__(self) -> None:
+        if not self.v_min < self.v_max:
+            raise SetupError(f"v_max = {self.v_max:g}: must be above v_min, {self.v_min:g} m/s")
+        if not self.w_max > 0:
+            raise SetupError(f"w_max = {self.w_max:g}: must be above 0 rad/s")
 
 
 @dataclass(frozen=True)
 class Lidar:
     """`beams` rays over 360 degrees from straight ahead, counter-clockwise, pooled by minimum into `sectors`."""
 
-    beams: int
-    sectors: int
-    range_m: float
-    height_m: float = 0.3
+    beams: Annotated[int, Field(ge=1, le=7_200)]
+    sectors: Annotated[int, Field(ge=1, le=7_200)]
+    range_m: Length
+    height_m: Length
+
+    __pydantic_config__ = _STRICT
+
+    def __post_init__(self) -> None:
+        if self.beams % self.sectors:
+            raise SetupError(f"sectors = {self.sectors}: must divide the {self.beams} beams")
 
 
 @dataclass(frozen=True)
 class Robot:
     """What drives: a disc of `radius_m` on the floor, `height_m` tall, with differential drive."""
 
-    name: str
-    radius_m: float
-    height_m: float
+    name: Annotated[str, Field(min_length=1, max_length=60)]
+    radius_m: Annotated[float, Field(gt=0, le=5)]
+    height_m: Annotated[float, Field(gt=0, le=5)]
     limits: Limits
     lidar: Lidar
 
-
-def _turtlebot2(limits: Limits, lidar: Lidar) -> Robot:
-    """The Kobuki TurtleBot 2 of all chapters, as fast as a chapter let it drive."""
-    return Robot("turtlebot2", radius_m=0.18, height_m=0.42, limits=limits, lidar=lidar)
+    __pydantic_config__ = _STRICT
 
 
 @dataclass(frozen=True)
@@ -61,6 +95,8 @@ class CoreReward:
     time_per_step: float = 0.0
     jerk_weight: float = 0.0
 
+    __pydantic_config__ = _STRICT
+
 
 @dataclass(frozen=True)
 class NearPenalty:
@@ -70,12 +106,15 @@ class NearPenalty:
     """
 
     reward: float
-    within_m: float
+    within_m: Length
+
+    __pydantic_config__ = _STRICT
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Everything a policy is bound to. Observation: float32 vector of
+    """Everything a policy is bound to. world: the name of what draws its scenes (`worlds.py`); people: who walks in
+    them beside the person, None: nobody. Observation: float32 vector of
 
     [goal distance / distance_scale_m, goal bearing / pi,
      (person distance / distance_scale_m, person bearing / pi if with_person),
@@ -93,6 +132,7 @@ class Setup:
 
     name: str
     robot: Robot
+    world: str
     reward: CoreReward
     goal_radius_m: float
     max_steps: int
@@ -104,9 +144,14 @@ class Setup:
     with_person: bool = True
     near: NearPenalty | None = None
     extractors: bool = True  # networks read task part and lidar by an extractor each (ch. 6), or all at once (ch. 8)
-    crowded: bool = False  # whether pedestrians walk in its scenes
     pedestrians: int = 0
     path_points: int = 0
+    people: CrowdConditions | None = None
+
+    @property
+    def crowded(self) -> bool:
+        """Whether pedestrians walk in its scenes."""
+        return self.people is not None
 
     @property
     def polar_size(self) -> int:
@@ -181,167 +226,95 @@ class Setup:
         return layout
 
 
-OPEN_FIELD = Setup(
-    name="open_field",  # ch. 6; table 6.1
-    robot=_turtlebot2(
-        Limits(0.0, 0.5),
-        Lidar(beams=360, sectors=30, range_m=6.0),
-    ),
-    reward=CoreReward(goal=20.0, collision=-1.2, timeout=-20.0, self_intersection=-2.0),
-    goal_radius_m=0.4,
-    max_steps=500,
-    gamma=0.98,
-    with_velocity=False,
-)
-STUDY_ROOM = Setup(
-    name="study_room",  # ch. 7; equation 7.1 and the public code
-    robot=_turtlebot2(
-        Limits(0.0, 1.0),
-        Lidar(beams=720, sectors=60, range_m=6.0),
-    ),
-    reward=CoreReward(
-        goal=20.0,
-        collision=-20.0,
-        timeout=-1.0,
-        self_intersection=-2.0,
-        time_per_step=-0.001,
-        jerk_weight=0.0005,
-    ),
-    goal_radius_m=0.36,
-    max_steps=500,
-    gamma=0.98,
-    with_velocity=True,
-)
+@cache
+def setup_folders() -> Mapping[str, Path]:
+    """Name -> folder of every setup: the shipped ones, those in the folders of `DESIREPATH_SETUPS`, those that other
+    packages name by entry points. Looked for once. Raises SetupError for a name that two have, or that is none."""
+    found: dict[str, Path] = {}
+    for folder in (one.resolve() for one in _folders()):
+        if not _NAME.fullmatch(folder.name):
+            wanted = "lower-case letters, digits and _, beginning with a letter"
+            raise SetupError(f"setup {folder.name!r} in {folder.parent}: its folder's name must be {wanted}")
+        first = found.setdefault(folder.name, folder)
+        if first != folder:
+            raise SetupError(f"setup {folder.name}: {first} and {folder} both have this name; rename one of them")
+    return found
 
 
-def _demonstrated(name: str, solids: int) -> Setup:
-    """An environment of chapter 2: rewards of section 2.4.5, limits and episode length of section 2.5 and table 2.1.
-
-    The goal's +5 is paid in demonstration data only (`desirepath.demonstrations`), so reaching it earns nothing here.
-    Goal radius, distance scale and the lidar that the dynamic window approach reads are ours.
-    """
-    return Setup(
-        name=name,
-        robot=_turtlebot2(
-            Limits(0.1, 0.25),
-            Lidar(beams=360, sectors=60, range_m=6.0),
-        ),
-        reward=CoreReward(goal=0.0, collision=-5.0, timeout=-2.5, self_intersection=0.0),
-        goal_radius_m=0.3,
-        max_steps=300,
-        gamma=0.99,
-        with_velocity=False,
-        distance_scale_m=4.0,
-        solids=solids,
-    )
+def _folders() -> Iterator[Path]:
+    for parent in (DATASETS, *map(Path, filter(None, os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep)))):
+        if not parent.is_dir():
+            raise SetupError(f"{FOLDERS_VARIABLE}: {parent} is no folder; name folders whose folders are setups")
+        yield from sorted(file.parent for file in parent.glob(f"*/{SETUP_FILE}"))
+    for entry in entry_points(group=ENTRY_POINTS):
+        try:
+            named = entry.load()
+            folder = Path(named() if callable(named) else named)
+        except Exception as wrong:
+            raise SetupError(f"entry point {entry.name} = {entry.value}: cannot be loaded: {wrong}") from wrong
+        if not (folder / SETUP_FILE).is_file():
+            raise SetupError(f"entry point {entry.name} = {entry.value}: {folder} has no {SETUP_FILE}")
+        yield folder
 
 
-CORRIDOR = _demonstrated("corridor", solids=4)
-ROOM = _demonstrated("room", solids=7)
-EXPLAINED_ROOM = Setup(
-    name="explained_room",  # ch. 8, section 8.3.2; goal radius, episode length and discount as in ch. 7 (ours)
-    robot=_turtlebot2(
-        Limits(0.0, 1.0, 0.6),  # ours: with ch. 7's half turn per second a policy never slows down (mean 0.99 m/s)
-        Lidar(beams=360, sectors=15, range_m=6.0),
-    ),
-    reward=CoreReward(
-        goal=20.0,
-        collision=-20.0,
-        timeout=-1.0,
-        self_intersection=0.0,
-        time_per_step=-0.001,
-        jerk_weight=1e-7,
-    ),
-    goal_radius_m=0.36,
-    max_steps=500,
-    gamma=0.98,
-    with_velocity=False,
-    with_person=False,
-    near=NearPenalty(reward=-0.001, within_m=0.4),
-    extractors=False,
-)
-ADAPTABLE = Setup(
-    name="adaptable",  # ch. 5, sections 5.3.2.1, 5.3.4.1 and 5.4.1; goal radius ours
-    robot=_turtlebot2(
-        Limits(0.0, 0.5),
-        Lidar(beams=720, sectors=30, range_m=4.0),
-    ),
-    reward=CoreReward(goal=0.0, collision=-1000.0, timeout=0.0, self_intersection=0.0),  # 125 per metre beside it
-    goal_radius_m=0.4,
-    max_steps=300,
-    gamma=1.0,
-    with_velocity=False,
-    extractors=False,
-)
-HOME = Setup(
-    name="home",  # ch. 3, sections 3.3.4 and 3.4; the goal's reward is that of exploration, half of a demonstration's
-    robot=_turtlebot2(
-        Limits(0.0, 0.5),
-        Lidar(beams=180, sectors=30, range_m=6.0),  # ours, for the obstacle avoider that records depth frames
-    ),
-    reward=CoreReward(goal=5.0, collision=-5.0, timeout=-2.5, self_intersection=0.0),
-    goal_radius_m=0.3,  # ours, as in ch. 2
-    max_steps=150,
-    gamma=0.99,
-    with_velocity=False,
-)
-CROWD_CORRIDOR = Setup(
-    name="crowd_corridor",  # ch. 4, sections 4.4.3, 4.4.6, 4.5.1; its reward is `crowd_setups.CrowdReward`
-    robot=_turtlebot2(
-        Limits(0.0, 1.0),
-        Lidar(beams=1440, sectors=180, range_m=3.5),
-    ),
-    reward=CoreReward(goal=0.0, collision=-10.0, timeout=0.0, self_intersection=0.0),
-    goal_radius_m=0.2,
-    max_steps=150,
-    gamma=0.98,
-    with_velocity=False,
-    with_person=False,
-    extractors=False,
-    crowded=True,
-    path_points=5,
-)
-CROWD_INTERSECTION = replace(CROWD_CORRIDOR, name="crowd_intersection")
-CROWD_OFFICE = replace(CROWD_CORRIDOR, name="crowd_office")
-CROWD_HOME = replace(CROWD_CORRIDOR, name="crowd_home")  # never trained in: section 4.5.6
-CROWD_HALL = Setup(
-    name="crowd_hall",  # ours: the study room's robot and reward in a hall where people walk, for people to judge
-    robot=_turtlebot2(
-        Limits(0.0, 1.0),
-        Lidar(beams=360, sectors=36, range_m=6.0),
-    ),
-    reward=CoreReward(
-        goal=20.0, collision=-20.0, timeout=-20.0, self_intersection=-2.0, time_per_step=-0.02, jerk_weight=0.0
-    ),
-    goal_radius_m=0.36,
-    max_steps=200,
-    gamma=0.98,
-    with_velocity=True,
-    crowded=True,
-    pedestrians=3,
-)
-CROWD_SETUPS = (CROWD_CORRIDOR, CROWD_INTERSECTION, CROWD_OFFICE, CROWD_HOME, CROWD_HALL)
-SETUPS = {
-    setup.name: setup
-    for setup in (OPEN_FIELD, STUDY_ROOM, CORRIDOR, ROOM, EXPLAINED_ROOM, ADAPTABLE, HOME, *CROWD_SETUPS)
-}
-PREFERENCE_SETUPS = (OPEN_FIELD.name, STUDY_ROOM.name)
-DEMONSTRATION_SETUPS = (CORRIDOR.name, ROOM.name)
-
-
+@cache
 def get_setup(name: str) -> Setup:
-    """The setup of that name. Raises SetupError listing the known ones."""
-    try:
-        return SETUPS[name]
-    except KeyError:
-        raise SetupError(f"unknown setup {name!r}; known: {', '.join(SETUPS)}") from None
+    """The setup of that name. Raises SetupError listing the known ones, or saying what is wrong in its file."""
+    from desirepath.simulation.setup_files import read_setup
+
+    if name not in setup_folders():
+        raise SetupError(f"unknown setup {name!r}; known: {', '.join(setup_folders())}")
+    return read_setup(setup_folders()[name])
+
+
+class _Setups(Mapping[str, Setup]):
+    """The setups by name, each read when it is asked for."""
+
+    def __getitem__(self, name: str) -> Setup:
+        if name not in setup_folders():
+            raise KeyError(name)
+        return get_setup(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(setup_folders())
+
+    def __len__(self) -> int:
+        return len(setup_folders())
+
+
+SETUPS: Mapping[str, Setup] = _Setups()
+DEMONSTRATION_SETUPS = ("corridor", "room")
+
+
+def setups_with(artefact: str) -> tuple[str, ...]:
+    """The setups that an artefact of that name is shipped for: `base`, `conditioned`."""
+    return tuple(setup for setup, folder in setup_folders().items() if (folder / f"{artefact}.npz").is_file())
+
+
+@cache
+def preference_setups() -> tuple[str, ...]:
+    """The setups in which a person who stands is asked how the robot should drive: they have a conditioned policy, and
+    nobody walks."""
+    return tuple(name for name in setups_with("conditioned") if not get_setup(name).crowded)
+
+
+@cache
+def trainable_setups() -> tuple[str, ...]:
+    """The setups in which a base policy can be trained: the robot has a lidar, and reaching the goal is rewarded."""
+    setups = map(get_setup, setup_folders())
+    return tuple(setup.name for setup in setups if not setup.solids and setup.reward.goal > 0)
+
+
+def _names(can: Callable[[Setup], bool]) -> str:
+    return ", ".join(setup.name for setup in SETUPS.values() if can(setup))
 
 
 def require_lidar(setup: Setup) -> None:
     """Raise SetupError for a setup whose observation holds no lidar scan: its inputs mean something else."""
     if setup.solids:
         raise SetupError(
-            f"setup {setup.name} observes closest points, no lidar; this needs one of {', '.join(PREFERENCE_SETUPS)}"
+            f"setup {setup.name} observes closest points, no lidar; this needs one of "
+            f"{_names(lambda one: not one.solids)}"
         )
 
 
@@ -350,7 +323,8 @@ def require_person(setup: Setup) -> None:
     require_lidar(setup)
     if setup.person_inputs is None:
         raise SetupError(
-            f"setup {setup.name} does not observe where the person is; this needs one of {', '.join(PREFERENCE_SETUPS)}"
+            f"setup {setup.name} does not observe where the person is; this needs one of "
+            f"{_names(lambda one: one.person_inputs is not None)}"
         )
 
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
-from desirepath.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
+from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS, get_crowd_setup
-from desirepath.simulation.pedestrians import BEHAVIOURS
+from desirepath.simulation.pedestrians import BEHAVIOURS, CrowdConditions
 from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.benchmarks.crowd_reference import CrowdReference
 from desirepath_experiments.benchmarks.engines import steps_in

@@ -22,10 +22,12 @@ from desirepath.learning.adaptable.vector_env import AdaptableEnv, shipped_demon
 from desirepath.learning.cards import source_commit
 from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath.simulation.setups import ADAPTABLE
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.training.adaptable.rollouts import PreferenceAct, roll_out_preferences
 from desirepath_experiments.training.adaptable.training import AdaptableConfig, AdaptableTraining
 from desirepath_experiments.training.adaptable.vector_td3 import with_core
+
+ADAPTABLE = get_setup("adaptable")
 
 Floats = NDArray[np.float32]
 SCALE = 0.01

@@ -34,7 +34,11 @@ def ship(
     work: Annotated[Path | None, typer.Option(help="Folder where trainings are kept, to go on with.")] = None,
 ) -> None:
     """Make a shipped artefact with its card."""
-    from desirepath.simulation.setups import CROWD_CORRIDOR, EXPLAINED_ROOM, HOME, SETUPS
+    from desirepath.simulation.setups import SETUPS, get_setup
+
+    CROWD_CORRIDOR = get_setup("crowd_corridor")
+    EXPLAINED_ROOM = get_setup("explained_room")
+    HOME = get_setup("home")
     from desirepath_experiments.shipping.adaptable import ship_adaptable
     from desirepath_experiments.shipping.attended_people import ship_attended
     from desirepath_experiments.shipping.attention import ship_attention

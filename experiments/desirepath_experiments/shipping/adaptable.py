@@ -12,12 +12,14 @@ from typing import Any
 from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, card_path, file_sha256
 from desirepath.learning.scene_sets import Purpose, describe
-from desirepath.simulation.setups import ADAPTABLE
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.adaptable.computing import FUNCTIONS
 from desirepath_experiments.reproduction.adaptable.departures import DEPARTURES
 from desirepath_experiments.reproduction.adaptable.plan import BUDGETS, OURS, PROGRAMMED, make_plan
 from desirepath_experiments.reproduction.adaptable.results import row_of
 from desirepath_experiments.reproduction.tasks import TaskResult, results_of
+
+ADAPTABLE = get_setup("adaptable")
 
 REWARD_NAME, POLICY_NAME = "adaptable/demonstration_reward", "adaptable/policy"
 

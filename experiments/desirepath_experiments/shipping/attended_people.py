@@ -21,10 +21,13 @@ from desirepath.learning.pedestrians.attended import as_trajectory, given_to_peo
 from desirepath.learning.pedestrians.crowd_networks import attention_weights
 from desirepath.learning.policies.attention import AttentionPolicy
 from desirepath.learning.scene_sets import Purpose, first_seed
-from desirepath.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
+from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
+from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import CONTROL_DT_S, CROWD_CORRIDOR
+from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath_experiments.shipping.ranking_set_files import store_ranking_set
+
+CROWD_CORRIDOR = get_setup("crowd_corridor")
 
 SCENARIOS, PRACTICE = 24, 2  # ours: half of chapter 8's
 FIVE = CrowdConditions(moving=(3, 3), standing=(2, 2))  # ours: as many as there are objects in chapter 8

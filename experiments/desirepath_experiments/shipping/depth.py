@@ -17,7 +17,7 @@ from desirepath.learning.scene_sets import Purpose, describe
 from desirepath.perception import SHIPPED_ENCODER
 from desirepath.perception.beta_vae import DepthEncoder, VaeConfig
 from desirepath.perception.predictor import PredictorConfig
-from desirepath.simulation.setups import HOME
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.depth.computing import (
     EXPLORED_SEED,
     FUNCTIONS,
@@ -28,6 +28,8 @@ from desirepath_experiments.reproduction.depth.plan import BUDGETS, make_plan
 from desirepath_experiments.reproduction.tasks import Task, Work, in_order, results_of
 from desirepath_experiments.shipping.depth_queries import SHOWN, generate_depth_queries
 from desirepath_experiments.shipping.query_sets import describe_queries
+
+HOME = get_setup("home")
 
 ENCODER, PREDICTOR, QUERIES = SHIPPED_ENCODER, "home/depth_predictor", "home/queries_depth_12"
 SHIPPED = {"VAE-HA": "home/depth", "VAE-ND": "home/depth_nd"}

@@ -13,7 +13,9 @@ from desirepath.learning.queries.queries import QueryConfig, QuerySet, queries_o
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.perception.beta_vae import DepthEncoder
 from desirepath.perception.predictor import PersonPredictor
-from desirepath.simulation.setups import HOME
+from desirepath.simulation.setups import get_setup
+
+HOME = get_setup("home")
 
 MODES = ("static", "opposite", "random")  # of people, scene by scene
 SHOWN = QueryConfig(count=12, max_duration_s=20.0, min_gap_m=0.3, scenes_per_round=16, max_scenes=160)

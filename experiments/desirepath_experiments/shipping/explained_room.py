@@ -16,11 +16,13 @@ from desirepath.learning.policies.torch_actor import actor_of
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import OnProgress, base_config, no_progress, train_base
 from desirepath.simulation.fast import rollout
-from desirepath.simulation.setups import EXPLAINED_ROOM
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.explanations.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
 from desirepath_experiments.reproduction.explanations.slowing import slowing
 from desirepath_experiments.shipping.policies import store_policy
 from desirepath_experiments.shipping.ranking_set_files import store_ranking_set
+
+EXPLAINED_ROOM = get_setup("explained_room")
 
 SLOWING_SCENES = 500
 SET_NAME = f"{EXPLAINED_ROOM.name}/scenarios_{SCENARIOS}"

@@ -25,8 +25,9 @@ from desirepath.learning.policies.mirroring import Mirror
 from desirepath.learning.scene_sets import Purpose
 from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
-from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, CrowdConditions
+from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
+from desirepath.simulation.pedestrians import CrowdConditions
 
 Floats = NDArray[np.float32]
 

@@ -15,7 +15,7 @@ from desirepath.learning.preferences.measures import MEASURES, typical_differenc
 from desirepath.learning.preferences.objectives import NAMES, best_possible, gains
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
-from desirepath.simulation.setups import PREFERENCE_SETUPS, get_setup
+from desirepath.simulation.setups import get_setup, preference_setups
 from desirepath_experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, attained
 from desirepath_experiments.benchmarks.headline import (
     MADE_OF_OBJECTIVES,
@@ -25,6 +25,8 @@ from desirepath_experiments.benchmarks.headline import (
     summarise,
     true_weights,
 )
+
+PREFERENCE_SETUPS = preference_setups()
 
 FEW = PlannerConfig(rounds=5, copies=24)
 

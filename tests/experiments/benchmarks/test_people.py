@@ -18,7 +18,7 @@ from desirepath.learning.alignment.gate import CLEARLY, SURE
 from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_people import PeopleConfig, benchmark_people, known_people, result_of
 from desirepath.learning.people.rows import bins_of, calibration_error
-from desirepath.simulation.setups import STUDY_ROOM
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.benchmarks.people_before import BeforeConfig, benchmark_before
 from desirepath_experiments.benchmarks.people_harm import (
     PeopleHarmConfig,
@@ -28,6 +28,8 @@ from desirepath_experiments.benchmarks.people_harm import (
 )
 from desirepath_experiments.benchmarks.people_policies import PeoplePoliciesConfig, with_shares
 from desirepath_experiments.benchmarks.people_yardstick import YardstickConfig, benchmark_yardstick
+
+STUDY_ROOM = get_setup("study_room")
 
 SMALL = PeopleConfig(
     families=("thresholds",), people=2, answers=(4, 8), shown_after=8, pool=30, test=20, scenes=(6, 6, 8)

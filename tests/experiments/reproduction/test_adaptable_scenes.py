@@ -9,12 +9,14 @@ import numpy as np
 from desirepath.simulation.fast import FastEngine, rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import check_scene, draw_scenes
-from desirepath.simulation.setups import ADAPTABLE, CONTROL_DT_S
+from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath_experiments.reproduction.adaptable.adaptable_scenes import (
     WALKING_SPEED_M_S,
     intersection,
     walking_scenes,
 )
+
+ADAPTABLE = get_setup("adaptable")
 
 
 def test_start_and_goal_lie_six_to_twelve_metres_apart_with_the_person_between_and_three_boxes() -> None:

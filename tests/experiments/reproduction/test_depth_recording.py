@@ -14,9 +14,11 @@ from desirepath.perception.predictor import INPUTS, STEPS, PersonPredictor, Pred
 from desirepath.simulation.depth_camera import DEPTH_CAMERA, CameraNoise
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.scenes import draw_scenes
-from desirepath.simulation.setups import HOME
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.depth.encoding import EncoderTraining, pixel_weights, train_encoder
 from desirepath_experiments.reproduction.depth.recording import Recording, record
+
+HOME = get_setup("home")
 
 
 class Straight:

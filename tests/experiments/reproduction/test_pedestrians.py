@@ -6,7 +6,7 @@ import pytest
 
 from desirepath.learning.cards import SOCIAL
 from desirepath.learning.pedestrians.crowd_networks import VARIANTS
-from desirepath.simulation.crowds.crowd_scenes import CrowdConditions
+from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath_experiments.reproduction.pedestrians import plan
 from desirepath_experiments.reproduction.pedestrians.plan import (
     BUDGETS,

@@ -25,7 +25,7 @@ from desirepath.learning.shipped_files import load_card, resolve
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Obstacle, Person, Pose
 from desirepath.simulation.scenes import check_scene
-from desirepath.simulation.setups import EXPLAINED_ROOM, SetupError
+from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.reproduction.explanations.scenarios import (
     OBJECTS,
@@ -36,6 +36,8 @@ from desirepath_experiments.reproduction.explanations.scenarios import (
 )
 from desirepath_experiments.reproduction.explanations.slowing import slowing
 from tests.simulation.simple_policies import towards_goal
+
+EXPLAINED_ROOM = get_setup("explained_room")
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,10 @@ from torch import Tensor
 from desirepath.explain.sight import sight_of
 from desirepath.simulation.fast import Floats, rollout
 from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene
-from desirepath.simulation.setups import EXPLAINED_ROOM
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.explanations.slowing import NOTHING, slow_downs, slowing
+
+EXPLAINED_ROOM = get_setup("explained_room")
 
 SCENE = Scene(
     "explained_room", 0, Pose(-3.0, 0.0), Pose(3.2, 0.0), 0.36, Person(Pose(0.0, 3.0)),

@@ -21,8 +21,9 @@ from desirepath.learning.pedestrians.foresight import (
 from desirepath.learning.policies.mirroring import ACTION_SIGNS
 from desirepath.learning.scene_sets import Purpose
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine
-from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, CrowdConditions
+from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
 from desirepath.simulation.crowds.foresight_kernels import Ground
+from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath_experiments.training.imitation import ImitationConfig, imitate, learn_from, mirrored
 
 

@@ -39,12 +39,14 @@ from desirepath.learning.rewards.step_weights import StepWeightsRewardModel, fit
 from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
-from desirepath.simulation.setups import OPEN_FIELD, get_setup
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 from desirepath_experiments.benchmarks import people_policies
 from desirepath_experiments.benchmarks.people_policies import PeoplePoliciesConfig, TrueReward, known_persons
 from desirepath_experiments.benchmarks.true_yardstick import YardstickConfig, converged_on_the_truth
 from desirepath_experiments.training.own_reward import OwnRewardConfig, means_of, tune_to_reward
+
+OPEN_FIELD = get_setup("open_field")
 
 Pairs = list[tuple[Trajectory, Trajectory]]
 

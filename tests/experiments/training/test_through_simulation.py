@@ -14,11 +14,13 @@ from desirepath.learning.preferences.measures import MEASURES
 from desirepath.learning.preferences.objectives import OPPOSITES
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import FastEngine
-from desirepath.simulation.setups import PREFERENCE_SETUPS, SetupError, get_setup
+from desirepath.simulation.setups import SetupError, get_setup, preference_setups
 from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.training.through_simulation.differentiable import Rolled, roll_out
 from desirepath_experiments.training.through_simulation.sharpening import drawn_weights, mixed, sharpen
 from desirepath_experiments.training.through_simulation.uphill import SHARPENING
+
+PREFERENCE_SETUPS = preference_setups()
 
 
 def _driven(setup: str, act: object, scenes: list, *, kept: float = 1.0) -> Rolled:

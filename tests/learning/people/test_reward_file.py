@@ -29,7 +29,11 @@ from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.learning.rewards.linear import fit_linear
 from desirepath.learning.rewards.storage import save_reward_model
-from desirepath.simulation.setups import PREFERENCE_SETUPS, STUDY_ROOM, get_setup
+from desirepath.simulation.setups import get_setup, preference_setups
+
+PREFERENCE_SETUPS = preference_setups()
+
+STUDY_ROOM = get_setup("study_room")
 
 INPUTS = STUDY_ROOM.observation_size + 2
 EXPORT = [{"of": "observation", "form": "export"}, {"of": "action", "form": "export"}]

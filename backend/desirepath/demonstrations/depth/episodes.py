@@ -14,7 +14,9 @@ from desirepath.simulation import kernels as k
 from desirepath.simulation.depth_camera import Sights
 from desirepath.simulation.scene import Scene, SceneError
 from desirepath.simulation.scenes import scenes_to_rows
-from desirepath.simulation.setups import CONTROL_DT_S, HOME
+from desirepath.simulation.setups import CONTROL_DT_S, get_setup
+
+HOME = get_setup("home")
 
 MODES = ("opposite", "random", "static", "absent", "replayed")
 """1 to 5 of section 3.4.3: on the way from the robot's goal to its start, between random places, standing, nobody,

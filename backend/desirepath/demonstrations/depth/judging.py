@@ -17,8 +17,10 @@ from desirepath.demonstrations.depth.states import goals_of
 from desirepath.demonstrations.depth.training import MakeSenses
 from desirepath.simulation.fast import FastEngine, replay
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import HOME
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
+
+HOME = get_setup("home")
 
 REMOVALS = ("nothing", "person", "furniture", "both")
 SPARSE = 2  # every so many poses are compared

@@ -26,8 +26,10 @@ from desirepath.perception.beta_vae import DepthEncoder
 from desirepath.perception.predictor import PersonPredictor
 from desirepath.simulation.depth_camera import CameraNoise, Sights
 from desirepath.simulation.fast import FastEngine
-from desirepath.simulation.setups import CONTROL_DT_S, HOME
+from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath.simulation.trajectory import Trajectory
+
+HOME = get_setup("home")
 
 DEPARTURES = [
     "Many environments at once in a fast kinematic engine, far fewer updates, larger learning rate of the actor.",

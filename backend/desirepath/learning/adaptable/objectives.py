@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from desirepath.learning.errors import LearningError
-from desirepath.simulation.setups import ADAPTABLE, Setup
+from desirepath.simulation.setups import Setup, get_setup
+
+ADAPTABLE = get_setup("adaptable")
 
 Floats = NDArray[np.float32]
 DemonstrationReward = Callable[[Floats, Floats], Floats]

@@ -16,8 +16,9 @@ from desirepath.analysis.metrics import accumulated_angle, min_human_distance, p
 from desirepath.learning.pedestrians.crowd_states import Given, states
 from desirepath.learning.scene_sets import Purpose, first_seed
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine, recorded
-from desirepath.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
+from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
+from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CONTROL_DT_S
 from desirepath.simulation.social_metrics import SocialMetrics, social_metrics

@@ -19,7 +19,9 @@ from torch import Tensor, nn
 from desirepath.learning.pedestrians.crowd_states import PATH_POINTS, SECTORS, SIZES, Given
 from desirepath.learning.pedestrians.foresight import COMMANDS, actions_of_commands
 from desirepath.simulation.crowds.crowd_engine import COARSE_RANGES, GROUPS
-from desirepath.simulation.setups import CROWD_CORRIDOR
+from desirepath.simulation.setups import get_setup
+
+CROWD_CORRIDOR = get_setup("crowd_corridor")
 
 Variant = Literal["ours", "no_spatial", "no_temporal", "no_tagd", "b1", "b2", "b3"]
 PER_SECTOR = SECTORS // GROUPS

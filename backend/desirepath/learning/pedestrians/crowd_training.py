@@ -23,8 +23,8 @@ from desirepath.learning.pedestrians.crowd_networks import LAST_LAYER, VARIANTS,
 from desirepath.learning.pedestrians.crowd_planners import follow
 from desirepath.learning.pedestrians.crowd_states import SIZES, Given, states
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
-from desirepath.simulation.crowds.crowd_scenes import CrowdConditions
 from desirepath.simulation.crowds.crowd_setups import CURRICULUM, CURRICULUM_SUCCESS, TRAINED_SETUPS
+from desirepath.simulation.pedestrians import CrowdConditions
 
 Floats = NDArray[np.float32]
 Tell = Callable[[str], None]

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from desirepath.learning.errors import LearningError
 from desirepath.learning.people.reward_inputs import Conversion, InputPart, conversion
 from desirepath.simulation.npz import NpzError, from_npz, to_npz
-from desirepath.simulation.setups import PREFERENCE_SETUPS, get_setup
+from desirepath.simulation.setups import get_setup, preference_setups
 
 FORMAT = "desirepath-reward-2"
 KEPT_FORMAT = "desirepath-reward-file-1"
@@ -63,8 +63,8 @@ def read_manifest(content: bytes, named: str) -> RewardManifest:
         raise LearningError(f"{named}: not a reward manifest of format {FORMAT!r}: {wrong}") from None
     except (ValueError, RecursionError) as problem:
         raise LearningError(f"{named}: not a reward manifest of format {FORMAT!r}: {problem}") from None
-    if manifest.setup not in PREFERENCE_SETUPS:
-        raise LearningError(f"{named}: setup = {manifest.setup!r}: must be one of {', '.join(PREFERENCE_SETUPS)}")
+    if manifest.setup not in preference_setups():
+        raise LearningError(f"{named}: setup = {manifest.setup!r}: must be one of {', '.join(preference_setups())}")
     try:
         if (width := manifest.width) > MOST_INPUTS:
             raise ValueError(f"{width} inputs; at most {MOST_INPUTS} are read")

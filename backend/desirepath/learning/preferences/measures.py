@@ -156,8 +156,7 @@ def near_person_m(nearest_m: NDArray[np.float64]) -> Doubles:
 
 
 def typical_differences(setup: str) -> Doubles:
-    """(7,) what one unit of a measure is when measures are weighed against each other, in the order of MEASURES.
-
-    Raises KeyError for a setup in which nobody has measured that.
+    """(7,) what one unit of a measure is when measures are weighed against each other, in the order of MEASURES:
+    between two trajectories of the setup's queries; where nobody has measured that, what people notice.
     """
-    return np.array([measure.typical[setup] for measure in table_of(setup)])
+    return np.array([measure.typical.get(setup, measure.noticeable) for measure in table_of(setup)])

@@ -25,7 +25,7 @@ from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
 from desirepath.learning.td3.td3 import Td3Agent, Td3Config
 from desirepath.simulation.fast import FastEngine, evaluate
-from desirepath.simulation.setups import CROWD_HALL, EXPLAINED_ROOM, get_setup
+from desirepath.simulation.setups import get_setup
 
 TURNING = 1  # which of the two actions is the turn rate
 
@@ -81,9 +81,10 @@ class BaseConfig:
 
 def base_config(setup: str, seed: int = 0) -> BaseConfig:
     """How the shipped base policy of that setup is trained."""
-    if setup == CROWD_HALL.name:  # half as long: a step among pedestrians takes five times as long
+    of = get_setup(setup)
+    if of.crowded:  # half as long: a step among pedestrians takes five times as long
         return BaseConfig(setup, seed, updates=40_000, smoothing_updates=8_000, selection_scenes=500)
-    return BaseConfig(setup, seed, EXPLAINED_HEADS if setup == EXPLAINED_ROOM.name else FAST_HEADS)
+    return BaseConfig(setup, seed, FAST_HEADS if of.extractors else EXPLAINED_HEADS)
 
 
 @dataclass(frozen=True)

@@ -19,13 +19,15 @@ from desirepath.simulation.crowds import avoidance_kernels as avoid
 from desirepath.simulation.crowds import crowd_kernels as k
 from desirepath.simulation.crowds import crowd_setups as settings
 from desirepath.simulation.crowds.crowd_maps import boxes_of, path_from_anywhere
-from desirepath.simulation.crowds.crowd_scenes import CrowdConditions, draw_crowd_scene
+from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
 from desirepath.simulation.crowds.descriptor_kernels import describe_all
-from desirepath.simulation.pedestrians import MOST_KNOTS, MOST_PEDESTRIANS, Pedestrian
+from desirepath.simulation.pedestrians import MOST_KNOTS, MOST_PEDESTRIANS, CrowdConditions, Pedestrian
 from desirepath.simulation.scene import Scene, SceneError
-from desirepath.simulation.setups import CONTROL_DT_S, CROWD_CORRIDOR, Setup
+from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup
 from desirepath.simulation.trajectory import Outcome
 from desirepath.simulation.walks import Walk
+
+CROWD_CORRIDOR = get_setup("crowd_corridor")
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from desirepath.simulation.crowds import planning_kernels as plan
 from desirepath.simulation.pedestrians import MOST_KNOTS
 from desirepath.simulation.scene import Room, Scene, SceneError
+from desirepath.simulation.setups import get_setup
 
 Doubles = NDArray[np.float64]
 CELL_M = 0.1
@@ -80,7 +81,7 @@ def robot_path(scene: Scene) -> tuple[tuple[float, float], ...]:
     """A* on the empty map from the robot's start to its goal, which is its last place. Raises SceneError for none."""
     if scene.room is None:
         raise SceneError("room", None, "a robot's path needs a room with walls")
-    inside = map_of(scene.room, boxes_of(scene))
+    inside = map_of(scene.room, boxes_of(scene), max(CLEARANCE_M, get_setup(scene.setup).robot.radius_m))
     way = inside.way((scene.start.x, scene.start.y), (scene.goal.x, scene.goal.y))
     if not way:
         raise SceneError("goal", scene.goal, "has no way from the start on the empty map")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +15,11 @@ from scipy.ndimage import label
 
 from desirepath.simulation.crowds.crowd_buildings import BUILDINGS, TRIES
 from desirepath.simulation.crowds.crowd_maps import CELL_M, FreePlaces, boxes_of, map_of, robot_path, tidy
-from desirepath.simulation.crowds.crowd_setups import (
-    CURRICULUM,
-    PED_DEPTH_M,
-    PED_SPEEDS_M_S,
-    PED_WIDTH_M,
-    get_crowd_setup,
-)
-from desirepath.simulation.pedestrians import MOST_PEDESTRIANS, Behaviour, Crowd, Pedestrian
+from desirepath.simulation.crowds.crowd_setups import PED_DEPTH_M, PED_WIDTH_M, get_crowd_setup
+from desirepath.simulation.pedestrians import MOST_PEDESTRIANS, Crowd, CrowdConditions, Pedestrian
 from desirepath.simulation.scene import Person, Pose, Room, Scene, SceneError
-from desirepath.simulation.scenes import PEOPLED_NUMBERS
-from desirepath.simulation.setups import get_setup
+from desirepath.simulation.setups import Setup, SetupError, get_setup
+from desirepath.simulation.worlds import WORLDS
 
 Doubles = NDArray[np.float64]
 FROM_START_M = 1.2  # ours: nobody begins nearer to the robot
@@ -34,39 +27,26 @@ NEAR_PATH_M = 0.5  # ours: "around the robot path"
 SHORTEST_ROUTE_M = 3.0  # ours
 
 
-@dataclass(frozen=True)
-class CrowdConditions:
-    """Who is drawn into a scene. moving, standing: numbers, from-to; speeds: m/s, from-to. Thesis: section 4.4.6.1."""
-
-    moving: tuple[int, int] = (1, CURRICULUM[0])
-    standing: tuple[int, int] = (1, 2)
-    speeds: tuple[float, float] = PED_SPEEDS_M_S
-    behaviour: Behaviour = "path"
-    area_m2: float | None = None  # of floor that a robot can get to, for each who moves; instead of `moving`
-
-    def __post_init__(self) -> None:
-        if self.standing[0] < 1 or self.moving[0] < 0:
-            raise SceneError("crowd", (self.moving, self.standing), "one person at least stands: the scene's own")
-
-
 UNSEEN_HOMES = CrowdConditions(  # section 4.5.6, after the iGibson challenge: its maximum speed, its free floor
     standing=(1, 1), speeds=(0.5, 0.5), behaviour="orca", area_m2=8.0
 )
-USUAL = {"crowd_hall": CrowdConditions(moving=(2, 2), standing=(1, 1), speeds=(0.3, 0.7))}
-"""By setup, who is drawn where nothing else is asked for; elsewhere as in training. Ours."""
 PUBLISHED = CrowdConditions(moving=(2, 2), standing=(1, 1), speeds=(0.6, 0.6))  # table 4.1
 
 
 def draw_crowd_scene(setup: str, seed: int, conditions: CrowdConditions | None = None) -> Scene:
-    """The scene of that crowd setup and seed among such pedestrians: the same on every machine.
+    """The scene of that crowd setup and seed among such pedestrians (the setup's own, if none are given): the same on
+    every machine.
 
     Its person is the first who stands; all others are its crowd. Raises SetupError, or SceneError for a seed that gave
     no scene.
     """
-    chosen, rules = get_crowd_setup(setup), conditions or USUAL.get(setup, CrowdConditions())
-    random = np.random.Generator(np.random.PCG64([seed, PEOPLED_NUMBERS[setup]]))
+    chosen = get_crowd_setup(setup)
+    if chosen.world not in BUILDINGS:
+        raise SetupError(f"setup {setup}: its world {chosen.world} is no building; one of {', '.join(BUILDINGS)}")
+    rules = conditions or chosen.people or CrowdConditions()
+    random = np.random.Generator(np.random.PCG64([seed, WORLDS[chosen.world].number]))
     for _ in range(TRIES):
-        room, obstacles, ends = BUILDINGS[setup](random)
+        room, obstacles, ends = BUILDINGS[chosen.world](random)
         start, goal = Pose(tidy(ends[0, 0]), tidy(ends[0, 1])), Pose(tidy(ends[1, 0]), tidy(ends[1, 1]))
         scene = Scene(setup, seed, start, goal, chosen.goal_radius_m, Person(start), obstacles, room)
         try:
@@ -177,3 +157,8 @@ def _standing(
     if len(found) < number:
         raise SceneError("crowd", number, "no place to stand that leaves the robot a way")
     return found
+
+
+def draw_in_building(setup: Setup, seed: int) -> Scene:
+    """The scene of that setup and seed, among the setup's own people."""
+    return draw_crowd_scene(setup.name, seed)

@@ -7,17 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from desirepath.simulation.setups import (
-    CROWD_CORRIDOR,
-    CROWD_INTERSECTION,
-    CROWD_OFFICE,
-    CROWD_SETUPS,
-    Setup,
-    SetupError,
-)
+from desirepath.simulation.setups import Setup, SetupError, get_setup
 
 PED_DEPTH_M, PED_WIDTH_M, PED_HEIGHT_M = 0.4, 0.5, 1.7  # cuboids, ours: the thesis gives no size
-PED_SPEEDS_M_S = (0.5, 1.0)  # section 4.4.6.1
 LIDAR_NOISE_M = 0.025  # section 4.4.7, amplitude
 PATH_POINTS, PATH_SPACING_M = 5, 0.3  # section 4.4.3
 GUIDE_AHEAD_M = 0.6  # section 4.4.4
@@ -35,13 +27,12 @@ class CrowdReward:
     proximity: float = 3.0
 
 
-TRAINED_SETUPS = (CROWD_CORRIDOR.name, CROWD_INTERSECTION.name, CROWD_OFFICE.name)
-_BY_NAME = {setup.name: setup for setup in CROWD_SETUPS}
+TRAINED_SETUPS = ("crowd_corridor", "crowd_intersection", "crowd_office")
 
 
 def get_crowd_setup(name: str) -> Setup:
-    """The crowd setup of that name. Raises SetupError listing the known ones."""
-    try:
-        return _BY_NAME[name]
-    except KeyError:
-        raise SetupError(f"unknown crowd setup {name!r}; known: {', '.join(_BY_NAME)}") from None
+    """The setup of that name, in which pedestrians walk. Raises SetupError."""
+    setup = get_setup(name)
+    if not setup.crowded:
+        raise SetupError(f"setup {name}: no pedestrians walk in it")
+    return setup

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 from sqlalchemy import select
 
 from desirepath.grammar.parts import Part
 from desirepath.grammar.words import View
+from desirepath.simulation.setups import preference_setups, setups_with
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Event
 from desirepath.study.kinds.base import Kind, Moment, Page, Simulated, Step
@@ -49,12 +50,14 @@ CROWD_CONTROLS: tuple[tuple[str, ...], ...] = (
 that does nothing, or the wrong thing, is no control."""
 OBJECTIVES = tuple(name for control in CONTROLS for name in control)
 OPPOSITES = tuple(pair for pair in CONTROLS if len(pair) == 2)
-PersonSetup = Literal["study_room", "open_field"]
-CrowdSetup = Literal["crowd_hall"]
-Setup = Literal[PersonSetup, CrowdSetup]
-PERSON_SETUPS: tuple[str, ...] = get_args(PersonSetup)
-CROWD_SETUPS: tuple[str, ...] = get_args(CrowdSetup)
+PERSON_SETUPS = preference_setups()
+CROWD_SETUPS = tuple(name for name in setups_with("conditioned") if name not in PERSON_SETUPS)
 SETUPS = (*PERSON_SETUPS, *CROWD_SETUPS)
+if TYPE_CHECKING:
+    PersonSetup = str
+    Setup = str
+else:  # one of these names, as errors and the published schema say
+    PersonSetup, Setup = Literal[PERSON_SETUPS], Literal[SETUPS]
 CORNERS = 3
 Weights = dict[str, float]
 

@@ -25,7 +25,8 @@ PLACES: Mapping[str, tuple[int, ...]] = {
     "crowd_hall": (8, 37, 18, 26, 11, 19),
 }
 """Setup -> which of the figures' scenes: of the first 40 those in which each weight alone arrives and the ways of the
-ten policies differ most in their middle, so that there is something to see. The same for everybody (ours)."""
+ten policies differ most in their middle, so that there is something to see. The same for everybody (ours). Elsewhere
+the first."""
 MOST_PLACES = min(map(len, PLACES.values()))
 LOOKED_AT, LEAST_LOOKED = 2, 0.1  # ours: things that are named, and the mean score below which none is
 
@@ -45,7 +46,8 @@ def scenes_of(setup: str) -> tuple[Scene, ...]:
     from desirepath.learning.scene_sets import Purpose, first_seed
     from desirepath.simulation.scenes import draw_scenes
 
-    return tuple(draw_scenes(setup, [first_seed(Purpose.FIGURE, 0) + place for place in PLACES[setup]]))
+    places = PLACES.get(setup, range(MOST_PLACES))
+    return tuple(draw_scenes(setup, [first_seed(Purpose.FIGURE, 0) + place for place in places]))
 
 
 @lru_cache(maxsize=4)

@@ -17,7 +17,8 @@ from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.source import Problem, ProtocolError, Source, file_text
 from desirepath.grammar.text_files import as_text, read_text
 from desirepath.grammar.texts import local, variant
-from desirepath.installed import DATASETS, PROTOCOLS
+from desirepath.installed import PROTOCOLS
+from desirepath.simulation.setups import setup_folders
 from desirepath.store.models import ProtocolVersion, Study, protocol_digest
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.consent import ConsentStage
@@ -215,8 +216,11 @@ def _frozen(text: str, file: str, read: Read, sets: Sets | None = None) -> Froze
 
 def _query_set(name: str, folder: Path, here: Mapping[str, str], source: Source) -> tuple[str, list[Problem]]:
     """Where that query set is, and why it does for no study. Only files are opened: `learning` loads slowly."""
-    found = (*DATASETS.glob("*/queries*.npz"), *DATASETS.glob("*/scenarios*.npz"))
-    shipped = sorted(path.relative_to(DATASETS).with_suffix("").as_posix() for path in found)
+    shipped = sorted(
+        f"{setup}/{path.stem}"
+        for setup, of in setup_folders().items()
+        for path in (*of.glob("queries*.npz"), *of.glob("scenarios*.npz"))
+    )
     if name in shipped or name in here:
         return name, []
     beside = folder / name

@@ -16,6 +16,7 @@ from desirepath.grammar.conditions import Condition
 from desirepath.grammar.parts import Part
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.words import View
+from desirepath.simulation.setups import setups_with
 from desirepath.study.kinds import Stage, Step
 from desirepath.study.kinds.base import Pace, Planning
 from desirepath.study.kinds.demonstration import SECONDS_PER_PATH, DemonstrationStep
@@ -154,8 +155,10 @@ class MethodsStage(TaughtByMethods, PagesAround):
                     here, "cannot stand beside blocks, ratings, demonstrations or train: its robots are its own"
                 )
                 break
-        if "drawing" in self.methods and self.setup != "study_room":
-            yield source.problem((*here, "setup"), "must be study_room, where paths can be drawn, or leave drawing out")
+        drawn_in = setups_with("path_weights")
+        if "drawing" in self.methods and self.setup not in drawn_in:
+            known = " or ".join(drawn_in)
+            yield source.problem((*here, "setup"), f"must be {known}, where paths can be drawn, or leave drawing out")
         if not any(one.queries.role == "regular" for one in self.choices):
             yield source.problem((*here, "choices"), "has practice trials only; add queries of role regular")
         for n, one in enumerate(self.choices):

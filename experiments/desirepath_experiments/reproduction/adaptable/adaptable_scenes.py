@@ -15,8 +15,10 @@ import numpy as np
 from desirepath.simulation import kernels as k
 from desirepath.simulation.scene import Obstacle, Person, Pose, Scene
 from desirepath.simulation.scenes import check_scene, draw_scene, scene_to_row
-from desirepath.simulation.setups import ADAPTABLE, get_setup
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.walks import Walk
+
+ADAPTABLE = get_setup("adaptable")
 
 WALKING_SPEED_M_S = 0.5  # section 5.4.2
 FREE_OF_WALKER_M = 0.1  # ours: boxes stand so far from where the person walks

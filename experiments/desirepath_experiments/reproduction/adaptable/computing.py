@@ -26,7 +26,7 @@ from desirepath.learning.rewards.ranked_rollouts import (
 from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
 from desirepath.simulation.demonstration_scenes import demonstration_scenes
-from desirepath.simulation.setups import ADAPTABLE
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
 from desirepath_experiments.reproduction.adaptable.adaptable_scenes import intersection, walking_scenes
 from desirepath_experiments.reproduction.adaptable.drawn_rollouts import augmented_all, scenes_beside
@@ -40,6 +40,8 @@ from desirepath_experiments.training.adaptable.training import (
     train_adaptable,
     without_person,
 )
+
+ADAPTABLE = get_setup("adaptable")
 
 Floats = NDArray[np.float32]
 RANKED_IN, HELD_OUT = 300, 100  # scenes of the noise-ranked rollouts, and of those that judge the reward

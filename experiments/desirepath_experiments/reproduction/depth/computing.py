@@ -26,7 +26,7 @@ from desirepath.perception.predictor import PersonPredictor, PredictorConfig, fi
 from desirepath.simulation.depth_camera import DEPTH_CAMERA, WIDE_CAMERA, CameraNoise
 from desirepath.simulation.scene import Pose
 from desirepath.simulation.scenes import draw_scenes
-from desirepath.simulation.setups import HOME
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.depth.demonstrated import flat, home_demonstrations
 from desirepath_experiments.reproduction.depth.encoding import EncoderTraining
 from desirepath_experiments.reproduction.depth.recording import Recording, record
@@ -37,6 +37,8 @@ from desirepath_experiments.reproduction.depth.recording_measures import (
     shown_frames,
 )
 from desirepath_experiments.reproduction.tasks import Function, TaskResult
+
+HOME = get_setup("home")
 
 RECORDED_SEED, EXPLORED_SEED = (
     2**32,

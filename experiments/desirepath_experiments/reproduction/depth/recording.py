@@ -16,7 +16,9 @@ from desirepath.demonstrations.depth.episodes import EpisodePool, Episodes, peop
 from desirepath.learning.policies.policy import Policy
 from desirepath.simulation.depth_camera import DepthCamera, Frames, Sights
 from desirepath.simulation.fast import FastEngine
-from desirepath.simulation.setups import HOME
+from desirepath.simulation.setups import get_setup
+
+HOME = get_setup("home")
 
 Doubles = NDArray[np.float64]
 FAR_M = 6.0  # ours: where somebody is who is not there

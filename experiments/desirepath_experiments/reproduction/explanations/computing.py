@@ -26,11 +26,13 @@ from desirepath.report.made_up_rankers import RankerCohort, condition_name, item
 from desirepath.report.rating_findings import measures
 from desirepath.report.study_data import ImportanceRanking, ParticipantRow, StudyData
 from desirepath.simulation.fast import rollout
-from desirepath.simulation.setups import EXPLAINED_ROOM
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.explanations.published_numbers import NOISE_PLACES, RATED, TRUST
 from desirepath_experiments.reproduction.explanations.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
 from desirepath_experiments.reproduction.explanations.slowing import slowing
 from desirepath_experiments.reproduction.tasks import Function, TaskResult
+
+EXPLAINED_ROOM = get_setup("explained_room")
 
 SHIPPED = f"{EXPLAINED_ROOM.name}/base"
 CELLS = tuple(product((False, True), repeat=2))  # outline, lidar

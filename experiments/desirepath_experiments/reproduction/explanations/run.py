@@ -9,7 +9,7 @@ from typing import Any
 
 from desirepath.analysis.tested import p_in_words
 from desirepath.explain.printed import Section, Table
-from desirepath.simulation.setups import EXPLAINED_ROOM
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.chapter_report import RESULTS, facts, said, write_report
 from desirepath_experiments.reproduction.explanations.computing import FUNCTIONS
 from desirepath_experiments.reproduction.explanations.published_numbers import (
@@ -25,6 +25,8 @@ from desirepath_experiments.reproduction.explanations.published_numbers import (
 )
 from desirepath_experiments.reproduction.running import Tell, compute, write_results
 from desirepath_experiments.reproduction.tasks import Task, Work
+
+EXPLAINED_ROOM = get_setup("explained_room")
 
 
 @dataclass(frozen=True)

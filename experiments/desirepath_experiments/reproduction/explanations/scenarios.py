@@ -14,7 +14,9 @@ from desirepath.explain.sight import Sight, sight_of
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import draw_scene
-from desirepath.simulation.setups import EXPLAINED_ROOM
+from desirepath.simulation.setups import get_setup
+
+EXPLAINED_ROOM = get_setup("explained_room")
 
 SCENARIOS, PRACTICE = 48, 2
 OBJECTS = 5

@@ -19,12 +19,15 @@ from desirepath.learning.pedestrians.crowd_training import (
     train_crowd,
 )
 from desirepath.learning.scene_sets import Purpose
-from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, CrowdConditions
+from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
+from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import CROWD_HOME
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.tasks import Function, TaskResult
 from desirepath_experiments.training.imitation import ImitationConfig, imitate
+
+CROWD_HOME = get_setup("crowd_home")
 
 Floats = NDArray[np.float32]
 Judge = Callable[..., CrowdTable]

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from desirepath.simulation.fast import FastEngine, rollout
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import ADAPTABLE, CONTROL_DT_S
+from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
+
+ADAPTABLE = get_setup("adaptable")
 
 Floats = NDArray[np.float32]
 ORBIT_M = 1.0  # section 5.3.4.3

@@ -25,8 +25,10 @@ from desirepath.learning.adaptable.objectives import (
 from desirepath.simulation.environments import action_space
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.observation_bounds import observation_bounds
-from desirepath.simulation.setups import ADAPTABLE
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
+
+ADAPTABLE = get_setup("adaptable")
 
 Floats = NDArray[np.float32]
 

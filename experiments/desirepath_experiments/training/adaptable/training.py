@@ -37,12 +37,14 @@ from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.simulation.acting import ActFunction
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import ADAPTABLE
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.training.adaptable.demonstrator import demonstrated_paths
 from desirepath_experiments.training.adaptable.interpolator import Interpolator
 from desirepath_experiments.training.adaptable.rollouts import PreferenceRollouts, roll_out_preferences
 from desirepath_experiments.training.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
 from desirepath_experiments.training.adaptable.vector_td3 import Imitated, VectorBatch, VectorTd3Agent, VectorTd3Config
+
+ADAPTABLE = get_setup("adaptable")
 
 Floats = NDArray[np.float32]
 PERSON_INPUTS = (2, 3)

@@ -9,8 +9,10 @@ from desirepath.learning.policies.policy import Policy
 from desirepath.learning.rewards.ranked_rollouts import RankedConfig, RankedRewardModel, fit_ranked, noise_ranked
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import draw_scenes
-from desirepath.simulation.setups import ADAPTABLE
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.training.adaptable.demonstrator import demonstrated
+
+ADAPTABLE = get_setup("adaptable")
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,7 @@ from desirepath.learning.policies.adaptable import AdaptablePolicy, parsed_prefe
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.rewards.ranked_rollouts import RankedRewardModel
 from desirepath.simulation.scenes import draw_scene, draw_scenes
-from desirepath.simulation.setups import ADAPTABLE
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.training.adaptable import training
 from desirepath_experiments.training.adaptable.rollouts import roll_out_preferences
 from desirepath_experiments.training.adaptable.scalar_env import ScalarVecEnv
@@ -25,6 +25,8 @@ from desirepath_experiments.training.adaptable.training import (
     train_adaptable,
     without_person,
 )
+
+ADAPTABLE = get_setup("adaptable")
 
 TINY = AdaptableConfig(
     seed=2,

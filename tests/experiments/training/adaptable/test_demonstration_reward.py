@@ -21,7 +21,7 @@ from desirepath.learning.rewards.ranked_rollouts import (
 from desirepath.learning.rewards.storage import load_reward_model, save_reward_model
 from desirepath.simulation.acting import begin
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import ADAPTABLE
+from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.adaptable.ranked_judging import judged
 from desirepath_experiments.training.adaptable.demonstrator import (
     ORBIT_M,
@@ -29,6 +29,8 @@ from desirepath_experiments.training.adaptable.demonstrator import (
     demonstrated_actions,
     demonstrated_paths,
 )
+
+ADAPTABLE = get_setup("adaptable")
 
 
 def test_the_robot_goes_straight_to_the_person_turns_left_and_circles_them_clockwise(free_scenes: list[Scene]) -> None:

@@ -1,0 +1,190 @@
+"""A robot, a setup and a world that a laboratory brings, exactly as docs/extending.md says it."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import struct
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sqlalchemy import select
+
+from desirepath.installed import DATASETS, DOCS
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.queries.queries import Query, QuerySet
+from desirepath.simulation import setups
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.scenes import check_scene, draw_scenes
+from desirepath.simulation.setups import SETUPS, SetupError, get_setup, setup_folders
+from desirepath.simulation.worlds import WORLDS
+from desirepath.store.artefacts import load_trajectory
+from desirepath.store.models import Trial
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.studies import create_study
+from desirepath_stage import bodies, scene_nodes
+from desirepath_stage.views import camera_for
+from tests.study.small_protocol import small_protocol
+
+CACHES = (setups.setup_folders, setups.get_setup, setups.preference_setups, setups.trainable_setups)
+
+
+def fences() -> dict[str, str]:
+    """The recipes' files by the name in their first line."""
+    text = (DOCS / "extending.md").read_text()
+    part = text[text.index("## A robot and its setup") : text.index("## An objective")]
+    found = re.findall(r"```(?:yaml|python|toml)\n# (\S+)\n(.*?)```", part, re.S)
+    return dict(found)
+
+
+def forget() -> None:
+    for cached in CACHES:
+        cached.cache_clear()
+    WORLDS.__dict__.pop("modules", None)
+    WORLDS._loaded.pop("passage", None)
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A laboratory's folder with what the recipes write, its package installed, its setups named."""
+    for name, text in fences().items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    own = (tmp_path / "setups/porter_room/setup.yaml").read_text()
+    (tmp_path / "porter/porter_passage").mkdir()
+    (tmp_path / "porter/porter_passage/setup.yaml").write_text(own.replace("name: study_room", "name: passage"))
+    info = tmp_path / "porter-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: porter\nVersion: 1\n")
+    named = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]["entry-points"]
+    lines = [f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in entries.items()) for group, entries in named.items()]
+    (info / "entry_points.txt").write_text("\n".join(lines))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setenv("DESIREPATH_SETUPS", str(tmp_path / "setups"))
+    monkeypatch.chdir(tmp_path)
+    forget()
+    yield tmp_path
+    sys.modules.pop("porter", None)
+    forget()
+
+
+def body_radius_m(glb: bytes) -> float:
+    """How far the opaque part of a body reaches from its middle, of a binary glTF file."""
+    (length,) = struct.unpack_from("<I", glb, 12)
+    described = json.loads(glb[20 : 20 + length])
+    parts = [primitive for mesh in described["meshes"] for primitive in mesh["primitives"]]
+    position = described["accessors"][parts[-1]["attributes"]["POSITION"]]
+    return float(max(abs(position[side][0]) for side in ("min", "max")))
+
+
+class Recorded:
+    """Keeps what is put on the stage, by name."""
+
+    def __init__(self) -> None:
+        self.glb: dict[str, bytes] = {}
+
+    def add_glb(self, name: str, data: bytes, **_: object) -> None:
+        self.glb[name] = data
+
+    def add_frame(self, name: str, **_: object) -> None:
+        pass
+
+
+def test_a_larger_robot_with_another_lidar_trains_drives_in_a_session_and_is_seen(lab, database, files):
+    notebook: dict[str, object] = {}
+    exec(fences()["notebook.py"], notebook)
+    policy, setup = Policy.load(lab / "porter_room.npz"), get_setup("porter_room")
+    assert (setup.robot.radius_m, setup.robot.lidar.range_m) == (0.3, 8.0)
+    assert policy.setup == "porter_room"
+    assert notebook["trajectories"][0].observations.shape[1] == 6 + 27
+    assert np.abs(np.diff(notebook["trajectories"][0].poses[:, :2], axis=0)).max() <= 0.8 * 0.2 + 1e-6
+
+    # A session: three pairs of drives, one at half speed, shown to a simulated participant.
+    scenes = draw_scenes("porter_passage", range(3))
+    here = replace(policy, setup="porter_passage")
+    slowly = lambda seen: np.clip(here.act(seen), -1, 0)  # noqa: E731
+    pairs = zip(*(rollout(get_setup("porter_passage"), act, scenes) for act in (here.act, slowly)), strict=True)
+    QuerySet(
+        "porter_passage", tuple(Query(scene, a, b, (0, 1)) for scene, (a, b) in zip(scenes, pairs, strict=True)), {}
+    ).save(lab / "pairs.npz")
+    block = {"block": {"view": "top_down", "trials": [{"queries": {"count": 3}}]}}
+    (lab / "protocol").mkdir()
+    frozen = small_protocol(lab / "protocol", [block], query_set=str(lab / "pairs.npz"))
+    with database.transaction() as s:
+        study = create_study(s, files, frozen, name="Porter", created_by=None)
+    assert walk_in_process(database, files, study, 1)["completed"] == 1
+    with database.session() as s:
+        shown = load_trajectory(files, s.scalars(select(Trial.trajectory_a)).first())
+
+    # The stage shows it in its size, beside what was there before.
+    seen = {}
+    for scene in (shown.scene, draw_scenes("study_room", [1])[0]):
+        api = Recorded()
+        scene_nodes.build(api, "/s", scene, "top_down", camera_for(scene, "top_down"), (bodies.NEUTRAL,))
+        seen[scene.setup] = body_radius_m(api.glb["/s/robot0/body"])
+    assert seen == {"porter_passage": pytest.approx(0.3, rel=0.03), "study_room": pytest.approx(0.18, rel=0.03)}
+
+
+def test_scenes_of_an_own_world_leave_the_robot_its_room(lab):
+    assert {"porter_room", "porter_passage"} < set(SETUPS)
+    for name in ("porter_room", "porter_passage"):
+        for scene in draw_scenes(name, range(40)):
+            check_scene(scene)
+            assert scene == draw_scenes(name, [scene.seed])[0]
+    assert draw_scenes("porter_room", [3])[0] != replace(draw_scenes("study_room", [3])[0], setup="porter_room")
+
+
+def test_commands_and_forms_offer_it(lab):
+    asked = """
+from desirepath.jobs.kinds import get_kind
+print(get_kind("train_base").read({"setup": "porter_room"}).setup)
+import gymnasium, desirepath.gymnasium_envs
+print(gymnasium.make("desirepath/porter_passage-v0").reset(seed=1)[0].shape)
+"""
+    known = os.environ | {"PYTHONPATH": os.pathsep.join([str(lab), *sys.path])}
+    told = subprocess.run([sys.executable, "-c", asked], env=known, capture_output=True, text=True, check=True)
+    assert told.stdout.split("\n")[:2] == ["porter_room", "(33,)"]
+
+
+@pytest.mark.parametrize(
+    ("was", "instead", "problem"),
+    [
+        ("radius_m: 0.30", "radius_m: -0.3", r"setup.yaml:3: robot.radius_m = -0.3: .*greater than 0"),
+        ("radius_m: 0.30", "radios_m: 0.3", "setup.yaml:3: robot.radios_m.* did you mean radius_m"),
+        ("sectors: 27", "sectors: 28", "setup.yaml:6: robot.lidar: sectors = 28: must divide the 270 beams"),
+        ("v_max: 0.8", "v_max: 0.0", "setup.yaml:5: robot.limits: v_max = 0: must be above v_min"),
+        ("name: study_room", "name: study_roon", "setup.yaml:8: world.name = .*did you mean study_room"),
+        ("velocity: true", "velocity: true, pedestrians: 2", "observation.pedestrians = 2: must be 0, or world.people"),
+        ("world:\n", "world:\n  people: {standing: [0, 1]}\n", "standing = .*one person at least stands"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_in_the_file_is_said_by_line_and_field(lab, was, instead, problem):
+    path = lab / "setups/porter_room/setup.yaml"
+    path.write_text(path.read_text().replace(was, instead, 1))
+    with pytest.raises(SetupError, match=problem):
+        get_setup("porter_room")
+
+
+def test_two_setups_of_one_name_are_refused(lab, monkeypatch):
+    (lab / "setups/porter_room").rename(lab / "setups/study_room")
+    with pytest.raises(SetupError, match=r"study_room.*both have this name"):
+        setup_folders()
+    monkeypatch.setenv("DESIREPATH_SETUPS", str(lab / "nowhere"))
+    with pytest.raises(SetupError, match="nowhere is no folder"):
+        setup_folders()
+
+
+def test_the_shipped_setups_drive_the_turtlebot():
+    """Their folders are the registry; the same radius and height as always, and every world exists."""
+    assert set(SETUPS) == {path.parent.name for path in DATASETS.glob("*/setup.yaml")}
+    for setup in SETUPS.values():
+        assert (setup.robot.name, setup.robot.radius_m, setup.robot.height_m) == ("turtlebot2", 0.18, 0.42)
+        assert WORLDS[setup.world]
