@@ -20,7 +20,6 @@ from desirepath.learning.rewards.held_out import predicted_in_new_scenes
 from desirepath.learning.rewards.mlp import MlpConfig
 from desirepath.learning.rewards.mlp_ensemble import RewardEnsembleConfig, fit_mlp_ensemble
 from desirepath.learning.rewards.reward_model import RewardModel
-from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 from desirepath.learning.rewards.weights import fit_weights
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
@@ -48,7 +47,7 @@ def test_a_taste_that_the_vocabulary_has_no_word_for_goes_to_the_networks() -> N
     chosen = choose_reward_model(given, folds=2, networks=QUICK)
     assert chosen.name == "mlp_ensemble_mean"
     assert chosen.log_likelihoods["mlp_ensemble_mean"] > chosen.log_likelihoods["weights"] + 0.2
-    again = reward_model_from_bytes(reward_model_to_bytes(chosen.model))
+    again = RewardModel.from_bytes(chosen.model.to_bytes())
     assert again.trajectory_reward(given[0].chosen) == pytest.approx(
         chosen.model.trajectory_reward(given[0].chosen), rel=1e-5
     )

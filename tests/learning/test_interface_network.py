@@ -11,7 +11,7 @@ from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.rewards.held_out import accuracy
 from desirepath.learning.rewards.interface import InterfaceConfig, InterfaceRewardModel, fit_interface
-from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
+from desirepath.learning.rewards.reward_model import RewardModel
 
 BRIEF = InterfaceConfig(epochs=60)
 
@@ -41,7 +41,7 @@ def test_its_rewards_lie_between_minus_one_and_one(model: InterfaceRewardModel, 
 
 
 def test_it_is_stored_and_read_back(model: InterfaceRewardModel, answers: list[Preference]) -> None:
-    again = reward_model_from_bytes(reward_model_to_bytes(model))
+    again = RewardModel.from_bytes(model.to_bytes())
     trajectory = answers[1].rejected
     steps = trajectory.observations, trajectory.actions, trajectory.next_observations
     np.testing.assert_array_equal(again.rewards(*steps), model.rewards(*steps))

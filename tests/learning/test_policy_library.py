@@ -134,7 +134,7 @@ def test_before_any_answer_nobody_is_expected_to_gain_from_a_library(library: Po
 
 def test_a_damaged_library_is_named(tmp_path: Path) -> None:
     (tmp_path / "policy_library.npz").write_bytes(b"no library")
-    with pytest.raises(LearningError, match=r"policy_library\.npz is no policy library"):
+    with pytest.raises(LearningError, match=r"policy_library\.npz: not a desirepath policy library"):
         PolicyLibrary.load(tmp_path / "policy_library.npz")
     with pytest.raises(LearningError, match="cannot read policy library"):
         PolicyLibrary.load(tmp_path / "none.npz")

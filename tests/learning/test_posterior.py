@@ -14,7 +14,7 @@ from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.preferences.spans import SPANS_S
 from desirepath.learning.rewards.held_out import accuracy
-from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
+from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.learning.rewards.weights import WeightsRewardModel, fit_weights
 
 QUICK = PosteriorConfig(particles=4_000)
@@ -165,7 +165,7 @@ def test_the_reward_model_predicts_stores_and_says_what_matters(distance_answers
     model = fit_weights(distance_answers[:15], QUICK)
     assert accuracy(model, distance_answers[15:]) > 0.9
     assert max(model.importance(), key=model.importance().__getitem__) == "farther"
-    again = reward_model_from_bytes(reward_model_to_bytes(model))
+    again = RewardModel.from_bytes(model.to_bytes())
     assert isinstance(again, WeightsRewardModel)
     pair = distance_answers[20]
     assert again.log_odds(pair.chosen, pair.rejected) == model.log_odds(pair.chosen, pair.rejected)

@@ -21,7 +21,6 @@ from desirepath.learning.rewards.held_out import accuracy, held_out_accuracy
 from desirepath.learning.rewards.linear import LinearConfig, LinearRewardModel, fit_linear
 from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
 from desirepath.learning.rewards.reward_model import RewardModel, bradley_terry_gradient, bradley_terry_loss
-from desirepath.learning.rewards.storage import load_reward_model, save_reward_model
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import Setup, SetupError, get_setup
@@ -136,8 +135,8 @@ def test_reward_models_survive_storage(distance_answers: list[Preference], tmp_p
         fit_mlp(answers, MlpConfig(epochs=1, reduction=reduction)),  # type: ignore[arg-type]
     ]
     for model in models:
-        save_reward_model(model, tmp_path / "model.npz")
-        again = load_reward_model(tmp_path / "model.npz")
+        model.save(tmp_path / "model.npz")
+        again = RewardModel.load(tmp_path / "model.npz")
         assert type(again) is type(model)
         assert again.reduction == reduction
         assert again.trajectory_reward(answers[0].chosen) == model.trajectory_reward(answers[0].chosen)
@@ -148,7 +147,7 @@ def test_a_file_that_is_no_reward_model_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "other.npz", meta=np.frombuffer(b"{}", dtype=np.uint8))
     for name in ("text.npz", "other.npz", "missing.npz"):
         with pytest.raises(LearningError, match="reward model"):
-            load_reward_model(tmp_path / name)
+            RewardModel.load(tmp_path / name)
 
 
 def test_fewer_than_two_usable_answers_are_refused(distance_answers: list[Preference]) -> None:

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from desirepath.analysis.estimates import mean_estimate, wilson
+from desirepath.demonstrations.depth.controller import DepthController
+from desirepath.explain.ranking_sets import RankingSet
 from desirepath.installed import DATASETS
 from desirepath.learning.alignment.policy_library import PolicyLibrary
 from desirepath.learning.cards import Card, card_path, file_sha256
@@ -24,15 +26,21 @@ from desirepath.learning.policies.evaluate import compare_policies, episodes, ev
 from desirepath.learning.policies.policy import Policy, PolicyError, read_policy
 from desirepath.learning.policies.shipped import load_driving, load_ensemble, load_policy, load_queries, load_shipped
 from desirepath.learning.policies.steerability import steerability_of
+from desirepath.learning.preferences.from_paths import WeightsOfPaths
 from desirepath.learning.preferences.objectives import NAMES
 from desirepath.learning.queries.queries import QueryConfig, QuerySet, flaw, look_alike
+from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
 from desirepath.learning.shipped_files import load_card, resolve, shipped_names
 from desirepath.learning.td3.conditioned_training import CONFIGS
+from desirepath.perception.beta_vae import DepthEncoder
+from desirepath.perception.predictor import PersonPredictor
 from desirepath.simulation.acting import ActionError
 from desirepath.simulation.fast import rollout
+from desirepath.simulation.npz import npz_header
 from desirepath.simulation.scenes import check_scene, draw_scene
 from desirepath.simulation.setups import get_setup
+from desirepath.simulation.stored import StoredArrays
 
 EXPECTED = {
     *(f"{setup}/base" for setup in ("open_field", "study_room")),
@@ -297,3 +305,24 @@ def test_what_is_no_policy_is_refused_by_its_format() -> None:
         read_policy(resolve("study_room/queries_triples_50").read_bytes())
     with pytest.raises(LearningError, match="takes no preference weights"):
         load_driving("study_room/base@farther=1")
+
+
+def test_every_shipped_file_of_arrays_is_written_as_it_was_read() -> None:
+    kinds: list[type[StoredArrays]] = [QuerySet, RankingSet, StepBasis, PolicyLibrary, WeightsOfPaths, RewardModel]
+    kinds += [
+        DepthEncoder,
+        PersonPredictor,
+        DepthController,
+        Policy,
+        ConditionedPolicy,
+        AdaptablePolicy,
+        AttentionPolicy,
+    ]
+    by_format, read = {kind.file_format: kind for kind in kinds}, set()
+    for path in sorted(DATASETS.rglob("*.npz")):
+        content = path.read_bytes()
+        kind = by_format.get(npz_header(content)["format"])
+        if kind is not None:  # a policy library of before mixes is written with them
+            assert kind.from_bytes(content).to_bytes() == content, path
+            read.add(kind)
+    assert len(read) > 9

@@ -12,7 +12,7 @@ import pytest
 
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.export import policy_to_onnx
-from desirepath.learning.policies.policy import Policy, PolicyError, networks_to_bytes
+from desirepath.learning.policies.policy import Policy, PolicyError
 from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.learning.policies.steerability import Course
 from desirepath.learning.preferences.measures import MEASURES
@@ -22,6 +22,7 @@ from desirepath.learning.queries.varied_queries import VariedConfig, generate_va
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.shipped_files import load_card
 from desirepath.simulation.fast import FastEngine, evaluate, rollout
+from desirepath.simulation.npz import from_npz, to_npz
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.slowing import Slowing
@@ -137,11 +138,8 @@ def test_files_keep_the_rule_and_the_strengths_and_as_trained_gives_the_old_byte
     own = again.at(SLOWER)
     with pytest.raises(PolicyError, match="'strengths' names"):
         replace(trained, strengths={"politeness": 2.0})
-    broken = networks_to_bytes(
-        {"format": "desirepath-policy-1", "setup": own.setup, "shape": own.shape.as_dict(), "slowing": {"most": 7}},
-        own.actor,
-        (),
-    )
+    header, arrays = from_npz(own.to_bytes())
+    broken = to_npz(header | {"slowing": {"most": 7}}, arrays)
     with pytest.raises(PolicyError, match="'slowing'"):
         Policy.from_bytes(broken)
 

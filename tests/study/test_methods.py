@@ -10,7 +10,7 @@ import pytest
 from sqlalchemy import select
 
 from desirepath.installed import PROTOCOLS
-from desirepath.learning.preferences.from_paths import as_bytes, read_weights_of_paths, shipped_weights_of_paths
+from desirepath.learning.preferences.from_paths import WeightsOfPaths, shipped_weights_of_paths
 from desirepath.simulation.demonstration_scenes import demonstration_scene
 from desirepath.store.models import Response, Session, StrokeRow, Trial, utc_now
 from desirepath.study.kinds.base import Moment
@@ -162,6 +162,6 @@ def test_a_sentence_that_cannot_be_corrected_is_taken_as_it_was_understood(walk)
 def test_the_candidates_that_paths_are_compared_with_are_of_the_scenes_that_are_drawn_in():
     shipped = shipped_weights_of_paths("study_room")
     assert shipped.measured.shape[1:] == (4, 7)
-    assert as_bytes(read_weights_of_paths(as_bytes(shipped))) == as_bytes(shipped)
+    assert WeightsOfPaths.from_bytes(shipped.to_bytes()).to_bytes() == shipped.to_bytes()
     scene = demonstration_scene("study_room", 2)
     assert scene.setup == "study_room"

@@ -86,14 +86,13 @@ def test_a_reward_model_that_was_learned_here_is_asked_in_the_same_way(lab, two_
     from desirepath.learning.policies.shipped import load_queries
     from desirepath.learning.preferences.oracles import make_oracle
     from desirepath.learning.rewards.linear import fit_linear
-    from desirepath.learning.rewards.storage import reward_model_to_bytes
     from desirepath.store.artefacts import save_artefact
 
     learned = fit_linear(make_oracle("shortest").answer(load_queries("study_room/queries_200").queries[:12]))
     with lab_services.database.transaction() as s:
         made = save_artefact(
             s, lab_services.files, kind="reward_model", name="learned", setup="study_room",
-            content=reward_model_to_bytes(learned), card={},
+            content=learned.to_bytes(), card={},
         ).id  # fmt: skip
     asked = {"csrf": csrf(lab, "/lab/jobs/new/ask_person"), "reward": made, "answers": "8"}
     assert lab.post("/lab/jobs/new/ask_person", data=asked, follow_redirects=False).status_code == 303

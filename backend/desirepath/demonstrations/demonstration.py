@@ -6,10 +6,8 @@ the same two give the same transitions, bit for bit.
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,20 +16,20 @@ from numpy.typing import NDArray
 from desirepath.demonstrations.stroke import Doubles, PathSpline, Stroke, StrokeProblem, drawn_limits, fit_spline
 from desirepath.simulation import kernels as k
 from desirepath.simulation.fast import Floats, replay
-from desirepath.simulation.npz import from_npz, to_npz
+from desirepath.simulation.npz import Arrays
 from desirepath.simulation.scene import Pose, Scene, SceneError
 from desirepath.simulation.scenes import scene_to_row
 from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup
+from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
-FORMAT = "desirepath-demonstration-1"
 AUGMENTED = 15  # ch. 2, step 7
 FARTHEST_FROM_SPLINE_M = 0.02  # ours; a path that cannot be driven this closely is too tight
 BETWEEN_M = 0.01  # how densely a path is looked at for contacts
 
 
 @dataclass(frozen=True)
-class Demonstration:
+class Demonstration(StoredArrays):
     """One drawn path, executed.
 
     stroke: as drawn. drawn_in: the scene it was drawn in. spline: the smooth path with speeds.
@@ -62,72 +60,44 @@ class Demonstration:
         """(T,) m/s, the forward speed of every step of the rollout."""
         return self.commands[: len(self.trajectory.actions), 0]
 
-    def to_bytes(self) -> bytes:
-        """NPZ without pickled objects; the same demonstration always gives the same bytes."""
-        meta = {
-            "format": FORMAT,
-            "drawn_in": self.drawn_in.as_dict(),
-            "seed": self.seed,
-            "style": self.style,
+    noun, file_format = "demonstration", "desirepath-demonstration-1"
+
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
+        return {"drawn_in": self.drawn_in.as_dict(), "seed": self.seed, "style": self.style}, {
+            "stroke_points": self.stroke.points,
+            "stroke_speeds": self.stroke.speeds,
+            "stroke_times_s": self.stroke.times_s,
+            "spline_knots": self.spline.knots,
+            "spline_coefficients": self.spline.coefficients,
+            "speed_knots": self.spline.speed_knots,
+            "speed_coefficients": self.spline.speed_coefficients,
+            "commands": self.commands,
+            "trajectory": np.frombuffer(self.trajectory.to_bytes(), dtype=np.uint8),
         }
-        return to_npz(
-            meta,
-            {
-                "stroke_points": self.stroke.points,
-                "stroke_speeds": self.stroke.speeds,
-                "stroke_times_s": self.stroke.times_s,
-                "spline_knots": self.spline.knots,
-                "spline_coefficients": self.spline.coefficients,
-                "speed_knots": self.spline.speed_knots,
-                "speed_coefficients": self.spline.speed_coefficients,
-                "commands": self.commands,
-                "trajectory": np.frombuffer(self.trajectory.to_bytes(), dtype=np.uint8),
-            },
+
+    @classmethod
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> Demonstration:
+        scene = Scene.from_dict(header["drawn_in"])
+        return cls(
+            stroke=Stroke(*(arrays[f"stroke_{name}"] for name in ("points", "speeds", "times_s"))),
+            drawn_in=scene,
+            spline=PathSpline(
+                arrays["spline_knots"],
+                arrays["spline_coefficients"],
+                arrays["speed_knots"],
+                arrays["speed_coefficients"],
+                drawn_limits(scene.setup),
+            ),
+            commands=arrays["commands"],
+            trajectory=Trajectory.from_bytes(arrays["trajectory"].tobytes()),
+            seed=header["seed"],
+            style=header["style"],
         )
-
-    @classmethod
-    def from_bytes(cls, data: bytes) -> Demonstration:
-        """Read `to_bytes` back, never unpickling. Raises ValueError for anything else."""
-        try:
-            meta, arrays = from_npz(data)
-            if meta["format"] != FORMAT:
-                raise ValueError(f"format {meta['format']!r}, what is read here is {FORMAT!r}")
-            scene = Scene.from_dict(meta["drawn_in"])
-            return cls(
-                stroke=Stroke(*(arrays[f"stroke_{name}"] for name in ("points", "speeds", "times_s"))),
-                drawn_in=scene,
-                spline=PathSpline(
-                    arrays["spline_knots"],
-                    arrays["spline_coefficients"],
-                    arrays["speed_knots"],
-                    arrays["speed_coefficients"],
-                    drawn_limits(scene.setup),
-                ),
-                commands=arrays["commands"],
-                trajectory=Trajectory.from_bytes(arrays["trajectory"].tobytes()),
-                seed=meta["seed"],
-                style=meta["style"],
-            )
-        except (KeyError, TypeError, ValueError) as problem:
-            raise ValueError(f"not a desirepath demonstration (.npz): {problem}") from None
-
-    def save(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(self.to_bytes())
-
-    @classmethod
-    def load(cls, path: Path) -> Demonstration:
-        """Raises ValueError for a file that is no demonstration, OSError for none."""
-        return cls.from_bytes(path.read_bytes())
-
-    def digest(self) -> str:
-        """sha256 of `to_bytes`, the demonstration's identity in lineages."""
-        return hashlib.sha256(self.to_bytes()).hexdigest()
 
     def as_dict(self) -> dict[str, Any]:
         """For reading with other programs: raw stroke, commands, rollout; SI units, JSON-ready."""
         return {
-            "format": FORMAT,
+            "format": self.file_format,
             "scene": self.scene.as_dict(),
             "drawn_in": self.drawn_in.as_dict(),
             "seed": self.seed,

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -20,15 +19,15 @@ from desirepath.explain.methods import AttributionError, Command, Method
 from desirepath.explain.sight import sight_of, thing_names
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy
 from desirepath.simulation.fast import Floats, rollout
-from desirepath.simulation.npz import from_npz, to_npz
+from desirepath.simulation.npz import Arrays, npz_header
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
+from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import STORED, Outcome, Trajectory
 
 if TYPE_CHECKING:
     from desirepath.explain.attribution import Actor
 
-FORMAT = "desirepath-ranking-set-1"
 DRIVE_S = 3.0  # chapter 8: then the robot halts
 ATTENTION = ("spatial", "temporal")
 PARTS = 1_000  # that a weight of attention is stored in
@@ -57,7 +56,7 @@ class ExplainedRollout:
 
 
 @dataclass(frozen=True)
-class RankingSet:
+class RankingSet(StoredArrays):
     """Explained rollouts of one policy in scenes of one setup. policy: its name. method `attention`: scores are what a
     policy with attention gave to each of the people, in all that it does."""
 
@@ -70,10 +69,10 @@ class RankingSet:
     def __len__(self) -> int:
         return len(self.rollouts)
 
-    def to_bytes(self) -> bytes:
-        """NPZ without pickled objects; same set, same bytes."""
-        meta = {
-            "format": FORMAT,
+    noun, file_format, raises = "ranking set", "desirepath-ranking-set-1", AttributionError
+
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
+        header: dict[str, object] = {
             "setup": self.setup,
             "policy": self.policy,
             "method": self.method,
@@ -95,49 +94,29 @@ class RankingSet:
         for number, name in enumerate(ATTENTION if attended else ()):
             weights = np.concatenate([both[number] for both in attended])
             arrays[name] = np.rint(PARTS * weights).astype(np.uint16)
-        return to_npz(meta, {"steps": steps, "scores": scores, **arrays})
+        return header, {"steps": steps, "scores": scores, **arrays}
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> RankingSet:
-        """Read `to_bytes` back, never unpickling. Raises AttributionError on anything else."""
-        try:
-            meta, arrays = from_npz(data)
-            if meta.get("format") != FORMAT:
-                raise ValueError(f"format {meta.get('format')!r} is unknown; this version reads {FORMAT!r}")
-            rollouts, first, score = [], 0, 0
-            for k, (said, steps) in enumerate(zip(meta["rollouts"], arrays["steps"].tolist(), strict=True)):
-                rows, poses = slice(first, first + steps), slice(first + k, first + k + steps + 1)
-                cut: dict[str, Any] = {name: arrays[name][poses if name == "poses" else rows] for name in STORED}
-                things = tuple(str(thing) for thing in said["things"])
-                scores = arrays["scores"][score : score + (steps + 1) * len(things)].reshape(steps + 1, len(things))
-                scene = Scene.from_dict(said["scene"])
-                trajectory = Trajectory(scene, Outcome.RUNNING, **cut, dt=float(said["dt"]))
-                looked = [(arrays[name][poses] / PARTS).astype(np.float32) for name in ATTENTION if name in arrays]
-                attention = (looked[0], looked[1]) if looked else None
-                rollouts.append(ExplainedRollout(trajectory, things, scores, bool(said["practice"]), attention))
-                first, score = first + steps, score + scores.size
-            return cls(meta["setup"], tuple(rollouts), meta["policy"], meta["method"], meta["command"])
-        except (KeyError, IndexError, TypeError, ValueError) as problem:
-            raise AttributionError(f"not a desirepath ranking set (.npz): {problem}") from None
-
-    def save(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(self.to_bytes())
-
-    @classmethod
-    def load(cls, path: Path) -> RankingSet:
-        """Raises AttributionError if the file is missing or no ranking set."""
-        try:
-            data = path.read_bytes()
-        except OSError as problem:
-            raise AttributionError(f"cannot read ranking set {path}: {problem.strerror}") from None
-        return cls.from_bytes(data)
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> RankingSet:
+        rollouts, first, score = [], 0, 0
+        for k, (said, steps) in enumerate(zip(header["rollouts"], arrays["steps"].tolist(), strict=True)):
+            rows, poses = slice(first, first + steps), slice(first + k, first + k + steps + 1)
+            cut: dict[str, Any] = {name: arrays[name][poses if name == "poses" else rows] for name in STORED}
+            things = tuple(str(thing) for thing in said["things"])
+            scores = arrays["scores"][score : score + (steps + 1) * len(things)].reshape(steps + 1, len(things))
+            scene = Scene.from_dict(said["scene"])
+            trajectory = Trajectory(scene, Outcome.RUNNING, **cut, dt=float(said["dt"]))
+            looked = [(arrays[name][poses] / PARTS).astype(np.float32) for name in ATTENTION if name in arrays]
+            attention = (looked[0], looked[1]) if looked else None
+            rollouts.append(ExplainedRollout(trajectory, things, scores, bool(said["practice"]), attention))
+            first, score = first + steps, score + scores.size
+        return cls(header["setup"], tuple(rollouts), header["policy"], header["method"], header["command"])
 
 
 def is_ranking_set(data: bytes) -> bool:
     """Whether a file holds explained rollouts rather than queries."""
     try:
-        return from_npz(data)[0].get("format") == FORMAT
+        return npz_header(data).get("format") == RankingSet.file_format
     except (KeyError, TypeError, ValueError):
         return False
 

@@ -24,7 +24,6 @@ from desirepath.learning.preferences.preferences import Preference, usable
 from desirepath.learning.rewards.held_out import CHANCE, Prediction, majority_share, predictions
 from desirepath.learning.rewards.kinds import FITTINGS
 from desirepath.learning.rewards.reward_model import Fit, FitSettings, Reduction, RewardModel
-from desirepath.learning.rewards.storage import reward_model_to_bytes
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactError, load_trajectory
 from desirepath.store.models import Artefact
@@ -180,7 +179,7 @@ def keep_reward_model(
         kind="reward_model",
         name=f"{name} reward model: {artefact.name}, seed {params.model_dump()['seed']}",
         setup=snapshot.setup,
-        content=reward_model_to_bytes(model),
+        content=model.to_bytes(),
         params=params,
         config={"model": name, "reduction": reduction},
         results=results,

@@ -19,9 +19,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from desirepath.simulation.npz import from_npz, to_npz
+from desirepath.simulation.npz import Arrays
+from desirepath.simulation.stored import StoredArrays
 
-FORMAT = "desirepath-depth-vae-1"
 LATENTS = 32
 ROWS, COLUMNS = 80, 128
 CHANNELS = (8, 16, 32, 32, 64, 64)  # ours; the thesis says six convolutions with ReLU
@@ -104,8 +104,10 @@ def loss_of(
     return loss, apart.detach().mean()
 
 
-class DepthEncoder:
+class DepthEncoder(StoredArrays):
     """A trained beta-VAE for who only looks: arrays in, arrays out. range_m: what share 1 of a frame means."""
+
+    noun, file_format = "depth encoder", "desirepath-depth-vae-1"
 
     def __init__(self, vae: BetaVae, range_m: float, about: dict[str, Any] | None = None) -> None:
         self._vae, self.range_m, self.about = vae.eval(), range_m, about or {}
@@ -125,20 +127,22 @@ class DepthEncoder:
         restored: Frames = found.numpy() * np.float32(self.range_m)
         return restored
 
-    def to_bytes(self) -> bytes:
-        """NPZ without pickled objects; weights in half precision, which changes a latent by about 1e-3."""
-        weights = {name: value.numpy().astype(np.float16) for name, value in self._vae.state_dict().items()}
-        return to_npz({"format": FORMAT, "range_m": self.range_m, "about": self.about}, weights)
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
+        """Weights in half precision, which changes a latent by about 1e-3."""
+        return {"range_m": self.range_m, "about": self.about}, half_precision(self._vae)
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> DepthEncoder:
-        """Read `to_bytes` back. Raises ValueError for anything else."""
-        try:
-            meta, arrays = from_npz(data)
-            if meta["format"] != FORMAT:
-                raise ValueError(f"format {meta['format']!r}, what is read here is {FORMAT!r}")
-            vae = BetaVae()
-            vae.load_state_dict({name: torch.from_numpy(value.astype(np.float32)) for name, value in arrays.items()})
-        except (KeyError, TypeError, RuntimeError, ValueError) as problem:
-            raise ValueError(f"not a desirepath depth encoder (.npz): {problem}") from None
-        return cls(vae, float(meta["range_m"]), meta["about"])
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> DepthEncoder:
+        vae = BetaVae()
+        vae.load_state_dict(single_precision(arrays))
+        return cls(vae, float(header["range_m"]), header["about"])
+
+
+def half_precision(network: nn.Module) -> Arrays:
+    """Its weights by name, for storage."""
+    return {name: value.numpy().astype(np.float16) for name, value in network.state_dict().items()}
+
+
+def single_precision(arrays: Arrays) -> dict[str, Tensor]:
+    """Back from `half_precision`."""
+    return {name: torch.from_numpy(value.astype(np.float32)) for name, value in arrays.items()}

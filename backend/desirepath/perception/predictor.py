@@ -15,10 +15,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from desirepath.perception.beta_vae import LATENTS
-from desirepath.simulation.npz import from_npz, to_npz
+from desirepath.perception.beta_vae import LATENTS, half_precision, single_precision
+from desirepath.simulation.npz import Arrays
+from desirepath.simulation.stored import StoredArrays
 
-FORMAT = "desirepath-depth-predictor-1"
 STEPS = 5
 UNITS = 64
 INPUTS = 2 + 2 + LATENTS
@@ -82,8 +82,10 @@ def fit_predictor(
     return predictor
 
 
-class PersonPredictor:
+class PersonPredictor(StoredArrays):
     """A trained predictor for who only asks."""
+
+    noun, file_format = "depth predictor", "desirepath-depth-predictor-1"
 
     def __init__(self, predictor: Predictor, about: dict[str, Any] | None = None) -> None:
         self._predictor, self.about = predictor.eval(), about or {}
@@ -94,22 +96,11 @@ class PersonPredictor:
             mean, _, person = self._predictor(torch.from_numpy(sequences))
         return mean.numpy(), person.numpy()
 
-    def to_bytes(self) -> bytes:
-        """NPZ without pickled objects, weights in half precision."""
-        weights = {name: value.numpy().astype(np.float16) for name, value in self._predictor.state_dict().items()}
-        return to_npz({"format": FORMAT, "about": self.about}, weights)
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
+        return {"about": self.about}, half_precision(self._predictor)
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> PersonPredictor:
-        """Read `to_bytes` back. Raises ValueError for anything else."""
-        try:
-            meta, arrays = from_npz(data)
-            if meta["format"] != FORMAT:
-                raise ValueError(f"format {meta['format']!r}, what is read here is {FORMAT!r}")
-            predictor = Predictor()
-            predictor.load_state_dict(
-                {name: torch.from_numpy(value.astype(np.float32)) for name, value in arrays.items()}
-            )
-        except (KeyError, TypeError, RuntimeError, ValueError) as problem:
-            raise ValueError(f"not a desirepath depth predictor (.npz): {problem}") from None
-        return cls(predictor, meta["about"])
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> PersonPredictor:
+        predictor = Predictor()
+        predictor.load_state_dict(single_precision(arrays))
+        return cls(predictor, header["about"])

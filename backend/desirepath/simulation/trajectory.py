@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from desirepath.simulation.npz import MIB, Arrays, Bounds, from_npz, to_npz
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.stored import Stored
 
 Floats = NDArray[np.float32]
 STORED = ("poses", "observations", "actions", "rewards", "next_observations", "dones")  # arrays, in the file's order
@@ -28,7 +28,7 @@ class Outcome(IntEnum):
 
 
 @dataclass(frozen=True)
-class Trajectory:
+class Trajectory(Stored):
     """T control steps (5 Hz) in one scene.
 
     scene: where it ran. outcome: how it ended.
@@ -58,8 +58,9 @@ class Trajectory:
     def duration_s(self) -> float:
         return float((len(self.poses) - 1) * self.dt)
 
+    noun = "trajectory"
+
     def to_bytes(self) -> bytes:
-        """NPZ without pickled objects; the same trajectory always gives the same bytes."""
         meta: dict[str, Any] = {
             "scene": self.scene.as_dict(),
             "outcome": int(self.outcome),
@@ -70,7 +71,6 @@ class Trajectory:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Trajectory:
-        """Read `to_bytes` back. Never unpickles. Raises ValueError for anything else."""
         try:
             meta, arrays = from_npz(data, BOUNDS)
             _check_shapes(arrays)
@@ -83,10 +83,6 @@ class Trajectory:
             )
         except (KeyError, TypeError, ValueError) as problem:
             raise ValueError(f"not a desirepath trajectory (.npz): {problem}") from None
-
-    def digest(self) -> str:
-        """sha256 of `to_bytes`, the trajectory's identity in the store."""
-        return hashlib.sha256(self.to_bytes()).hexdigest()
 
 
 def _check_shapes(arrays: Arrays) -> None:

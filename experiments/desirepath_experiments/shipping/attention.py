@@ -34,8 +34,7 @@ def ship_attention(seed: int = 0, folder: Path = DATASETS, work: Path | None = N
     (made,) = results_of([training], FUNCTIONS, work)
     policy = in_half_precision(actor_of(made))
     path = folder / policy.setup / f"{NAME}.npz"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(policy.to_bytes())
+    policy.save(path)
     card = Card(
         kind="attention_policy",
         name=f"{policy.setup}/{NAME}",

@@ -10,7 +10,7 @@ import numpy as np
 
 from desirepath.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
 from desirepath.learning.policies.shipped import load_conditioned
-from desirepath.learning.preferences.from_paths import NOISE, WeightsOfPaths, as_bytes
+from desirepath.learning.preferences.from_paths import NOISE, WeightsOfPaths
 from desirepath.learning.preferences.measures import measures
 from desirepath.learning.preferences.posterior import Posterior, weights_of_shares
 from desirepath.learning.td3.base import OnProgress
@@ -37,8 +37,7 @@ def ship_path_weights(setup: str, seed: int, folder: Path, on_progress: OnProgre
         if number % 20 == 0:
             on_progress(number / count, {"candidates": number})
     path = folder / setup / "path_weights.npz"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(as_bytes(WeightsOfPaths(setup, shares, np.array(measured), np.full(count, 1 / count))))
+    WeightsOfPaths(setup, shares, np.array(measured), np.full(count, 1 / count)).save(path)
     card = Card(
         kind="path_weights",
         name=f"{setup}/path_weights",

@@ -89,7 +89,7 @@ def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, 
     whole = PolicyLibrary(setup, settings, weights, actors, kept, measures)
     library = of_fewer_trained(whole.without_what_is_not_allowed(), config.kept)
     path = folder / setup / "policy_library.npz"
-    path.write_bytes(library.to_bytes())
+    library.save(path)
     card = Card(
         kind="policy_library",
         name=f"{setup}/policy_library",

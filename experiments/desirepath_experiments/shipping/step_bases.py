@@ -38,7 +38,7 @@ def ship_step_basis(setup: str, seed: int, folder: Path, on_progress: OnProgress
         for family in people_card().tuning
     }
     path = folder / setup / "step_basis.npz"
-    path.write_bytes(basis.to_bytes())
+    basis.save(path)
     card = Card(
         kind="step_basis",
         name=f"{setup}/step_basis",

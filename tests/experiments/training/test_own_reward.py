@@ -35,8 +35,8 @@ from desirepath.learning.preferences.free_posterior import FreePosterior
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.learning.queries.queries import QuerySet
+from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.learning.rewards.step_weights import StepWeightsRewardModel, fit_step_weights, step_differences
-from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
@@ -96,7 +96,7 @@ def test_a_learned_reward_is_the_same_from_its_file(
     chosen = answered("network:5", pairs[:12])
     preferences = [Preference(*(pair if first else pair[::-1])) for pair, first in zip(pairs, chosen, strict=False)]
     model = fit_step_weights(preferences, basis)
-    again = reward_model_from_bytes(reward_model_to_bytes(model))
+    again = RewardModel.from_bytes(model.to_bytes())
     assert isinstance(again, StepWeightsRewardModel)
     trajectories = [pair[0] for pair in pairs[:5]]
     np.testing.assert_array_equal(means_of(again, trajectories), means_of(model, trajectories))

@@ -28,7 +28,6 @@ from desirepath.learning.people.reward_networks import reader_of
 from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.learning.rewards.linear import fit_linear
-from desirepath.learning.rewards.storage import save_reward_model
 from desirepath.simulation.setups import get_setup, preference_setups
 
 PREFERENCE_SETUPS = preference_setups()
@@ -288,7 +287,7 @@ def test_what_is_not_stated_is_refused_and_says_what_would_work(inputs: Any, sai
 
 def test_a_reward_model_of_the_store_is_a_person(tmp_path: Path, study_queries: QuerySet) -> None:
     model = fit_linear(make_oracle("shortest").answer(study_queries.queries[:20]))
-    save_reward_model(model, tmp_path / "model.npz")
+    model.save(tmp_path / "model.npz")
     trajectory = study_queries.queries[0].trajectory_a
     person = read_reward(tmp_path / "model.npz", "study_room")
     assert person.score(trajectory) == pytest.approx(model.trajectory_reward(trajectory))

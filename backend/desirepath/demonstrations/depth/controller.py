@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from desirepath.demonstrations.depth.states import CONFIGURATIONS, DepthConfiguration, Floats
-from desirepath.learning.policies.policy import PolicyError, check_networks, networks_from_bytes, networks_to_bytes
+from desirepath.learning.policies.policy import PolicyError, check_networks, network_arrays, stored_networks
 from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.td3.td3 import act
-
-FORMAT = "desirepath-depth-controller-1"
+from desirepath.simulation.npz import Arrays
+from desirepath.simulation.stored import StoredArrays
 
 
 @dataclass(frozen=True)
-class DepthController:
+class DepthController(StoredArrays):
     """actor: weight, bias, ... float32, in the order of `NetworkShape`. Raises PolicyError for what does not fit."""
 
     configuration: DepthConfiguration
     shape: NetworkShape
     actor: tuple[Floats, ...]
+
+    noun, file_format, raises = "depth controller", "desirepath-depth-controller-1", PolicyError
 
     def __post_init__(self) -> None:
         needed = self.configuration.shape(self.shape.heads)
@@ -34,15 +38,13 @@ class DepthController:
             )
         return act(states, list(zip(self.actor[::2], self.actor[1::2], strict=True)))
 
-    def to_bytes(self) -> bytes:
-        """NPZ without pickled objects; the same controller always gives the same bytes."""
-        meta = {"format": FORMAT, "configuration": self.configuration.name, "shape": self.shape.as_dict()}
-        return networks_to_bytes(meta, self.actor, ())
+    def to_parts(self) -> tuple[Mapping[str, object], Arrays]:
+        header = {"configuration": self.configuration.name, "shape": self.shape.as_dict()}
+        return header, network_arrays(self.actor)
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> DepthController:
-        """Read `to_bytes` back, never unpickling. Raises PolicyError for anything else."""
-        meta, actor, _, _ = networks_from_bytes(data, FORMAT)
-        if meta["configuration"] not in CONFIGURATIONS:
-            raise PolicyError(f"configuration {meta['configuration']!r}: known are {', '.join(CONFIGURATIONS)}")
-        return cls(CONFIGURATIONS[meta["configuration"]], NetworkShape.from_dict(meta["shape"]), actor)
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> DepthController:
+        if header["configuration"] not in CONFIGURATIONS:
+            raise PolicyError(f"configuration {header['configuration']!r}: known are {', '.join(CONFIGURATIONS)}")
+        shape = NetworkShape.from_dict(header["shape"])
+        return cls(CONFIGURATIONS[header["configuration"]], shape, stored_networks(arrays).actor)

@@ -69,7 +69,7 @@ class AdaptableEnv(gymnasium.Env[Floats, Floats]):
 def shipped_demonstration() -> DemonstrationReward:
     """R_hat of the shipped reward from the programmed demonstration. Raises LearningError where it is missing."""
     from desirepath.installed import DATASETS
-    from desirepath.learning.rewards.storage import load_reward_model
+    from desirepath.learning.rewards.reward_model import RewardModel
 
-    model = load_reward_model(DATASETS / "adaptable" / "demonstration_reward.npz")
+    model = RewardModel.load(DATASETS / "adaptable" / "demonstration_reward.npz")
     return lambda observations, actions: model.rewards(observations, actions, observations)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,9 +23,9 @@ from desirepath.learning.policies.policy import Policy
 from desirepath.learning.preferences.free_posterior import FreePosterior
 from desirepath.learning.preferences.measures import MEASURES
 from desirepath.learning.preferences.step_posterior import StepPosterior
-from desirepath.simulation.npz import NpzError, from_npz, to_npz
+from desirepath.simulation.npz import Arrays
+from desirepath.simulation.stored import StoredArrays
 
-FORMAT = "desirepath-policy-library-2"
 FORMAT_WITHOUT_MIXES = "desirepath-policy-library-1"
 DOUBT = 0.1
 """Standard deviations that are taken off what a policy is expected to gain; chosen on tuning families."""
@@ -59,7 +58,7 @@ class LibraryMeasures:
 
 
 @dataclass(frozen=True)
-class PolicyLibrary:
+class PolicyLibrary(StoredArrays):
     """settings (m, 9): of the conditioned policy. weights (k, K): that policies were trained on; actors: theirs, in
     half precision. mixes (p, k): of each further policy, how far it goes from the base policy towards each of these.
     measures: of the m, then of the p."""
@@ -70,6 +69,9 @@ class PolicyLibrary:
     actors: tuple[tuple[NDArray[np.float16], ...], ...]
     mixes: Floats
     measures: LibraryMeasures
+
+    noun, file_format, raises = "policy library", "desirepath-policy-library-2", LearningError
+    read_too = (FORMAT_WITHOUT_MIXES,)
 
     def __len__(self) -> int:
         return len(self.settings) + len(self.mixes)
@@ -101,10 +103,9 @@ class PolicyLibrary:
             return conditioned.as_trained().at(self.settings[place])
         return mixed_policy(base, self.actors, self.mixes[place - len(self.settings)])
 
-    def to_bytes(self) -> bytes:
-        """NPZ without pickled objects; the same library always gives the same bytes."""
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
         of, mirrored = self.measures.pairs, self.measures.mirrored
-        arrays: dict[str, NDArray[np.floating[Any]]] = {
+        arrays: Arrays = {
             "settings": self.settings,
             "weights": self.weights,
             "mixes": self.mixes,
@@ -118,36 +119,27 @@ class PolicyLibrary:
         }
         for place, actor in enumerate(self.actors):
             arrays |= {f"actor{place:03d}_{k:02d}": layer for k, layer in enumerate(actor)}
-        return to_npz({"format": FORMAT, "setup": self.setup}, arrays)
+        return {"setup": self.setup}, arrays
 
     @classmethod
-    def load(cls, path: Path) -> PolicyLibrary:
-        """Raises LearningError if the file is missing or no library; nothing in it is run. In the format without mixes
-        each trained policy is one of the library."""
-        try:
-            meta, arrays = from_npz(path.read_bytes())
-            if meta["format"] not in (FORMAT, FORMAT_WITHOUT_MIXES):
-                raise LearningError(f"{path.name}: format {meta['format']!r}; what is read here is {FORMAT!r}")
-            setup = str(meta["setup"])
-            named, embedding, seen = (arrays[key].astype(np.float64) for key in ("named", "embedding", "seen"))
-            mirrored = (arrays[f"mirrored_{key}"].astype(np.float64) for key in ("named", "embedding"))
-            layers: dict[str, list[NDArray[np.float16]]] = {}
-            for key in sorted(key for key in arrays if key.startswith("actor")):
-                layers.setdefault(key.partition("_")[0], []).append(arrays[key])
-            measures = LibraryMeasures(
-                PairDifferences(setup, seen, named, embedding),
-                PairDifferences(setup, seen, *mirrored),
-                arrays["steps"].astype(np.float64),
-                arrays["success"].astype(np.float64),
-            )
-            actors = tuple(tuple(of) for of in layers.values())
-            whole = np.eye(len(actors), dtype=np.float32)
-            mixes = whole if meta["format"] == FORMAT_WITHOUT_MIXES else arrays["mixes"]
-            return cls(setup, arrays["settings"], arrays["weights"], actors, mixes, measures)
-        except OSError as problem:
-            raise LearningError(f"cannot read policy library {path}: {problem.strerror}") from None
-        except (NpzError, KeyError) as problem:
-            raise LearningError(f"{path.name} is no policy library: {problem}") from None
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> PolicyLibrary:
+        """In the format without mixes each trained policy is one of the library."""
+        setup = str(header["setup"])
+        named, embedding, seen = (arrays[key].astype(np.float64) for key in ("named", "embedding", "seen"))
+        mirrored = (arrays[f"mirrored_{key}"].astype(np.float64) for key in ("named", "embedding"))
+        layers: dict[str, list[NDArray[np.float16]]] = {}
+        for key in sorted(key for key in arrays if key.startswith("actor")):
+            layers.setdefault(key.partition("_")[0], []).append(arrays[key])
+        measures = LibraryMeasures(
+            PairDifferences(setup, seen, named, embedding),
+            PairDifferences(setup, seen, *mirrored),
+            arrays["steps"].astype(np.float64),
+            arrays["success"].astype(np.float64),
+        )
+        actors = tuple(tuple(of) for of in layers.values())
+        whole = np.eye(len(actors), dtype=np.float32)
+        mixes = whole if header["format"] == FORMAT_WITHOUT_MIXES else arrays["mixes"]
+        return cls(setup, arrays["settings"], arrays["weights"], actors, mixes, measures)
 
 
 def mixed_policy(base: Policy, actors: Sequence[Sequence[NDArray[np.floating[Any]]]], parts: Floats) -> Policy:

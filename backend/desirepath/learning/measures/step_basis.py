@@ -9,15 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.steps import WORDS, SeenSteps, reference, scaled_words
-from desirepath.simulation.npz import NpzError, from_npz, to_npz
+from desirepath.simulation.npz import Arrays
 from desirepath.simulation.setups import Setup, get_setup
+from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
@@ -27,7 +28,6 @@ ABOVE = {"turning": (0.2, 0.5), "off_course": (0.15, 0.4), "jerk": (0.1, 0.3), "
 """By word, from where on less, or more, of it is a feature of its own."""
 WAVES = 6  # lidar weights are sums of so many waves over the bearing
 SEED = 5
-FORMAT = "desirepath-step-basis-1"
 
 
 def seen_steps(setup: Setup, observations: Floats, actions: Floats, next_observations: Floats) -> SeenSteps:
@@ -88,7 +88,7 @@ class StepLayer:
 
 
 @dataclass(frozen=True)
-class StepBasis:
+class StepBasis(StoredArrays):
     """size K numbers per step, mean 0 over varied rollouts; rewards of random people weigh them by about N(0, 1).
 
     mix (features, K), offset (K,): of the layer's features. covariance (K, K): of trajectories' means within a scene.
@@ -99,6 +99,8 @@ class StepBasis:
     mix: Floats
     offset: Floats
     covariance: Floats
+
+    noun, file_format, raises = "step basis", "desirepath-step-basis-1", LearningError
 
     @property
     def size(self) -> int:
@@ -139,19 +141,9 @@ class StepBasis:
         layer = StepLayer(arrays["layer_weights"], arrays["layer_bias"])
         return cls(setup, layer, *(arrays[name] for name in ("mix", "offset", "covariance")))
 
-    def to_bytes(self) -> bytes:
-        """NPZ without pickled objects; the same basis always gives the same bytes."""
-        return to_npz({"format": FORMAT, "setup": self.setup}, self.to_arrays())
+    def to_parts(self) -> tuple[dict[str, object], dict[str, Floats]]:
+        return {"setup": self.setup}, self.to_arrays()
 
     @classmethod
-    def load(cls, path: Path) -> StepBasis:
-        """Raises LearningError if the file is missing or no step basis; nothing in it is run."""
-        try:
-            meta, arrays = from_npz(path.read_bytes())
-            if meta["format"] != FORMAT:
-                raise LearningError(f"{path.name}: format {meta['format']!r}; what is read here is {FORMAT!r}")
-            return cls.from_arrays(meta["setup"], arrays)
-        except OSError as problem:
-            raise LearningError(f"cannot read step basis {path}: {problem.strerror}") from None
-        except (NpzError, KeyError) as problem:
-            raise LearningError(f"{path.name} is no step basis: {problem}") from None
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> StepBasis:
+        return cls.from_arrays(header["setup"], arrays)

@@ -23,7 +23,6 @@ from desirepath.learning.people.reward_manifest import (
     taken_apart,
 )
 from desirepath.learning.rewards.reward_model import RewardModel
-from desirepath.learning.rewards.storage import reward_model_from_bytes
 from desirepath.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
@@ -78,7 +77,7 @@ def reward_of_store(content: bytes, setup: str) -> FamilyMember:
     """The person of a reward model of the store, fitted here or uploaded. Raises LearningError as `read_reward`."""
     together = taken_apart(content)
     if together is None:
-        model = reward_model_from_bytes(content)
+        model = RewardModel.from_bytes(content)
         _require_setup(Path("reward model"), model.setup, setup)
         return RewardModelMember(model)
     manifest, network = together

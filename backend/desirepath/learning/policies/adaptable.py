@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,18 +18,19 @@ from desirepath.learning.policies.policy import (
     PolicyError,
     StoredPolicy,
     check_networks,
-    networks_from_bytes,
-    networks_to_bytes,
+    network_arrays,
+    stored_networks,
 )
 from desirepath.learning.policies.shape import NetworkShape
+from desirepath.simulation.npz import Arrays
 from desirepath.simulation.setups import SetupError, get_setup
+from desirepath.simulation.stored import StoredArrays
 
 Floats = NDArray[np.float32]
-FORMAT = "desirepath-adaptable-1"
 
 
 @dataclass(frozen=True)
-class AdaptablePolicy(StoredPolicy):
+class AdaptablePolicy(StoredArrays, StoredPolicy):
     """A deterministic actor of one setup, conditioned on a preference (3,) of at least 0 that sums to 1.
 
     shape: as the setup's, with three more task inputs and no extractors. actor: as in `Policy`.
@@ -38,6 +39,8 @@ class AdaptablePolicy(StoredPolicy):
     setup: str
     shape: NetworkShape
     actor: tuple[Floats, ...]
+
+    file_format = "desirepath-adaptable-1"
 
     def __post_init__(self) -> None:
         setup = get_setup(self.setup)
@@ -84,18 +87,15 @@ class AdaptablePolicy(StoredPolicy):
         actions: Floats = np.tanh(hidden @ self.actor[-2] + self.actor[-1])
         return actions
 
-    def to_bytes(self) -> bytes:
-        """NPZ without pickled objects; the same policy always gives the same bytes."""
-        meta = {"format": FORMAT, "setup": self.setup, "shape": self.shape.as_dict(), "objectives": list(NAMES)}
-        return networks_to_bytes(meta, self.actor, ())
+    def to_parts(self) -> tuple[Mapping[str, object], Arrays]:
+        header = {"setup": self.setup, "shape": self.shape.as_dict(), "objectives": list(NAMES)}
+        return header, network_arrays(self.actor)
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> Self:
-        """Read `to_bytes` back, never unpickling. Raises PolicyError on anything else."""
-        meta, actor, _, _ = networks_from_bytes(data, FORMAT)
-        if tuple(meta["objectives"]) != NAMES:
-            raise PolicyError(f"adaptable policy knows the objectives {meta['objectives']}; needed are {list(NAMES)}")
-        return cls(meta["setup"], NetworkShape.from_dict(meta["shape"]), actor)
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> Self:
+        if tuple(header["objectives"]) != NAMES:
+            raise PolicyError(f"adaptable policy knows the objectives {header['objectives']}; needed are {list(NAMES)}")
+        return cls(header["setup"], NetworkShape.from_dict(header["shape"]), stored_networks(arrays).actor)
 
 
 def parsed_preference(text: str) -> Floats:

@@ -14,26 +14,29 @@ from numpy.typing import NDArray
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import DrivingPolicy
 from desirepath.simulation.acting import ActionError, EpisodeActs, Rows, SensingPolicy
-from desirepath.simulation.npz import from_npz, to_npz
+from desirepath.simulation.npz import Arrays
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
+from desirepath.simulation.stored import StoredArrays
 
 if TYPE_CHECKING:
     from desirepath.learning.pedestrians.crowd_evaluation import CrowdRollout
     from desirepath.learning.pedestrians.crowd_networks import Actor
 
-FORMAT = "desirepath-attention-2"  # 1 was given both centroids, not the gap
 VARIANT = "ours"
 AT_ONCE = 500  # states through the network, whose features are a hundred times as many
 
 
 @dataclass(frozen=True)
-class AttentionPolicy(DrivingPolicy):
+class AttentionPolicy(StoredArrays, DrivingPolicy):
     """An actor with attention of `VARIANT`. setup: one of those that it was trained in, whose robot is the same in all.
     arrays: its numbers by name, as in `crowd_training.actor_to_arrays`."""
 
     setup: str
     arrays: dict[str, NDArray[Any]] = field(repr=False)
+
+    noun, raises = "attention policy", LearningError
+    file_format = "desirepath-attention-2"  # 1 was given both centroids, not the gap
 
     def actor(self) -> Actor:
         """The network."""
@@ -70,20 +73,15 @@ class AttentionPolicy(DrivingPolicy):
 
         return roll_out_crowd(actor_acts(self.actor()), VARIANTS[VARIANT].given, scene)
 
-    def to_bytes(self) -> bytes:
-        """NPZ without pickled objects, numbers in half precision; the same policy always gives the same bytes."""
-        return to_npz({"format": FORMAT, "setup": self.setup, "variant": VARIANT}, dict(self.arrays))
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
+        """Numbers in half precision."""
+        return {"setup": self.setup, "variant": VARIANT}, dict(self.arrays)
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> AttentionPolicy:
-        """Read `to_bytes` back, never unpickling. Raises LearningError on anything else."""
-        try:
-            meta, arrays = from_npz(data)
-            if meta.get("format") != FORMAT or meta.get("variant") != VARIANT:
-                raise ValueError(f"format {meta.get('format')!r} is unknown; this version reads {FORMAT!r}")
-            return cls(str(meta["setup"]), arrays)
-        except (KeyError, TypeError, ValueError) as problem:
-            raise LearningError(f"not a desirepath attention policy (.npz): {problem}") from None
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> AttentionPolicy:
+        if header["variant"] != VARIANT:
+            raise ValueError(f"variant {header['variant']!r}; what is read here is {VARIANT!r}")
+        return cls(str(header["setup"]), arrays)
 
 
 class _Attending(SensingPolicy):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,8 @@ from desirepath.learning.policies.policy import (
     PolicyError,
     StoredPolicy,
     check_networks,
-    networks_from_bytes,
-    networks_to_bytes,
+    network_arrays,
+    stored_networks,
     stored_slowing,
 )
 from desirepath.learning.policies.shape import NetworkShape
@@ -32,16 +32,17 @@ from desirepath.learning.preferences.objectives import (
     parsed_weights,
     preference_weights,
 )
+from desirepath.simulation.npz import Arrays
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.slowing import Slowing
+from desirepath.simulation.stored import StoredArrays
 
 Floats = NDArray[np.float32]
-FORMAT = "desirepath-conditioned-1"
 SLOWER = NAMES.index("slower_near_person")
 
 
 @dataclass(frozen=True)
-class ConditionedPolicy(StoredPolicy):
+class ConditionedPolicy(StoredArrays, StoredPolicy):
     """A deterministic actor of one setup, conditioned on preference weights.
 
     shape: as the setup's, with SIZE more task inputs. actor, critic: as in `Policy`; the rows of the first layer that
@@ -61,6 +62,8 @@ class ConditionedPolicy(StoredPolicy):
     base: tuple[Floats, ...] = ()
     slowing: Slowing | None = None
     strengths: Mapping[str, float] = field(default_factory=dict)
+
+    file_format = "desirepath-conditioned-1"
 
     def __post_init__(self) -> None:
         setup = get_setup(self.setup)
@@ -138,37 +141,34 @@ class ConditionedPolicy(StoredPolicy):
         actor, critic = (_scaled_row(arrays, row, factor) for arrays in (self.actor, self.critic))
         return replace(self, actor=actor, critic=critic, scales=scales)
 
-    def to_bytes(self) -> bytes:
-        """NPZ without pickled objects; the same policy always gives the same bytes."""
-        meta: dict[str, object] = {
-            "format": FORMAT,
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
+        header: dict[str, object] = {
             "setup": self.setup,
             "shape": self.shape.as_dict(),
             "objectives": list(self.objectives),
             "scales": list(self.scales),
         }
         if self.slowing:
-            meta["slowing"] = self.slowing.as_dict()
+            header["slowing"] = self.slowing.as_dict()
         if self.strengths:
-            meta["strengths"] = dict(self.strengths)
-        return networks_to_bytes(meta, self.actor, self.critic, (self.base,) if self.base else ())
+            header["strengths"] = dict(self.strengths)
+        return header, network_arrays(self.actor, self.critic, (self.base,) if self.base else ())
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> Self:
-        """Read `to_bytes` back, never unpickling. Raises PolicyError on anything else."""
-        meta, actor, critic, recovery_policies = networks_from_bytes(data, FORMAT)
-        needed = names_of(meta["setup"])
-        if tuple(meta["objectives"]) != needed:
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> Self:
+        needed = names_of(header["setup"])
+        if tuple(header["objectives"]) != needed:
             raise PolicyError(
-                f"conditioned policy knows the objectives {meta['objectives']}; needed are {list(needed)}"
+                f"conditioned policy knows the objectives {header['objectives']}; needed are {list(needed)}"
             )
+        actor, critic, recovery_policies = stored_networks(arrays)
         if len(recovery_policies) > 1:
             raise PolicyError(
                 f"conditioned policy has {len(recovery_policies)} recovery policies; it can have one, the base policy"
             )
-        shape, base = NetworkShape.from_dict(meta["shape"]), recovery_policies[0] if recovery_policies else ()
-        added = (stored_slowing(meta), meta.get("strengths", {}))
-        return cls(meta["setup"], shape, actor, critic, tuple(meta["scales"]), base, *added)
+        shape, base = NetworkShape.from_dict(header["shape"]), recovery_policies[0] if recovery_policies else ()
+        added = (stored_slowing(header), header.get("strengths", {}))
+        return cls(header["setup"], shape, actor, critic, tuple(header["scales"]), base, *added)
 
 
 def _folded(arrays: tuple[Floats, ...], task_inputs: int, weights: Floats) -> tuple[Floats, ...]:

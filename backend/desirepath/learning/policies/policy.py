@@ -5,14 +5,12 @@ Training lives in the algorithms' files, exports to other formats in `export.py`
 
 from __future__ import annotations
 
-import hashlib
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
-from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +19,12 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.shape import NetworkShape
 from desirepath.registries import Registry
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy, RecoveringPolicy, Recovery
-from desirepath.simulation.npz import NpzError, from_npz, npz_header, to_npz
+from desirepath.simulation.npz import Arrays, npz_header
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.slowing import Slowing, person_distance_input
+from desirepath.simulation.stored import Stored, StoredArrays
 
 Floats = NDArray[np.float32]
-FORMAT = "desirepath-policy-1"
 
 
 class PolicyError(ValueError):
@@ -49,49 +47,30 @@ def _check(sizes: list[tuple[int, int]], arrays: Sequence[Floats], what: str) ->
         raise PolicyError(f"policy field '{what}' holds NaN or infinite weights; train again or take an earlier file")
 
 
-def networks_to_bytes(
-    meta: Mapping[str, object],
-    actor: Sequence[Floats],
-    critic: Sequence[Floats],
-    recovery_policies: Sequence[Sequence[Floats]] = (),
-) -> bytes:
-    """NPZ without pickled objects; the same meta and weights always give the same bytes."""
+def network_arrays(
+    actor: Sequence[Floats], critic: Sequence[Floats] = (), recovery_policies: Sequence[Sequence[Floats]] = ()
+) -> Arrays:
+    """Their layers by name, for storage."""
     others = {f"escape{n}": layers for n, layers in enumerate(recovery_policies)}  # the key in all stored files
     named = {"actor": actor, "critic": critic} | others
-    return to_npz(meta, {f"{name}_{k:02d}": array for name, layers in named.items() for k, array in enumerate(layers)})
-
-
-def stored_format(data: bytes) -> str:
-    """The format that a stored policy of any kind names itself. Raises PolicyError for anything else."""
-    try:
-        return str(npz_header(data)["format"])
-    except (ValueError, KeyError) as problem:
-        raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
+    return {f"{name}_{k:02d}": array for name, layers in named.items() for k, array in enumerate(layers)}
 
 
 class StoredNetworks(NamedTuple):
-    """What `networks_to_bytes` wrote."""
+    """What `network_arrays` names."""
 
-    meta: dict[str, Any]
     actor: tuple[Floats, ...]
     critic: tuple[Floats, ...]
     recovery_policies: tuple[tuple[Floats, ...], ...]
 
 
-def networks_from_bytes(data: bytes, needed: str) -> StoredNetworks:
-    """Read `networks_to_bytes` back, never unpickling. Raises PolicyError unless its meta names the `needed` format."""
-    found = stored_format(data)
-    if found != needed:
-        raise PolicyError(f"policy format {found!r}; what is read here is {needed!r}")
-    try:
-        meta, arrays = from_npz(data)
-    except NpzError as problem:
-        raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
+def stored_networks(arrays: Arrays) -> StoredNetworks:
+    """Back from `network_arrays`."""
     layers: dict[str, list[Floats]] = {}
     for name in sorted(arrays):
         layers.setdefault(name.rpartition("_")[0], []).append(arrays[name])
     recovery_policies = tuple(tuple(layers[name]) for name in layers if name.startswith("escape"))
-    return StoredNetworks(meta, tuple(layers.get("actor", ())), tuple(layers.get("critic", ())), recovery_policies)
+    return StoredNetworks(tuple(layers.get("actor", ())), tuple(layers.get("critic", ())), recovery_policies)
 
 
 def stored_slowing(meta: Mapping[str, Any]) -> Slowing | None:
@@ -104,44 +83,22 @@ def stored_slowing(meta: Mapping[str, Any]) -> Slowing | None:
         raise PolicyError(f"policy field 'slowing' = {meta['slowing']!r}: {problem}") from None
 
 
-class StoredPolicy(ABC):
-    """A kind of policy as a file: whatever `to_bytes` gives, `from_bytes` reads.
+class StoredPolicy(Stored):
+    """A kind of policy as a file: whatever `to_bytes` gives, `from_bytes` reads (`StoredArrays` has both).
 
     A kind is one module in this folder, found by looking, or one of another package by an entry point of
     `desirepath.policies`; it ends with `STORED`, and stored files name it in their format: `NAME-VERSION`
     (the product's: `desirepath-NAME-VERSION`).
     """
 
+    noun = "policy"
+    raises: ClassVar[type[ValueError]] = PolicyError
     setup: str
 
     @abstractmethod
     def driving(self, weights: str = "") -> DrivingPolicy:
         """What drives, conditioned on weights as they are written behind `@` on the command line. Raises LearningError
         for weights that it does not take."""
-
-    @abstractmethod
-    def to_bytes(self) -> bytes: ...
-
-    @classmethod
-    @abstractmethod
-    def from_bytes(cls, data: bytes) -> Self: ...
-
-    def save(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(self.to_bytes())
-
-    @classmethod
-    def load(cls, path: Path) -> Self:
-        """Raises PolicyError if the file is missing or no policy of this kind."""
-        try:
-            data = path.read_bytes()
-        except OSError as problem:
-            raise PolicyError(f"cannot read policy {path}: {problem.strerror}") from None
-        return cls.from_bytes(data)
-
-    def digest(self) -> str:
-        """sha256 of `to_bytes`, the policy's identity in lineages."""
-        return hashlib.sha256(self.to_bytes()).hexdigest()
 
 
 class DrivingPolicy(StoredPolicy):
@@ -172,7 +129,10 @@ FORMATS: Registry[type[StoredPolicy]] = Registry("desirepath.policies", "desirep
 
 def read_policy(content: bytes) -> StoredPolicy:
     """A stored policy of whatever kind. Raises PolicyError, or LearningError, for what is none."""
-    found = stored_format(content)
+    try:
+        found = str(npz_header(content)["format"])
+    except (ValueError, KeyError) as problem:
+        raise PolicyError(f"not a desirepath policy (.npz): {problem}") from None
     name = found.removeprefix("desirepath-").rpartition("-")[0].replace("-", "_")
     if name not in FORMATS:
         raise PolicyError(f"policy format {found!r} is unknown; known are the formats of {', '.join(FORMATS)}")
@@ -189,7 +149,7 @@ def network_of(policy: DrivingPolicy) -> Policy:
 
 
 @dataclass(frozen=True)
-class Policy(DrivingPolicy):
+class Policy(StoredArrays, DrivingPolicy):
     """A deterministic actor of one setup.
 
     actor, critic: weight, bias, weight, bias, ... float32, weights (inputs, outputs), in the order of `NetworkShape`.
@@ -206,6 +166,8 @@ class Policy(DrivingPolicy):
     recovery_policies: tuple[tuple[Floats, ...], ...] = ()
     made_for: str = ""
     slowing: Slowing | None = None
+
+    file_format = "desirepath-policy-1"
 
     def __post_init__(self) -> None:
         if self.shape.observation_size != get_setup(self.setup).observation_size:
@@ -314,28 +276,18 @@ class Policy(DrivingPolicy):
             "policy_sha256": self.digest(),
         }
 
-    def to_bytes(self) -> bytes:
-        """NPZ without pickled objects; the same policy always gives the same bytes."""
-        meta: dict[str, object] = {"format": FORMAT, "setup": self.setup, "shape": self.shape.as_dict()}
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
+        header: dict[str, object] = {"setup": self.setup, "shape": self.shape.as_dict()}
         if self.made_for:
-            meta["made_for"] = self.made_for
+            header["made_for"] = self.made_for
         if self.slowing:
-            meta["slowing"] = self.slowing.as_dict()
-        return networks_to_bytes(meta, self.actor, self.critic, self.recovery_policies)
+            header["slowing"] = self.slowing.as_dict()
+        return header, network_arrays(self.actor, self.critic, self.recovery_policies)
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> Self:
-        """Read `to_bytes` back, never unpickling. Raises PolicyError on anything that is not a policy file."""
-        meta, actor, critic, recovery_policies = networks_from_bytes(data, FORMAT)
-        return cls(
-            meta["setup"],
-            NetworkShape.from_dict(meta["shape"]),
-            actor,
-            critic,
-            recovery_policies,
-            meta.get("made_for", ""),
-            stored_slowing(meta),
-        )
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> Self:
+        shape, made_for = NetworkShape.from_dict(header["shape"]), header.get("made_for", "")
+        return cls(header["setup"], shape, *stored_networks(arrays), made_for, stored_slowing(header))
 
 
 STORED = Policy

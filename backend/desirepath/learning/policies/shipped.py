@@ -115,5 +115,5 @@ def load_shipped(name: str) -> Shipped:
         "policy_library": PolicyLibrary,
     }
     if card.kind not in kinds:
-        raise LearningError(f"{name} is a {card.kind}; `rewards.storage.load_reward_model` opens it")
+        raise LearningError(f"{name} is a {card.kind}; `rewards.reward_model.RewardModel.load` opens it")
     return kinds[card.kind].load(path)

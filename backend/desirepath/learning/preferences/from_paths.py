@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,8 @@ from desirepath.learning.preferences.measures import measures, typical_differenc
 from desirepath.learning.preferences.objectives import names_of
 from desirepath.learning.preferences.posterior import weights_of_shares
 from desirepath.learning.shipped_files import resolve
-from desirepath.simulation.npz import from_npz, to_npz
+from desirepath.simulation.npz import Arrays
+from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]
@@ -28,11 +30,8 @@ NOISE_OF_INTERVALS = 2.5
 among four on seeds 10 and 11 of `desirepath benchmark telling`, by coverage. Ours."""
 
 
-FORMAT = "desirepath-path-weights-1"
-
-
 @dataclass(frozen=True)
-class WeightsOfPaths:
+class WeightsOfPaths(StoredArrays):
     """shares: (n, 9) candidates, each summing to 1; measured: (n, scenes, 7) what the policy conditioned on each
     measures in each scene; mass: (n,) how probable each is before any path.
     """
@@ -41,6 +40,17 @@ class WeightsOfPaths:
     shares: Doubles
     measured: Doubles
     mass: Doubles
+
+    noun, file_format = "set of path weights", "desirepath-path-weights-1"
+
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
+        arrays = {name: getattr(self, name).astype(np.float32) for name in ("shares", "measured", "mass")}
+        return {"setup": self.setup}, arrays
+
+    @classmethod
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> WeightsOfPaths:
+        parts = {name: arrays[name].astype(np.float64) for name in ("shares", "measured", "mass")}
+        return cls(str(header["setup"]), **parts)
 
     def given(self, scenes: NDArray[np.int64], drawn: Doubles, noise: float = NOISE) -> Doubles:
         """(n,) probabilities after paths that measure `drawn` (paths, 7) in these scenes:
@@ -68,25 +78,10 @@ def credible(shares: Doubles, mass: Doubles, level: float = 0.9) -> tuple[Double
     return ends[0], ends[1]
 
 
-def as_bytes(found: WeightsOfPaths) -> bytes:
-    """The candidates as a file; the same ones always as the same bytes."""
-    arrays = {name: getattr(found, name).astype(np.float32) for name in ("shares", "measured", "mass")}
-    return to_npz({"format": FORMAT, "setup": found.setup}, arrays)
-
-
-def read_weights_of_paths(data: bytes) -> WeightsOfPaths:
-    """Read `as_bytes` back. Raises ValueError for anything else."""
-    header, arrays = from_npz(data)
-    if header.get("format") != FORMAT:
-        raise ValueError(f"format {header.get('format')!r}, what is read here is {FORMAT!r}")
-    parts = {name: arrays[name].astype(np.float64) for name in ("shares", "measured", "mass")}
-    return WeightsOfPaths(str(header["setup"]), **parts)
-
-
 @lru_cache(maxsize=2)
 def shipped_weights_of_paths(setup: str) -> WeightsOfPaths:
     """The candidates that come with a setup, in the scenes that its paths are drawn in. Raises LearningError: none."""
-    return read_weights_of_paths(resolve(f"{setup}/path_weights").read_bytes())
+    return WeightsOfPaths.load(resolve(f"{setup}/path_weights"))
 
 
 def weights_of_drawn(setup: str, drawn: Sequence[tuple[int, Trajectory]]) -> dict[str, float]:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, permutations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,13 +21,13 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
-from desirepath.simulation.npz import Arrays, from_npz, to_npz
+from desirepath.simulation.npz import Arrays
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup, require_same
+from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
 Floats = NDArray[np.float32]
-FORMAT = "desirepath-queries-1"
 PATH_SAMPLES = 32
 
 
@@ -69,7 +68,7 @@ class QueryConfig:
 
 
 @dataclass(frozen=True)
-class QuerySet:
+class QuerySet(StoredArrays):
     """Queries of one setup, and how many candidate pairs each filter dropped."""
 
     setup: str
@@ -79,8 +78,10 @@ class QuerySet:
     def __len__(self) -> int:
         return len(self.queries)
 
-    def to_bytes(self) -> bytes:
-        """Compact NPZ without pickled objects; same set, same bytes.
+    noun, file_format, raises = "query set", "desirepath-queries-1", LearningError
+
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
+        """Compact.
 
         Poses, actions and rewards are stored as they are (float32). Observations are rounded to float16 (at 6 m lidar
         range that is 3 mm, at 10 m goal distance 5 mm) and shared between steps: the next observation of a step is the
@@ -88,39 +89,24 @@ class QuerySet:
         that a round trip is exact.
         """
         trajectories = [t for query in self.queries for t in (query.trajectory_a, query.trajectory_b)]
-        meta = {
-            "format": FORMAT,
+        header: dict[str, object] = {
             "setup": self.setup,
             "filtered": self.filtered,
             "queries": [{"scene": query.scene.as_dict(), "members": list(query.members)} for query in self.queries],
         }
         observations = [np.concatenate([t.observations, t.next_observations[-1:]]) for t in trajectories]
-        return to_npz(
-            meta,
-            {
-                "steps": np.array([len(t.actions) for t in trajectories], dtype=np.int32),
-                "outcomes": np.array([t.outcome for t in trajectories], dtype=np.int8),
-                "self_intersections": np.array([t.self_intersections for t in trajectories], dtype=np.int32),
-                "poses": np.concatenate([t.poses for t in trajectories]),
-                "actions": np.concatenate([t.actions for t in trajectories]),
-                "rewards": np.concatenate([t.rewards for t in trajectories]),
-                "observations": np.concatenate(observations).astype(np.float16),
-            },
-        )
+        return header, {
+            "steps": np.array([len(t.actions) for t in trajectories], dtype=np.int32),
+            "outcomes": np.array([t.outcome for t in trajectories], dtype=np.int8),
+            "self_intersections": np.array([t.self_intersections for t in trajectories], dtype=np.int32),
+            "poses": np.concatenate([t.poses for t in trajectories]),
+            "actions": np.concatenate([t.actions for t in trajectories]),
+            "rewards": np.concatenate([t.rewards for t in trajectories]),
+            "observations": np.concatenate(observations).astype(np.float16),
+        }
 
     @classmethod
-    def from_bytes(cls, data: bytes) -> QuerySet:
-        """Read `to_bytes` back, never unpickling. Raises LearningError on anything else."""
-        try:
-            meta, arrays = from_npz(data)
-            if meta.get("format") == FORMAT:
-                return cls._of(meta, arrays)
-        except (KeyError, IndexError, TypeError, ValueError) as problem:
-            raise LearningError(f"not a desirepath query set (.npz): {problem}") from None
-        raise LearningError(f"query set format {meta.get('format')!r} is unknown; this version reads {FORMAT!r}")
-
-    @classmethod
-    def _of(cls, meta: dict[str, Any], arrays: Arrays) -> QuerySet:
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> QuerySet:
         ends = np.cumsum(arrays["steps"])
         trajectories: list[Trajectory] = []
         for k, (end, steps) in enumerate(zip(ends, arrays["steps"], strict=True)):
@@ -131,7 +117,7 @@ class QuerySet:
             dones[-1] = arrays["outcomes"][k] != Outcome.RUNNING
             trajectories.append(
                 Trajectory(
-                    scene=Scene.from_dict(meta["queries"][k // 2]["scene"]),
+                    scene=Scene.from_dict(header["queries"][k // 2]["scene"]),
                     outcome=Outcome(int(arrays["outcomes"][k])),
                     poses=arrays["poses"][rows_with_end],
                     observations=observations[:-1],
@@ -144,22 +130,9 @@ class QuerySet:
             )
         queries = tuple(
             Query(a.scene, a, b, (entry["members"][0], entry["members"][1]))
-            for entry, a, b in zip(meta["queries"], trajectories[0::2], trajectories[1::2], strict=True)
+            for entry, a, b in zip(header["queries"], trajectories[0::2], trajectories[1::2], strict=True)
         )
-        return cls(meta["setup"], queries, meta["filtered"])
-
-    def save(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(self.to_bytes())
-
-    @classmethod
-    def load(cls, path: Path) -> QuerySet:
-        """Raises LearningError if the file is missing or no query set."""
-        try:
-            data = path.read_bytes()
-        except OSError as problem:
-            raise LearningError(f"cannot read query set {path}: {problem.strerror}") from None
-        return cls.from_bytes(data)
+        return cls(header["setup"], queries, header["filtered"])
 
 
 def resampled_path(poses: Floats) -> Floats:

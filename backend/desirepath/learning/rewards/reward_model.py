@@ -1,13 +1,13 @@
 """What a learned reward is, whatever its kind, and the loss that all kinds share (Bradley-Terry, equation 6.4).
 
 Each kind has a file of its own, found by looking, or a module of another package by an entry point of
-`desirepath.reward_models`. `storage.py` reads and writes them, `held_out.py` says how well they predict, `auto.py`
+`desirepath.reward_models`. `held_out.py` says how well they predict, `auto.py`
 which kind some answers deserve.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
@@ -15,8 +15,12 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.learning.errors import LearningError
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.rewards.kinds import MODELS
+from desirepath.simulation.npz import Arrays
+from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
@@ -24,13 +28,14 @@ Doubles = NDArray[np.float64]
 Reduction = Literal["sum", "mean"]
 
 
-class RewardModel(ABC):
+class RewardModel(StoredArrays):
     """One interface. A kind gives the reward of steps and is stored; what it knows better than the sum of its steps,
     how a whole trajectory is judged or how sure an answer is, it overrides.
 
     kind: its name in stored files, which is its module's.
     """
 
+    noun, file_format, raises = "reward model", "desirepath-reward-model-1", LearningError
     kind: ClassVar[str]
     setup: str
     reduction: Reduction
@@ -64,6 +69,16 @@ class RewardModel(ABC):
     @abstractmethod
     def from_arrays(cls, meta: dict[str, Any], arrays: dict[str, Floats]) -> Self:
         """Back from `to_arrays`."""
+
+    def to_parts(self) -> tuple[dict[str, object], dict[str, Floats]]:
+        return self.to_arrays()
+
+    @classmethod
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> RewardModel:
+        """A model of whatever kind the header names."""
+        if header.get("kind") not in MODELS:
+            raise LearningError(f"kind {header.get('kind')!r} is unknown; known are {', '.join(MODELS)}")
+        return MODELS[header["kind"]].from_arrays(header, arrays)
 
 
 Fit = Callable[[Sequence[Preference]], RewardModel]

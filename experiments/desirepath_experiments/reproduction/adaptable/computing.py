@@ -23,7 +23,7 @@ from desirepath.learning.rewards.ranked_rollouts import (
     fit_ranked,
     noise_ranked,
 )
-from desirepath.learning.rewards.storage import reward_model_from_bytes, reward_model_to_bytes
+from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
 from desirepath.simulation.demonstration_scenes import demonstration_scenes
 from desirepath.simulation.setups import get_setup
@@ -95,7 +95,7 @@ def demonstration(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRe
             "frechet_median_m": float(np.median(apart)),
         },
     }
-    return TaskResult(meta, {"clone": stored(clone.to_bytes()), "reward": stored(reward_model_to_bytes(reward))})
+    return TaskResult(meta, {"clone": stored(clone.to_bytes()), "reward": stored(reward.to_bytes())})
 
 
 def _hidden(trajectories: Sequence[Trajectory], hide: Callable[[Floats], Floats]) -> list[Trajectory]:
@@ -103,7 +103,7 @@ def _hidden(trajectories: Sequence[Trajectory], hide: Callable[[Floats], Floats]
 
 
 def reward_of(made: TaskResult) -> RankedRewardModel:
-    model = reward_model_from_bytes(made.arrays["reward"].tobytes())
+    model = RewardModel.from_bytes(made.arrays["reward"].tobytes())
     if not isinstance(model, RankedRewardModel):
         raise ValueError(f"reward of kind {model.kind!r}: a demonstration task stores ranked_rollouts")
     return model

@@ -18,7 +18,7 @@ from desirepath.learning.rewards.ranked_rollouts import (
     fit_ranked,
     noise_ranked,
 )
-from desirepath.learning.rewards.storage import load_reward_model, save_reward_model
+from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.simulation.acting import begin
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
@@ -87,8 +87,8 @@ def test_the_reward_lies_between_nought_and_one_and_survives_its_file(
     (one,) = demonstrated(free_scenes[:1])
     found = reward.rewards(one.observations, one.actions)
     assert ((found >= 0) & (found <= 1)).all()
-    save_reward_model(reward, tmp_path / "reward.npz")
-    again = load_reward_model(tmp_path / "reward.npz")
+    reward.save(tmp_path / "reward.npz")
+    again = RewardModel.load(tmp_path / "reward.npz")
     np.testing.assert_array_equal(again.rewards(one.observations, one.actions, one.next_observations), found)
 
 
