@@ -49,7 +49,7 @@ BOUNDED = {
     ),
     "backend/desirepath/store/scrubbing.py": (
         KEPT_OF_A_TEXT,
-        "`scrubbed` cuts every text of a log line; keys are ours",
+        "`scrub` cuts every text of a log line; keys are ours",
     ),
 }
 MADE_THERE = {  # (file, what is looked for) -> the patterns that are put together or handed on there

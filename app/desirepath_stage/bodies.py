@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.simulation.setups import Robot
-from desirepath_stage.shapes import Colour, Shape, ball, box, disc, flat, limb, merged, turned
+from desirepath_stage.shapes import Colour, Shape, ball, box, disc, flat, limb, merge, rotate
 
 PERSON_DISC_RADIUS_M = 0.25  # ch. 7
 _MODEL_RADIUS_M, _MODEL_HEIGHT_M = 0.18, 0.42  # of the TurtleBot 2 that every robot is drawn as, in its own size
@@ -49,27 +49,27 @@ def robot(of: Robot, colours: RobotColours = NEUTRAL) -> Shape:
     front (+x). Opaque parts."""
     r = _MODEL_RADIUS_M
     base = [(0, 0.012), (r * 0.92, 0.012), (r, 0.03), (r, 0.08), (r * 0.95, 0.098)]
-    parts = [turned(base, _GRAPHITE, segments=32), turned([(r * 0.95, 0.098), (0, 0.1)], _GRAPHITE_LIGHT, segments=32)]
+    parts = [rotate(base, _GRAPHITE, segments=32), rotate([(r * 0.95, 0.098), (0, 0.1)], _GRAPHITE_LIGHT, segments=32)]
     arc = math.radians(55)
     lamp = [(r * 1.01, 0.036), (r * 1.015, 0.08), (r * 0.955, 0.101), (r * 0.80, 0.103)]
-    parts.append(turned(lamp, colours.lamp, segments=16, start=-arc, stop=arc))
+    parts.append(rotate(lamp, colours.lamp, segments=16, start=-arc, stop=arc))
     for height in (0.245, 0.405):
         top = colours.top if height > 0.4 else _PLATE
-        parts.append(turned([(0, height), (r * 0.88, height)], _GRAPHITE, segments=32))
-        parts.append(turned([(r * 0.88, height), (r * 0.88, height + 0.013)], _GRAPHITE, segments=32))
-        parts.append(turned([(r * 0.88, height + 0.013), (0, height + 0.013)], top, segments=32))
+        parts.append(rotate([(0, height), (r * 0.88, height)], _GRAPHITE, segments=32))
+        parts.append(rotate([(r * 0.88, height), (r * 0.88, height + 0.013)], _GRAPHITE, segments=32))
+        parts.append(rotate([(r * 0.88, height + 0.013), (0, height + 0.013)], top, segments=32))
     for angle in (0.75, 2.35, -2.35, -0.75):
         x, y = 0.74 * r * math.cos(angle), 0.74 * r * math.sin(angle)
-        parts.append(turned([(0.011, 0.1), (0.011, 0.41)], _GRAPHITE, segments=8).moved(x, y))
+        parts.append(rotate([(0.011, 0.1), (0.011, 0.41)], _GRAPHITE, segments=8).moved(x, y))
     lid = 0.420
-    cap = turned([(r * 0.88, lid), (r * 0.34, lid)], _GRAPHITE, segments=16, start=-0.75, stop=0.75)
-    bar = turned([(r * 0.84, lid + 0.002), (r * 0.58, lid + 0.002)], colours.lamp, segments=16, start=-0.62, stop=0.62)
+    cap = rotate([(r * 0.88, lid), (r * 0.34, lid)], _GRAPHITE, segments=16, start=-0.75, stop=0.75)
+    bar = rotate([(r * 0.84, lid + 0.002), (r * 0.58, lid + 0.002)], colours.lamp, segments=16, start=-0.62, stop=0.62)
     sensor = [
         box((0.055, 0.23, 0.045), (0.045, 0, 0.345), _GRAPHITE),
         box((0.01, 0.19, 0.024), (0.074, 0, 0.346), _GRAPHITE_LIGHT),
         box((0.03, 0.05, 0.065), (0.02, 0, 0.29), _GRAPHITE),
     ]
-    return _sized(merged([*parts, cap, bar, *sensor]).lit(turning=True), of)
+    return _sized(merge([*parts, cap, bar, *sensor]).lit(turning=True), of)
 
 
 def _sized(shape: Shape, of: Robot) -> Shape:
@@ -82,12 +82,12 @@ def robot_glow(of: Robot, colours: RobotColours = NEUTRAL) -> Shape:
     shade = disc(0.25, 0.006, (38, 26, 18), alpha=0.62, rim_alpha=0.0)
     reach, half = 0.58, 0.5
     rays = 14
-    light = turned(
+    light = rotate(
         [(reach, 0.008), (_MODEL_RADIUS_M * 0.9, 0.008)], colours.lamp, segments=rays, start=-half, stop=half
     )
     light.colours[: rays + 1, 3] = 0.0
     light.colours[rays + 1 :, 3] = 0.85
-    return _sized(merged([shade, light]), of)
+    return _sized(merge([shade, light]), of)
 
 
 THIGH, SHIN, ARM = 1, 2, 3
@@ -96,7 +96,7 @@ THIGH, SHIN, ARM = 1, 2, 3
 
 def mannequin(height: float = 1.7) -> Shape:
     """A jointed wooden figure facing +x, arms a little forward, nose and feet telling front from back."""
-    figure = merged(part for part, _, _ in _joints())
+    figure = merge(part for part, _, _ in _joints())
     return Shape(figure.positions * (height / 1.7), figure.normals, figure.colours, figure.faces).lit()
 
 
@@ -142,25 +142,25 @@ def person_place(*, facing: bool) -> Shape:
     """The translucent blue disc that marks a person's place (ch. 7); `facing` adds a point towards +x."""
     plate = disc(PERSON_DISC_RADIUS_M, 0.010, _BLUE, alpha=0.46, rim_alpha=0.46, segments=48)
     r = PERSON_DISC_RADIUS_M
-    rim = turned([(r, 0.012), (r * 0.93, 0.012)], _BLUE, segments=48, alpha=0.85)
+    rim = rotate([(r, 0.012), (r * 0.93, 0.012)], _BLUE, segments=48, alpha=0.85)
     parts = [plate, rim]
     if facing:
         side = (r * 1.03 * math.cos(0.42), r * 1.03 * math.sin(0.42))
         parts.append(flat([(side[0], -side[1]), (r * 1.55, 0.0), side], 0.011, _BLUE, alpha=0.9))
-    return merged(parts)
+    return merge(parts)
 
 
 def goal_cone() -> Shape:
     """The green cone at the goal (ch. 2), 12 cm thick at its foot: what stands there must not hide the way."""
     height, foot = GOAL_CONE_HEIGHT_M, 0.12
     slope = [(foot * 1.35, 0.012), (foot * 1.3, 0.03), (foot, 0.03), (0.012, height), (0.0, height)]
-    return turned(slope, _GREEN, segments=24).lit(turning=True)
+    return rotate(slope, _GREEN, segments=24).lit(turning=True)
 
 
 def goal_ring(radius: float) -> Shape:
     """On the floor around the cone, as far as the goal reaches (m): green between two light rims. Translucent."""
-    inside = turned([(radius, 0.009), (0.0, 0.009)], _GREEN, segments=48, alpha=0.2)
-    return merged([inside, _ring(radius, 0.05)])
+    inside = rotate([(radius, 0.009), (0.0, 0.009)], _GREEN, segments=48, alpha=0.2)
+    return merge([inside, _ring(radius, 0.05)])
 
 
 def robot_ring(of: Robot) -> Shape:
@@ -172,7 +172,7 @@ def _ring(radius: float, width: float) -> Shape:
     """A green band on the floor that ends at `radius`, with a light rim on either side, m."""
     rim = 0.4 * width
     bands = ((rim, 0.0, _CHALK, 0.9), (rim + width, rim, _GREEN, 0.95), (2 * rim + width, rim + width, _CHALK, 0.9))
-    return merged(
-        turned([(radius - outside, 0.0095), (radius - inside, 0.0095)], colour, segments=48, alpha=alpha)
+    return merge(
+        rotate([(radius - outside, 0.0095), (radius - inside, 0.0095)], colour, segments=48, alpha=alpha)
         for inside, outside, colour, alpha in bands
     )

@@ -20,7 +20,7 @@ from desirepath_stage.glb import Surface, to_glb
 from desirepath_stage.orders import Attention, Explained, Solid
 from desirepath_stage.outlines import body
 from desirepath_stage.scene_nodes import squares
-from desirepath_stage.shapes import Colour, turned
+from desirepath_stage.shapes import Colour, rotate
 
 THICKEST_M = 0.15  # ours: outline of an object that scores 1, in the world, so it is thinner far away
 DASHES = 48  # of the line to the goal, 0.3 m each: 14 m
@@ -98,7 +98,7 @@ def _ring(radius: float) -> bytes:
     """A green torus on the floor (ch. 8)."""
     around = np.linspace(-math.pi, math.pi, 13)
     tube = [(radius + RING_TUBE_M * math.cos(a), RING_TUBE_M * (1.05 + math.sin(a))) for a in around]
-    return to_glb([Surface(turned(tube, _GREEN, segments=40, smooth=True).lit(turning=True))])
+    return to_glb([Surface(rotate(tube, _GREEN, segments=40, smooth=True).lit(turning=True))])
 
 
 @lru_cache(maxsize=256)

@@ -9,7 +9,7 @@ import math
 from functools import lru_cache
 
 from desirepath.simulation.scene import Obstacle, Room
-from desirepath_stage.shapes import Colour, Shape, ball, box, merged, turned
+from desirepath_stage.shapes import Colour, Shape, ball, box, merge, rotate
 
 CUT_WALL_HEIGHT_M = 0.30  # seen from above, walls are cut low as in a plan, so that they hide nothing
 
@@ -67,7 +67,7 @@ def sideboard(length: float, width: float, height: float) -> Shape:
                 centre = (x, face + side * rim / 2, low + tall / 2)
                 parts.append(box((door_width - 0.025, rim, tall - 0.025), centre, colour))
                 parts.append(box((0.12, 0.014, 0.018), (x, face + side * 0.013, low + tall - 0.07), _BRASS))
-    return merged(parts)
+    return merge(parts)
 
 
 def column(length: float, width: float, height: float) -> Shape:
@@ -76,10 +76,10 @@ def column(length: float, width: float, height: float) -> Shape:
     base = min(0.10, height / 4)
     shaft = [(radius * 0.86, base * 1.2), (radius * 0.80, base * 1.5), (radius * 0.74, height - base * 1.4)]
     shaft.append((radius * 0.86, height - base))
-    return merged(
+    return merge(
         [
             box((length, width, base), (0, 0, base / 2), _STONE_DARK),
-            turned([(radius * 0.94, base), (radius * 0.94, base * 1.2), *shaft], _STONE, segments=20),
+            rotate([(radius * 0.94, base), (radius * 0.94, base * 1.2), *shaft], _STONE, segments=20),
             box((length, width, base), (0, 0, height - base / 2), _STONE_DARK),
         ]
     )
@@ -109,7 +109,7 @@ def crate(length: float, width: float, height: float) -> Shape:
         for side in (-1, 1):
             parts.append(box((length - 2 * frame, 0.016, frame), (0, side * (width / 2 - 0.009), z), _OAK_DARK))
             parts.append(box((0.016, width - 2 * frame, frame), (side * (length / 2 - 0.009), 0, z), _OAK_DARK))
-    return merged(parts)
+    return merge(parts)
 
 
 def planter(length: float, width: float, height: float) -> Shape:
@@ -133,7 +133,7 @@ def planter(length: float, width: float, height: float) -> Shape:
         wide = min(radius * 1.15, 0.2 * min(length, width))
         centre = (out * length * math.cos(angle), out * width * math.sin(angle), trough + radius * 0.75)
         parts.append(ball(centre, (wide, wide, radius), _LEAF if i % 2 else _LEAF_LIGHT, segments=9, rings=5))
-    return merged(parts)
+    return merge(parts)
 
 
 def couch(length: float, width: float, height: float) -> Shape:
@@ -160,7 +160,7 @@ def sofa(length: float, width: float, height: float) -> Shape:
         for across in (-1, 1):
             foot = (side * (length / 2 - 0.07), across * (width / 2 - 0.07), leg / 2)
             parts.append(box((0.05, 0.05, leg), foot, _OAK_DARK))
-    return merged(parts)
+    return merge(parts)
 
 
 def table(length: float, width: float, height: float) -> Shape:
@@ -178,7 +178,7 @@ def table(length: float, width: float, height: float) -> Shape:
         for across in (-1, 1):
             foot = (along * (length / 2 - 0.08), across * (width / 2 - 0.08), (height - top) / 2)
             parts.append(box((leg, leg, height - top), foot, _OAK_DARK))
-    return merged(parts)
+    return merge(parts)
 
 
 def cupboard(length: float, width: float, height: float) -> Shape:
@@ -200,7 +200,7 @@ def cupboard(length: float, width: float, height: float) -> Shape:
             x, z = door * (length - 0.06) / 4, drawer + 0.06 + tall / 2
             parts.append(box(((length - 0.06) / 2 - 0.02, 0.02, tall), (x, face, z), _LINEN))
             parts.append(box((0.02, 0.03, 0.14), (door * 0.05, face, z), _BRASS))
-    return merged(parts)
+    return merge(parts)
 
 
 def chair(length: float, width: float, height: float) -> Shape:
@@ -215,7 +215,7 @@ def chair(length: float, width: float, height: float) -> Shape:
         parts.append(box((leg, 0.04, height - seat), (x, width / 2 - 0.02, (height + seat) / 2), _OAK_DARK))
         for across in (-1, 1):
             parts.append(box((leg, leg, seat - 0.04), (x, across * (width - leg) / 2, (seat - 0.04) / 2), _OAK_DARK))
-    return merged(parts)
+    return merge(parts)
 
 
 def bed(length: float, width: float, height: float) -> Shape:
@@ -233,18 +233,18 @@ def bed(length: float, width: float, height: float) -> Shape:
         for across in (-1, 1):
             foot = (along * (length / 2 - 0.06), across * (width / 2 - 0.1), 0.07)
             parts.append(box((0.08, 0.08, 0.14), foot, _OAK_DARK))
-    return merged(parts)
+    return merge(parts)
 
 
 def lamp(length: float, width: float, height: float) -> Shape:
     """A standing lamp: a flat foot, a thin pole, a shade."""
     radius, shade = min(length, width) / 2, height - 0.28
     foot = [(0.85 * radius, 0.0), (0.85 * radius, 0.03), (0.018, 0.031), (0.018, shade)]
-    return merged(
+    return merge(
         [
-            turned(foot, _BRASS, segments=20),
-            turned([(radius, shade), (0.8 * radius, height)], _LINEN, segments=24),
-            turned([(0.8 * radius, height), (0.0, height)], _LINEN, segments=24),
+            rotate(foot, _BRASS, segments=20),
+            rotate([(radius, shade), (0.8 * radius, height)], _LINEN, segments=24),
+            rotate([(0.8 * radius, height), (0.0, height)], _LINEN, segments=24),
         ]
     )
 
@@ -266,7 +266,7 @@ _MAKERS = {
 
 def _inner_wall(length: float, width: float, height: float) -> Shape:
     """A wall between two rooms, with the cap that outer walls have."""
-    return merged(
+    return merge(
         [
             box((length, width, height - 0.02), (0, 0, (height - 0.02) / 2), _PLASTER),
             box((length, width, 0.02), (0, 0, height - 0.01), _WALL_CAP),
@@ -314,7 +314,7 @@ def room_walls(room: Room, *, cut: bool) -> Shape:
     if not cut:
         parts += [part for side in (-1, 1) for part in _windows(side * half_x, room.width, side, room.wall_height)]
         parts += _door(half_y, room.length, room.wall_height)
-    return merged(parts).lit()
+    return merge(parts).lit()
 
 
 def _windows(x: float, along: float, side: int, wall_height: float) -> list[Shape]:

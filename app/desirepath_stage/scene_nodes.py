@@ -21,7 +21,7 @@ from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import Robot, get_setup
 from desirepath_stage import bodies, furniture, surfaces
 from desirepath_stage.glb import Surface, to_glb
-from desirepath_stage.shapes import Colour, Shape, disc, merged
+from desirepath_stage.shapes import Colour, Shape, disc, merge
 from desirepath_stage.views import Camera, View
 
 Detail = Literal["full", "light"]
@@ -190,7 +190,7 @@ def place_file(scene: Scene, bounds: Bounds, detail: Detail, *, cut: bool) -> by
     shapes = [furniture.piece(obstacle, index, cut=cut) for index, obstacle in enumerate(scene.obstacles)]
     if scene.room is not None:
         shapes.append(furniture.room_walls(scene.room, cut=cut))
-    standing = [Surface(merged(shapes))] if shapes else []
+    standing = [Surface(merge(shapes))] if shapes else []
     return to_glb([*(_ground(scene, bounds) if detail == "full" else plain_ground(scene, bounds)), *standing])
 
 
@@ -223,7 +223,7 @@ def plain_ground(scene: Scene, bounds: Bounds) -> list[Surface]:
     lines += [(x_min, y - half, x_max, y + half) for y in range(math.ceil(y_min), math.floor(y_max) + 1)]
     darker = tuple(round(0.88 * part) for part in colour)
     grid = [_coloured(line, darker, height=0.003) for line in lines]
-    return [Surface(merged([_coloured(bounds, colour), *grid]))]
+    return [Surface(merge([_coloured(bounds, colour), *grid]))]
 
 
 def _coloured(bounds: Bounds, colour: tuple[int, ...], height: float = 0.0) -> Shape:

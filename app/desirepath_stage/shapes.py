@@ -58,7 +58,7 @@ class Shape:
         return replace(self, colours=colours)
 
 
-def merged(shapes: Iterable[Shape]) -> Shape:
+def merge(shapes: Iterable[Shape]) -> Shape:
     """All shapes as one, for one draw call."""
     parts = list(shapes)
     offsets = np.cumsum([0] + [len(part.positions) for part in parts[:-1]])
@@ -101,7 +101,7 @@ def _unit_box() -> tuple[Floats, Floats, NDArray[np.uint32]]:
     return np.asarray(positions, np.float32), np.asarray(normals, np.float32), np.asarray(faces, np.uint32)
 
 
-def turned(
+def rotate(
     profile: Sequence[tuple[float, float]],
     colour: Colour,
     *,
@@ -140,7 +140,7 @@ def turned(
 def ball(centre: Point, radii: Point, colour: Colour, *, segments: int = 18, rings: int = 10) -> Shape:
     """An ellipsoid about `centre` with half axes `radii`, metres."""
     angles = np.linspace(-math.pi / 2, math.pi / 2, rings + 1)
-    unit = turned([(math.cos(a), math.sin(a)) for a in angles], colour, segments=segments, smooth=True)
+    unit = rotate([(math.cos(a), math.sin(a)) for a in angles], colour, segments=segments, smooth=True)
     scale = np.asarray(radii, np.float32)
     normals = unit.normals / scale
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -155,7 +155,7 @@ def limb(a: Point, b: Point, radius_a: float, radius_b: float, colour: Colour, *
     caps = np.linspace(0, math.pi / 2, 5)
     profile = [(radius_a * math.sin(t), -radius_a * math.cos(t)) for t in caps]
     profile += [(radius_b * math.cos(t), length + radius_b * math.sin(t)) for t in caps]
-    rod = turned(profile, colour, segments=segments, smooth=True)
+    rod = rotate(profile, colour, segments=segments, smooth=True)
     helper = np.array([1.0, 0, 0]) if abs(axis[0]) < 0.9 else np.array([0, 1.0, 0])
     side = np.cross(helper, axis)
     side /= np.linalg.norm(side)

@@ -36,7 +36,7 @@ class Registry(Generic[T]):
         spec, found = find_spec(self._package), dict[str, str]()
         for folder in (spec and spec.submodule_search_locations) or ():
             for name in (module.name for module in iter_modules([folder]) if not module.ispkg):
-                if re.search(rf"^{self._attribute}\b", Path(folder, f"{name}.py").read_text("utf-8"), re.MULTILINE):
+                if self._attribute in re.findall(r"^\w+", Path(folder, f"{name}.py").read_text("utf-8"), re.MULTILINE):
                     found[name.rstrip("_")] = f"{self._package}.{name}"  # break_.py: Python has that word
         for entry in entry_points(group=self.group):
             if not re.fullmatch("[a-z][a-z0-9_]*", entry.name):  # it becomes part of addresses and of file names

@@ -8,7 +8,7 @@ from scipy import stats
 
 from desirepath.analysis.intervals import correlation_like
 from desirepath.analysis.repeated_measures import friedman, pairs_of, wilcoxon
-from desirepath.analysis.tested import corrected
+from desirepath.analysis.tested import correct_tests
 
 # Hollander & Wolfe (1973), p. 140: seconds of 22 baseball players rounding first base in three ways; the example of R's
 # friedman.test, which gives chi-squared = 11.143, df = 2, p-value = 0.003805.
@@ -80,7 +80,7 @@ def test_everybody_alike_is_no_difference() -> None:
 def test_all_pairs_corrected_by_bonferroni() -> None:
     """R: pairwise.wilcox.test of these data and the raw p differ by the factor 3, at most 1."""
     raw = pairs_of(ROUNDING_S, ("out", "narrow", "wide"), about="seconds")
-    told = corrected(raw, "bonferroni")
+    told = correct_tests(raw, "bonferroni")
     assert [test.about for test in told] == [
         "seconds, out against narrow", "seconds, out against wide", "seconds, narrow against wide",
     ]  # fmt: skip

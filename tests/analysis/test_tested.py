@@ -14,7 +14,7 @@ from desirepath.analysis.between_groups import kruskal_wallis, mann_whitney
 from desirepath.analysis.equivalence import equivalence
 from desirepath.analysis.factorial import Factorial
 from desirepath.analysis.repeated_measures import friedman, wilcoxon
-from desirepath.analysis.tested import corrected, corrected_pairs, p_in_words, star_bounds, stars
+from desirepath.analysis.tested import correct_pairs, correct_tests, p_in_words, star_bounds, stars
 from desirepath.report.report_cells import p_cells, statistic_cell
 
 
@@ -29,8 +29,8 @@ def result(p: float, *, least: float = 0.0) -> results.Tested:
 def test_corrections_are_statsmodels(how: str) -> None:
     raw = [0.04, 0.001, 0.03, 0.2, 0.011]
     theirs = multipletests(raw, method=how)[1]
-    assert [one.p_corrected for one in corrected([result(p) for p in raw], how)] == pytest.approx(list(theirs))
-    assert [one.p_corrected for one in corrected([result(p) for p in raw], "none")] == raw
+    assert [one.p_corrected for one in correct_tests([result(p) for p in raw], how)] == pytest.approx(list(theirs))
+    assert [one.p_corrected for one in correct_tests([result(p) for p in raw], "none")] == raw
 
 
 def test_marks_follow_alpha() -> None:
@@ -46,26 +46,26 @@ def test_who_could_not_have_found_anything_is_told_so() -> None:
     assert not few.possible(0.05)
     assert few.sentence().startswith("Fun: no difference was found and none could be with so few people (p cannot be ")
     assert few.possible(0.1)
-    three = corrected([result(0.3, least=0.03), result(0.4, least=0.03)], "bonferroni")
+    three = correct_tests([result(0.3, least=0.03), result(0.4, least=0.03)], "bonferroni")
     assert [one.least_p_corrected for one in three] == [0.06, 0.06]
-    enough = corrected([result(0.3, least=0.001), result(0.4, least=0.03)], "holm")
+    enough = correct_tests([result(0.3, least=0.001), result(0.4, least=0.03)], "holm")
     assert [one.possible() for one in enough] == [True, True]
 
 
 def test_pairs_behind_a_gate_are_corrected_over_pairs_and_items() -> None:
     """Of three conditions that are not all alike at most one pair is (Shaffer): times items; of four at most three."""
     gate = result(0.002)
-    pairs = corrected_pairs([result(0.001), result(0.004), result(0.3)], 10, gate)
+    pairs = correct_pairs([result(0.001), result(0.004), result(0.3)], 10, gate)
     assert [one.p_corrected for one in pairs] == pytest.approx([0.02, 0.04, 1.0])
     assert {one.correction for one in pairs} == {"Shaffer, Bonferroni over the items"}
-    alone = corrected_pairs([result(0.001), result(0.004), result(0.3)], 1, gate)
+    alone = correct_pairs([result(0.001), result(0.004), result(0.3)], 1, gate)
     assert [one.p_corrected for one in alone] == pytest.approx([0.002, 0.004, 0.3])
-    thesis = corrected_pairs([result(0.001), result(0.004), result(0.3)], None, gate)
+    thesis = correct_pairs([result(0.001), result(0.004), result(0.3)], None, gate)
     assert [one.p_corrected for one in thesis] == pytest.approx([0.003, 0.012, 0.9])
     assert thesis[0].correction == "Bonferroni"
-    of_four = corrected_pairs([result(0.001)] * 6, 2, result(0.0001))
+    of_four = correct_pairs([result(0.001)] * 6, 2, result(0.0001))
     assert of_four[0].p_corrected == pytest.approx(0.006)
-    free = corrected_pairs([result(0.001, least=0.0005)] * 3, 10, None)
+    free = correct_pairs([result(0.001, least=0.0005)] * 3, 10, None)
     assert (free[0].p_corrected, free[0].least_p_corrected) == pytest.approx((0.03, 0.015))
     assert free[0].correction == "Bonferroni"
 
@@ -73,7 +73,7 @@ def test_pairs_behind_a_gate_are_corrected_over_pairs_and_items() -> None:
 def test_the_sentence_says_how_p_was_found() -> None:
     test = result(0.004)
     assert test.sentence() == "Fun: a is higher, W(N = 9) = 3.00, p = 0.004, r = 0.50."
-    (found,) = corrected(
+    (found,) = correct_tests(
         [results.Tested(**{**test.as_dict(), "method": "exact", "effect_low": 0.1, "effect_high": 0.8})], "holm"
     )
     assert found.sentence() == "Fun: a is higher, W(N = 9) = 3.00, p = 0.004 (exact, Holm), r = 0.50 [0.10, 0.80]."
@@ -94,24 +94,24 @@ def test_a_test_of_which_nothing_is_known_could_have_found_something() -> None:
     assert result(0.01).significant(0.01)
     assert not result(0.0501).significant()
     assert result(0.3, least=0.05).possible()
-    (same,) = corrected([plain], "bonferroni")
+    (same,) = correct_tests([plain], "bonferroni")
     assert (same.p_corrected, same.correction) == (0.2, "Bonferroni")
-    assert [one.p_corrected for one in corrected([result(0.6)] * 3, "bonferroni")] == [1.0] * 3
-    assert [one.p_corrected for one in corrected([result(0.6)] * 3, "holm")] == [1.0] * 3
+    assert [one.p_corrected for one in correct_tests([result(0.6)] * 3, "bonferroni")] == [1.0] * 3
+    assert [one.p_corrected for one in correct_tests([result(0.6)] * 3, "holm")] == [1.0] * 3
 
 
 def test_pairs_are_no_smaller_than_their_gate_and_least_p_neither() -> None:
     """Two items of three conditions: p times two for the one pair that can be alike, but at least the gate's."""
     gate = result(0.02, least=0.003)
-    low, high = corrected_pairs([result(0.001, least=0.001), result(0.03, least=0.004), result(0.6)], 2, gate)[:2]
+    low, high = correct_pairs([result(0.001, least=0.001), result(0.03, least=0.004), result(0.6)], 2, gate)[:2]
     assert (low.p_corrected, high.p_corrected) == pytest.approx((0.04, 0.06))
     assert (low.least_p_corrected, high.least_p_corrected) == pytest.approx((0.006, 0.008))
-    (two,) = corrected_pairs([result(0.01)], 3, result(0.01))
+    (two,) = correct_pairs([result(0.01)], 3, result(0.01))
     assert two.p_corrected == pytest.approx(0.03)
-    assert corrected_pairs([result(0.4)] * 3, 2, None)[0].p_corrected == 1.0
-    assert corrected_pairs([result(0.4, least=0.4)] * 3, 2, None)[0].least_p_corrected == 1.0
-    assert corrected_pairs([result(0.01)] * 3, 1, gate)[0].correction == "Shaffer"
-    assert corrected_pairs([], 2, None) == []
+    assert correct_pairs([result(0.4)] * 3, 2, None)[0].p_corrected == 1.0
+    assert correct_pairs([result(0.4, least=0.4)] * 3, 2, None)[0].least_p_corrected == 1.0
+    assert correct_pairs([result(0.01)] * 3, 1, gate)[0].correction == "Shaffer"
+    assert correct_pairs([], 2, None) == []
 
 
 def test_no_test_whatever_is_significant_without_spread() -> None:
@@ -129,7 +129,7 @@ def test_no_test_whatever_is_significant_without_spread() -> None:
         *rm_anova(within, about="ease"),
         *rm_anova(between, about="ease"),
     ]
-    for test in corrected(tests, "none"):
+    for test in correct_tests(tests, "none"):
         assert (test.no_spread, test.significant(), test.stars()) == (True, False, ""), test.test
         assert "no spread, not testable" in test.sentence()
         assert p_cells(test, 0.05) == ["not testable", "–", "no spread"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from desirepath.cli.science import followed
+from desirepath.cli.science import follow_job
 from desirepath.store.database import Database
 from desirepath.store.outbox import enqueue_job
 
@@ -21,4 +21,4 @@ def test_a_worker_that_died_is_noticed(tmp_path: Path) -> None:
     dead = subprocess.Popen([sys.executable, "-c", "raise SystemExit(7)"])
     dead.wait()
     with pytest.raises(RuntimeError, match=f"job {job} is queued: the worker .* ended with code 7"):
-        followed(database, job, [dead])
+        follow_job(database, job, [dead])

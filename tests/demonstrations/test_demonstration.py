@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from desirepath.demonstrations.demonstration import (
     Demonstration,
     as_actions,
-    augmented,
+    augment,
     commands_along,
     demonstration_from,
-    executed,
+    execute,
 )
 from desirepath.demonstrations.stroke import Stroke, StrokeProblem
 from desirepath.simulation.demonstration_scenes import PAIRS, demonstration_scene
@@ -103,7 +103,7 @@ def test_every_transition_comes_again_bit_for_bit_from_stroke_and_scene_and_from
     stroke = arched(scene, height, jitter=0.01)
     once, again = demonstration_from(stroke, scene, seed=4), demonstration_from(stroke, scene, seed=4)
     assert once.to_bytes() == again.to_bytes()
-    for first, second in zip(augmented(once), augmented(again), strict=True):
+    for first, second in zip(augment(once), augment(again), strict=True):
         assert first.to_bytes() == second.to_bytes()
     setup = get_setup(scene.setup)
     (replayed,) = replay(setup, [once.scene], [as_actions(setup, once.commands)])
@@ -114,7 +114,7 @@ def test_every_transition_comes_again_bit_for_bit_from_stroke_and_scene_and_from
 def test_augmentation_begins_fifteenths_of_a_step_further_on_and_reaches_the_same_goal() -> None:
     scene, height = CLEAR
     made = demonstration_from(arched(scene, height), scene)
-    drives = augmented(made)
+    drives = augment(made)
     assert len(drives) == 15
     step = made.commands[0, 0] * CONTROL_DT_S
     path = made.spline.points(np.linspace(0, made.spline.length_m, 4000))
@@ -263,6 +263,6 @@ def test_unknown_places_are_refused() -> None:
 def test_driving_in_empty_space_is_what_the_engine_does() -> None:
     scene, height = CLEAR
     made = demonstration_from(arched(scene, height), scene)
-    poses = executed(made.scene.start, made.commands)
+    poses = execute(made.scene.start, made.commands)
     steps = len(made.trajectory.actions)
     assert np.abs(poses[: steps + 1, :2] - made.trajectory.poses[:, :2]).max() < 1e-4

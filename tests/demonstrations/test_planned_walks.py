@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from desirepath.demonstrations.controllers import DWA, roll_out
-from desirepath.demonstrations.demonstration import Demonstration, augmented, demonstration_from
+from desirepath.demonstrations.demonstration import Demonstration, augment, demonstration_from
 from desirepath.demonstrations.demonstrators import draw_stroke
 from desirepath.demonstrations.planned_walks import MODES, walking_scene
 from desirepath.demonstrations.stroke import StrokeProblem
@@ -67,7 +67,7 @@ def test_a_demonstration_beside_a_walking_person_is_kept_with_the_walk_and_repla
     standing = demonstration_from(stroke, replace(scene))
     assert (standing.commands == made.commands).all()
     assert np.abs(standing.trajectory.observations - made.trajectory.observations)[:, :3].max() > 0.1
-    assert all(drive.scene.walk == walked.walk for drive in augmented(made, 3))
+    assert all(drive.scene.walk == walked.walk for drive in augment(made, 3))
 
 
 def test_who_walks_into_the_path_is_named() -> None:

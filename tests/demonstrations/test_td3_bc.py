@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from desirepath.demonstrations.controllers import DWA
-from desirepath.demonstrations.demonstration import augmented
+from desirepath.demonstrations.demonstration import augment
 from desirepath.demonstrations.demonstrators import demonstrate
 from desirepath.demonstrations.judging import judge, judge_rollouts, unseen_scenes
 from desirepath.demonstrations.planned_walks import walking_scene
@@ -37,7 +37,7 @@ QUICK = DemonstrationConfig(updates=96, n_envs=16, random_transitions=256, augme
 
 def test_the_demonstration_buffer_rewards_each_goal_and_only_goals(slow_ones) -> None:
     batch = demonstration_batch(slow_ones[:2], QUICK)
-    drives = [drive for d in slow_ones[:2] for drive in augmented(d, 2)]
+    drives = [drive for d in slow_ones[:2] for drive in augment(d, 2)]
     assert len(batch.rewards) == sum(len(drive.actions) for drive in drives)
     one_by_one = demonstration_batch(slow_ones[:2], replace(QUICK, steps_at_once=1))
     assert (one_by_one.rewards != 0).sum() == (one_by_one.continues == 0).sum() == len(drives)

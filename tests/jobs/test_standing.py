@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from desirepath.jobs import process
-from desirepath.jobs.process import Standing, ended, log_file
+from desirepath.jobs.process import Standing, exit_code, log_file
 from desirepath.settings import Settings
 from desirepath.store.database import Database
 
@@ -32,7 +32,7 @@ def test_one_process_does_job_after_job(settings, standing):
     for job_id in ("erased-one", "erased-two"):  # a job without a row is nothing to do
         working = standing.take(job_id)
         assert working is ready
-        assert ended(working, PATIENCE_S) == 0
+        assert exit_code(working, PATIENCE_S) == 0
         assert log_file(settings, job_id).exists()
         standing.give_back(working)
     assert ready.poll() is None
@@ -43,7 +43,7 @@ def test_one_process_does_job_after_job(settings, standing):
 def test_a_second_job_at_once_gets_a_process_of_its_own(standing):
     first, second = standing.take("erased-one"), standing.take("erased-two")
     assert first.pid != second.pid
-    assert [ended(one, PATIENCE_S) for one in (first, second)] == [0, 0]
+    assert [exit_code(one, PATIENCE_S) for one in (first, second)] == [0, 0]
     standing.give_back(second)
     standing.give_back(first)
     assert standing.ready.poll() is None
@@ -52,7 +52,7 @@ def test_a_second_job_at_once_gets_a_process_of_its_own(standing):
 def test_a_process_that_died_is_found_dead_and_replaced(standing):
     killed = standing.take("erased-one")
     killed.kill()
-    assert ended(killed, PATIENCE_S) in (0, -9), "it may have been quicker"
+    assert exit_code(killed, PATIENCE_S) in (0, -9), "it may have been quicker"
     killed.wait()
     standing.give_back(killed)
     assert standing.ready is not killed
@@ -63,7 +63,7 @@ def test_without_one_every_job_gets_its_own(settings):
     standing = Standing(settings, allowed=False)
     standing.want()
     own = standing.take("erased-one")
-    assert ended(own, PATIENCE_S) == 0
+    assert exit_code(own, PATIENCE_S) == 0
     standing.give_back(own)
     assert standing.ready is None
 
@@ -90,6 +90,6 @@ def test_no_second_one_is_started_while_the_first_works(settings, standing):
     working = standing.take("erased-one")
     standing.want()
     assert standing.ready is None
-    assert ended(working, PATIENCE_S) == 0
+    assert exit_code(working, PATIENCE_S) == 0
     standing.give_back(working)
     assert standing.ready is working

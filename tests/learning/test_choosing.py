@@ -17,7 +17,7 @@ from desirepath.learning.queries.choosing import (
     information_bits,
 )
 from desirepath.learning.queries.queries import QuerySet
-from desirepath.learning.queries.varied_queries import balanced, describe_differences, drawn_weights
+from desirepath.learning.queries.varied_queries import balance, describe_differences, draw_weights
 from desirepath.registries import RegistryError
 
 QUICK = PosteriorConfig(particles=4_000)
@@ -105,7 +105,7 @@ def test_balancing_takes_apart_what_goes_together() -> None:
     differences = random.normal(size=(600, len(MEASURES)))
     differences[:, 6] = differences[:, 3] + 0.5 * random.normal(size=600)  # longer is later, mostly
     places = np.repeat(np.arange(200), 3)
-    chosen = balanced(differences, places.tolist(), 60)
+    chosen = balance(differences, places.tolist(), 60)
     assert len(set(places[chosen])) == 60
     before = np.corrcoef(differences.T)[3, 6]
     after = np.corrcoef(differences[chosen].T)[3, 6]
@@ -114,7 +114,7 @@ def test_balancing_takes_apart_what_goes_together() -> None:
 
 
 def test_drawn_wants_are_possible_and_cover_every_objective() -> None:
-    wants = np.array(drawn_weights(14, seed=0))
+    wants = np.array(draw_weights(14, seed=0))
     assert wants.shape == (14, 9)
     assert (wants.max(axis=0) > 0).all()
     assert not any((wants[:, a] * wants[:, b]).any() for a, b in OPPOSITES)

@@ -19,7 +19,7 @@ from desirepath.learning.preferences.objectives import (
     NAMES,
     OPPOSITES,
     SIZE,
-    parsed_weights,
+    parse_weights,
     preference_weights,
     shares_of_reward,
     step_terms_of,
@@ -128,7 +128,7 @@ def test_storage_keeps_every_byte(trained: ConditionedResult, tmp_path: Path) ->
     again = ConditionedPolicy.load(path)
     assert again.digest() == trained.policy.digest()
     assert again.scales == REWARD_WEIGHTS["study_room"].scales
-    assert load_policy(f"{path}@farther=1").digest() == trained.policy.at(parsed_weights("farther=1")).digest()
+    assert load_policy(f"{path}@farther=1").digest() == trained.policy.at(parse_weights("farther=1")).digest()
     assert load_policy(str(path)).digest() == trained.policy.at(np.zeros(SIZE, dtype=np.float32)).digest()
     with pytest.raises(PolicyError, match="desirepath-conditioned-1"):
         Policy.load(path)
@@ -151,7 +151,7 @@ def test_storage_keeps_every_byte(trained: ConditionedResult, tmp_path: Path) ->
 )
 def test_wants_that_cannot_be_are_refused(trained: ConditionedResult, wants: str, said: str) -> None:
     with pytest.raises(LearningError, match=said):
-        trained.policy.at(parsed_weights(wants))
+        trained.policy.at(parse_weights(wants))
 
 
 def test_imagined_people_want_few_things_and_never_opposites() -> None:

@@ -12,7 +12,7 @@ from desirepath.learning.alignment.conditioning_search import (
     LENGTH_WEIGHT,
     MIDDLE_M,
     ConditioningSearchConfig,
-    compared,
+    compare_policies,
     conditioned_by_place,
     length_weight_of,
     search_conditioning,
@@ -52,12 +52,12 @@ def test_the_score_counts_preferences_length_crossings_and_failures() -> None:
     first = trajectories([2.0, 2.0, 2.0, 2.0, 2.0], [5.0] * 5, [True, True, True, False, True], [0, 0, 0, 0, 3])
     other = trajectories([1.0, 2.0, 1.0, 1.0, 2.0], [5.0, 6.0, 5.0, 5.0, 5.0], [True, True, False, True, True], [0] * 5)
     unit = typical_differences("study_room")
-    better = compared(first, other, FARTHER, "study_room")
+    better = compare_policies(first, other, FARTHER, "study_room")
     length = 1 / unit[MEASURES.index("path_length_m")]
     np.testing.assert_allclose(better.preferred, [1 / unit[0], 0, 0])
     expected = [1 / unit[0], LENGTH_WEIGHT * length, FAILURE_COST, -FAILURE_COST, -CROSSING_COST]
     np.testing.assert_allclose(better.scores(LENGTH_WEIGHT), expected)
-    back = compared(other, first, FARTHER, "study_room")
+    back = compare_policies(other, first, FARTHER, "study_room")
     np.testing.assert_allclose(back.scores(LENGTH_WEIGHT), -better.scores(LENGTH_WEIGHT))
 
 

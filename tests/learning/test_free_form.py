@@ -16,7 +16,7 @@ from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.rewards.auto import choose_reward_model
-from desirepath.learning.rewards.held_out import predicted_in_new_scenes
+from desirepath.learning.rewards.held_out import predict_in_new_scenes
 from desirepath.learning.rewards.mlp import MlpConfig
 from desirepath.learning.rewards.mlp_ensemble import RewardEnsembleConfig, fit_mlp_ensemble
 from desirepath.learning.rewards.reward_model import RewardModel
@@ -88,20 +88,20 @@ def test_answers_about_one_scene_are_held_out_together() -> None:
         return fit_weights(given, PosteriorConfig())
 
     everybody = [one for _ in range(3) for one in answers("min-human-distance", 20)]
-    found = predicted_in_new_scenes(everybody, fit, folds=4)
+    found = predict_in_new_scenes(everybody, fit, folds=4)
     assert (found.answers, found.scenes, found.folds) == (60, 20, 4)
     assert [len(scenes) for scenes in seen] == [15] * 4
     assert not set.intersection(*seen)
     assert found.accuracy > 0.8
     assert found.log_likelihood > math.log(0.5)
     # Of three people who gave the answers the interval is over the three, not over sixty: it cannot be as narrow.
-    of_three = predicted_in_new_scenes(
+    of_three = predict_in_new_scenes(
         [replace(one, person=f"P-{k % 3}") for k, one in enumerate(everybody)], fit, folds=4
     )
     assert of_three.accuracy == found.accuracy
     assert 0 <= of_three.low < of_three.accuracy <= of_three.high <= 1
     assert of_three.high - of_three.low > found.high - found.low
-    one_alone = predicted_in_new_scenes([replace(one, person="P-1") for one in everybody], fit, folds=4)
+    one_alone = predict_in_new_scenes([replace(one, person="P-1") for one in everybody], fit, folds=4)
     assert (one_alone.low, one_alone.high) == (found.low, found.high)
     with pytest.raises(TooFewAnswers, match="20 scenes"):
-        predicted_in_new_scenes(everybody, fit, folds=21)
+        predict_in_new_scenes(everybody, fit, folds=21)

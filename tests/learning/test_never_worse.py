@@ -16,7 +16,7 @@ from desirepath.learning.preferences.free_posterior import FreeConfig, FreePoste
 from desirepath.learning.preferences.objectives import preference_weights
 from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.preferences.posterior import PosteriorConfig
-from desirepath.learning.preferences.predictive_check import PredictiveCheck, checked_answers
+from desirepath.learning.preferences.predictive_check import PredictiveCheck, check_answers
 from desirepath.learning.preferences.sureness import Sureness
 from desirepath.learning.queries.queries import QuerySet
 
@@ -36,7 +36,7 @@ def test_a_policy_is_shown_to_who_wants_it_and_to_nobody_else(
     verdicts = {}
     for name in ("min-human-distance", "closer", "random"):
         chosen = np.equal(make_oracle(name, seed=3).choices(study_queries.queries[:40]), 0)
-        posterior, _ = checked_answers(differences[:15], chosen[:15], CONFIG)
+        posterior, _ = check_answers(differences[:15], chosen[:15], CONFIG)
         verdicts[name] = better_for_person(posterior, farther, base, seed=0, scenes=40)
     assert verdicts["min-human-distance"].passed
     assert verdicts["min-human-distance"].probability_better > 0.95
@@ -58,7 +58,7 @@ def test_what_is_surely_better_by_next_to_nothing_is_not_shown() -> None:
 
 def test_the_usual_policy_is_not_better_than_itself(study_queries: QuerySet, differences: PairDifferences) -> None:
     base = load_policy("study_room/base")
-    posterior, _ = checked_answers(differences[:2], np.array([True, False]), CONFIG)
+    posterior, _ = check_answers(differences[:2], np.array([True, False]), CONFIG)
     verdict = better_for_person(posterior, base, base, seed=0, scenes=5)
     assert (verdict.passed, verdict.probability_better) == (False, 0.5)
 
@@ -67,12 +67,12 @@ def test_answers_that_can_be_predicted_come_true_as_claimed(
     study_queries: QuerySet, differences: PairDifferences
 ) -> None:
     chosen = np.equal(make_oracle("min-human-distance").choices(study_queries.queries[:15]), 0)
-    _, check = checked_answers(differences[:15], chosen, CONFIG)
+    _, check = check_answers(differences[:15], chosen, CONFIG)
     assert (check.answers, check.verdict) == (15, "as_claimed")
     assert check.correct >= 10
     assert check.log_score > np.log(0.5)
     assert check.something_else < 0.5
-    _, few = checked_answers(differences[:2], chosen[:2], CONFIG)
+    _, few = check_answers(differences[:2], chosen[:2], CONFIG)
     assert few.verdict == "too_few_answers"
 
 
@@ -88,7 +88,7 @@ def test_the_chance_of_so_few_predicted_is_summed_over_all_that_could_have_come_
     """What is claimed of each answer follows from the checks of ever more of them; of 2^5 outcomes those count in which
     no more came true."""
     chosen = np.array([True, False, False, True, False])
-    checks = [checked_answers(differences[:n], chosen[:n], CONFIG)[1] for n in range(1, 6)]
+    checks = [check_answers(differences[:n], chosen[:n], CONFIG)[1] for n in range(1, 6)]
     sure = np.diff([0.0, *(check.claimed for check in checks)])
     assert ((sure >= 0.5) & (sure < 1)).all()
     for n, check in enumerate(checks, 1):

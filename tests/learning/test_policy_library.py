@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from desirepath.learning.alignment.library_measures import measured_against
+from desirepath.learning.alignment.library_measures import measure_against
 from desirepath.learning.alignment.mix_search import MixSearchConfig, search_mixes
 from desirepath.learning.alignment.policy_library import (
     FORMAT_WITHOUT_MIXES,
@@ -18,7 +18,7 @@ from desirepath.learning.alignment.policy_library import (
     PolicyLibrary,
     best_of,
     expected_gains,
-    mixed_policy,
+    mix_policies,
 )
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.pairs import PairDifferences
@@ -95,7 +95,7 @@ def test_what_is_stored_of_a_policy_is_what_it_does(library: PolicyLibrary) -> N
     assert basis is not None
     places = np.array([3, len(library) - 1])
     scenes = scene_set(setup, 80, purpose=Purpose.ALIGN_SELECT, seed=7_100)
-    again = measured_against(base, [library.policy(int(k), conditioned, base) for k in places], basis, scenes)
+    again = measure_against(base, [library.policy(int(k), conditioned, base) for k in places], basis, scenes)
     stored = library.measures[places]
     np.testing.assert_allclose(again.pairs.named, stored.pairs.named, atol=2e-3)
     np.testing.assert_allclose(again.mirrored.embedding, stored.mirrored.embedding, atol=2e-3)
@@ -167,7 +167,7 @@ def test_a_library_of_before_mixes_is_read_and_each_trained_policy_is_its_own(tm
     base, conditioned = load_policy("open_field/base"), load_conditioned("open_field/conditioned")
     for layer, stored in zip(again.policy(3, conditioned, base).actor, library.actors[1], strict=True):
         np.testing.assert_array_equal(layer, stored.astype(np.float32))
-    halfway = mixed_policy(base, few.actors, np.array([0.0, 0.5], dtype=np.float32))
+    halfway = mix_policies(base, few.actors, np.array([0.0, 0.5], dtype=np.float32))
     np.testing.assert_allclose(halfway.actor[0], (base.actor[0] + few.actors[1][0]) / 2, atol=1e-5)
 
 

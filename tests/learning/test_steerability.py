@@ -14,7 +14,7 @@ from desirepath.learning.policies.steerability import (
     Course,
     MeasuredRollouts,
     Steerability,
-    measured_rollouts,
+    measure_rollouts,
     steerability_of,
 )
 from desirepath.learning.preferences.measures import MEASURES
@@ -79,7 +79,7 @@ def test_what_is_possible_in_a_plain_scene() -> None:
 @pytest.mark.parametrize("setup", PREFERENCE_SETUPS)
 def test_no_drive_betters_what_is_possible(setup: str) -> None:
     scenes = scene_set(setup, 80, purpose=Purpose.SELECT, seed=77)
-    rolled_out = measured_rollouts(load_policy(f"{setup}/base"), scenes)
+    rolled_out = measure_rollouts(load_policy(f"{setup}/base"), scenes)
     limits = best_possible(scenes)
     for k, objective in enumerate(OBJECTIVES):
         room = objective.sign * (limits[:, k] - rolled_out.measured[:, objective.measure])
@@ -106,7 +106,7 @@ def test_a_course_measures_what_the_trajectories_would(setup: str) -> None:
 
 def test_drives_are_those_of_evaluation() -> None:
     policy = load_policy("study_room/base")
-    rolled_out = measured_rollouts(policy, scene_set("study_room", 60, purpose=Purpose.REPORT, seed=4_243))
+    rolled_out = measure_rollouts(policy, scene_set("study_room", 60, purpose=Purpose.REPORT, seed=4_243))
     told = evaluate_policy(policy, n=60, seed=4_243)
     assert rolled_out.success.mean() == pytest.approx(told["success_rate"])
     assert rolled_out.measured[:, 0].mean() == pytest.approx(told["min_human_distance_m"], abs=1e-4)

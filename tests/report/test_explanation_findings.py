@@ -17,7 +17,7 @@ from desirepath.report.explanation_findings import Explained, explained, trials_
 from desirepath.report.explanation_text import explanation_brief, explanation_sections
 from desirepath.report.findings import analyse
 from desirepath.report.made_up_cohorts import CohortError
-from desirepath.report.made_up_rankers import PUBLISHED, RankerCohort, made_up_rankings, noise_for, ranked
+from desirepath.report.made_up_rankers import PUBLISHED, RankerCohort, draw_ranking, made_up_rankings, noise_for
 from desirepath.report.study_data import ImportanceRanking, StudyData
 from desirepath.report.study_report import write_study_report
 
@@ -112,7 +112,7 @@ def test_a_study_with_outlines_alone_has_one_effect() -> None:
 def test_made_up_people_agree_as_well_as_stated(tau: float) -> None:
     random = np.random.default_rng(0)
     scores = random.random((20_000, 5))
-    places = ranked(scores, tau, random)
+    places = draw_ranking(scores, tau, random)
     assert np.mean([stats.kendalltau(-p, s).statistic for p, s in zip(places[:3000], scores, strict=False)]) == (
         pytest.approx(tau, abs=0.02)
     )

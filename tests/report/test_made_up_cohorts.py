@@ -23,7 +23,7 @@ from desirepath.report.made_up_cohorts import (
     read_cohort,
 )
 from desirepath.report.planned_design import Assumed, PlannedDesign
-from desirepath.report.simulated_power import COMPARISONS, analysed, enough, power, rate
+from desirepath.report.simulated_power import COMPARISONS, analyse_simulated, enough, power, rate
 from desirepath_experiments.cohorts.design_cohorts import DESIGNS, design_cohorts
 from desirepath_experiments.cohorts.further_cohorts import CASES, further_cohorts
 from desirepath_experiments.cohorts.known_cohorts import OTHER_ITEM, OTHER_PAIR, OTHER_RANKING, known_cohorts
@@ -42,7 +42,7 @@ DIFFERENT = Cohort(
 
 @pytest.fixture(scope="module")
 def found() -> Findings:
-    return analysed(made_up_study(DIFFERENT, 60, repeats=10, comparisons=COMPARISONS), AnalysisPlan())
+    return analyse_simulated(made_up_study(DIFFERENT, 60, repeats=10, comparisons=COMPARISONS), AnalysisPlan())
 
 
 def test_the_items_that_differ_are_found_and_no_others(found: Findings) -> None:
@@ -85,7 +85,7 @@ def test_the_own_policy_is_found_to_be_preferred(found: Findings) -> None:
 
 
 def test_a_habit_of_taking_the_second_trajectory_shows_in_kappa_not_in_agreement() -> None:
-    habit = analysed(made_up_study(Cohort(second_shown=0.9, steady=0.5), 20), AnalysisPlan())
+    habit = analyse_simulated(made_up_study(Cohort(second_shown=0.9, steady=0.5), 20), AnalysisPlan())
     of = habit.between["first_person", "immersive"]
     assert of.share.mean > 0.8
     assert abs(of.kappa.mean) < 0.15

@@ -13,7 +13,7 @@ from desirepath.report.made_up_rankers import (
     PUBLISHED,
     RankerCohort,
     condition_name,
-    drawn_scores,
+    draw_scores,
     item_texts,
     made_up_rankings,
     noise_for,
@@ -149,7 +149,7 @@ def test_the_noise_of_an_agreement_is_what_it_was_and_ends_at_both_ends() -> Non
 
 def test_scores_are_of_at_most_two_hidden_objects_and_the_greatest_is_one() -> None:
     """None hidden in 65 %, one in 25 %, two in 10 % of trials."""
-    scores = drawn_scores(np.random.default_rng(1), 4_000)
+    scores = draw_scores(np.random.default_rng(1), 4_000)
     assert (scores.max(axis=1) == 1).all()
     assert scores.min() == 0.0
     hidden = np.bincount((scores == 0).sum(axis=1), minlength=3) / 4_000

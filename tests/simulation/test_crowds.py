@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool, recorded
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool, record
 from desirepath.simulation.crowds.crowd_kernels import nearest_wall
 from desirepath.simulation.crowds.crowd_maps import boxes_of, map_of, path_from_anywhere
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, draw_crowd_scene, robot_path
@@ -225,7 +225,7 @@ def test_where_pedestrians_were_is_kept_with_the_scene():
         engine.step(STAND)
         people.append(engine.people_xy[0].copy())
         facing.append(engine.world.facing[0].copy())
-    kept = Scene.from_dict(recorded(scene, np.array(people), np.array(facing)).as_dict())
+    kept = Scene.from_dict(record(scene, np.array(people), np.array(facing)).as_dict())
     for number, one in enumerate(kept.crowd.pedestrians, start=1):
         assert np.abs(one.walk.poses_at([0.4])[0, :2] - people[2][number]).max() < 1e-3
 

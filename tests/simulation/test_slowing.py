@@ -26,7 +26,7 @@ from desirepath.simulation.npz import from_npz, to_npz
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.slowing import Slowing
-from desirepath.study.personalising.live_rollouts import conditioned_on
+from desirepath.study.personalising.live_rollouts import condition_on
 
 FIELD = get_setup("open_field")
 RULE = Slowing(near_m=2.0, free_m=3.0, most=0.3)
@@ -162,7 +162,7 @@ def test_the_field_s_shipped_policy_is_the_trained_one_with_a_rule_and_its_card_
     assert load_conditioned("study_room/conditioned").slowing is None
     for policy in (
         load_policy("open_field/conditioned@slower_near_person=1"),  # commands and comparisons
-        conditioned_on("open_field", {"slower_near_person": 1.0}),  # the step at which weights are set by hand
+        condition_on("open_field", {"slower_near_person": 1.0}),  # the step at which weights are set by hand
     ):
         assert policy.slowing == shipped.slowing
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from desirepath.simulation.scene import Person, Pose, Scene
-from desirepath.simulation.social_metrics import LONGEST_TTC_S, SocialMetrics, joined, social_metrics
+from desirepath.simulation.social_metrics import LONGEST_TTC_S, SocialMetrics, join, social_metrics
 
 DT = 0.2
 SCENE = Scene("open_field", 0, Pose(0.0, 0.0, 0.0), Pose(4.0, 0.0), 0.4, Person(Pose(2.0, 0.0)))
@@ -82,6 +82,6 @@ def test_many_rollouts_of_different_lengths_are_measured_each_for_itself() -> No
         accumulated_angle=np.zeros(2),
         dt=DT,
     )
-    alone = joined([measured(line(0.9)), measured(line(1.5, metres=2.0), success=False)])
+    alone = join([measured(line(0.9)), measured(line(1.5, metres=2.0), success=False)])
     for name, values in vars(both).items():
         assert values == pytest.approx(getattr(alone, name)), name

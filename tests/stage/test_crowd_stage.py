@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from desirepath.explain.shown_explanation import ShownAttention, ShownExplanation
-from desirepath.learning.pedestrians.attended import as_trajectory, attended
+from desirepath.learning.pedestrians.attended import as_trajectory, measure_attention
 from desirepath.learning.pedestrians.crowd_evaluation import roll_out_crowd
 from desirepath.learning.pedestrians.crowd_networks import Actor, actor_acts
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, draw_crowd_scene
@@ -114,7 +114,7 @@ def test_what_a_policy_looks_at_is_drawn_over_time_sectors_in_blue_descriptor_ra
     rolled_out = roll_out_crowd(
         actor_acts(actor), "points_and_groups", draw_crowd_scene("crowd_corridor", 7, PUBLISHED)
     )
-    trajectory, attention = as_trajectory(rolled_out), ShownAttention(*attended(actor, rolled_out))
+    trajectory, attention = as_trajectory(rolled_out), ShownAttention(*measure_attention(actor, rolled_out))
     nothing = ((),) * len(trajectory.poses)
     shown = ShownExplanation((), nothing, outlines=False, lidar=False, attention=attention)
     visitor = visit()

@@ -19,7 +19,7 @@ from desirepath.simulation.scenes import draw_scene
 from desirepath.simulation.setups import get_setup
 from desirepath_stage import bodies, furniture, scene_nodes, surfaces
 from desirepath_stage.glb import Surface, to_glb
-from desirepath_stage.shapes import Shape, ball, box, limb, merged, turned
+from desirepath_stage.shapes import Shape, ball, box, limb, merge, rotate
 from desirepath_stage.views import CLOSEST_M, ViewError, camera_for, frame_of, holds, require_view
 from tests.stage.stage_rig import drive, open_field, study_room
 
@@ -55,7 +55,7 @@ def outward(shape: Shape) -> np.ndarray:
         box((1, 2, 3), (0, 0, 0), (1, 2, 3)),
         ball((0, 0, 1), (0.1, 0.2, 0.3), (1, 2, 3)),
         limb((0, 0, 0), (1, 0.3, 0.2), 0.1, 0.05, (1, 2, 3)),
-        turned([(0.2, 0), (0.2, 1), (0, 1)], (1, 2, 3)),
+        rotate([(0.2, 0), (0.2, 1), (0, 1)], (1, 2, 3)),
         bodies.mannequin(),
         bodies.robot(STUDY_ROOM.robot),
     ],
@@ -110,7 +110,7 @@ def test_from_above_walls_are_cut_so_that_they_hide_nothing() -> None:
 
 def test_glb_is_a_file_that_others_read() -> None:
     trimesh = pytest.importorskip("trimesh")
-    shape = merged([box((1, 1, 1), (0, 0, 0.5), (200, 100, 50)), ball((0, 0, 2), (0.3, 0.3, 0.3), (0, 0, 255))])
+    shape = merge([box((1, 1, 1), (0, 0, 0.5), (200, 100, 50)), ball((0, 0, 2), (0.3, 0.3, 0.3), (0, 0, 255))])
     picture = surfaces.concrete_tile()
     uv = shape.positions[:, :2]
     data = to_glb([Surface(shape), Surface(shape, uv=uv, image=picture, repeat=True, translucent=True)])

@@ -37,7 +37,7 @@ from desirepath.store.query_sets import import_query_set, queries_of, save_query
 from desirepath.store.snapshots import (
     Snapshot,
     SnapshotError,
-    checked_whose,
+    check_whose,
     load_snapshot,
     set_aside_snapshots,
     take_snapshot,
@@ -220,7 +220,7 @@ def test_people_and_simulated_participants_are_mixed_only_on_demand(study: Small
     ]
     assert contents["simulated"].left_out["people"] == 3
     with pytest.raises(SnapshotError, match="answers = 'robots': must be one of people, simulated, all"):
-        checked_whose("robots")
+        check_whose("robots")
 
 
 def test_a_study_of_bots_alone_says_how_to_learn_from_them(study: SmallStudy):

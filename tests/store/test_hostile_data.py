@@ -37,7 +37,7 @@ from desirepath.store.plain_data import (
     MOST_LEVELS,
     TOO_DEEP,
     Unstorable,
-    copied,
+    copy_data,
     dump_json,
     levels_of,
     load_json,
@@ -118,10 +118,10 @@ def test_an_event_too_deep_for_python_is_read_by_its_words(study: SmallStudy, tm
 
 def test_plain_data_are_copied_in_order_without_what_must_not_leave():
     given = {"b": [1, {"token": "x", "a": "y"}, []], "a": None, "deep": nested(5, "z")}
-    allowed = copied(given, text=str.upper, without=lambda key, _: key == "token", most_levels=3)
+    allowed = copy_data(given, text=str.upper, without=lambda key, _: key == "token", most_levels=3)
     assert list(allowed) == ["b", "a", "deep"]
     assert allowed == {"b": [1, {"a": "Y"}, []], "a": None, "deep": {"in": [CUT]}}
-    assert copied("alone") == "alone"
+    assert copy_data("alone") == "alone"
     assert load_json('{"a": [1]}') == {"a": [1]}
 
 

@@ -11,7 +11,7 @@ from sqlalchemy import func, select
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.models import Audit, Participant, Response, Study, Tombstone
-from desirepath.store.retention import RetentionError, checked_day, erase_overdue
+from desirepath.store.retention import RetentionError, check_day, erase_overdue
 from desirepath.store.snapshots import SnapshotError, take_snapshot
 from tests.store.small_study import SmallStudy
 
@@ -19,11 +19,11 @@ NOW = datetime(2026, 11, 21, 10, 0, tzinfo=UTC)
 
 
 def test_a_day_counts_until_its_end_and_not_in_the_past():
-    assert checked_day("", NOW) is None
-    assert checked_day("2026-11-21", NOW) == datetime(2026, 11, 21, 23, 59, 59, tzinfo=UTC)
+    assert check_day("", NOW) is None
+    assert check_day("2026-11-21", NOW) == datetime(2026, 11, 21, 23, 59, 59, tzinfo=UTC)
     for wrong in ("2026-11-20", "21.11.2026", "soon"):
         with pytest.raises(ValueError, match=wrong):
-            checked_day(wrong, NOW)
+            check_day(wrong, NOW)
 
 
 def test_everybody_of_a_study_is_erased_once_its_day_is_over_and_not_before(

@@ -18,7 +18,7 @@ from desirepath.store.dataset import unpacking
 from desirepath.store.dataset.columns import CHECKSUMS_FILE
 from desirepath.store.dataset.importing import import_dataset
 from desirepath.store.dataset.reading import DatasetError, check_files
-from desirepath.store.dataset.unpacking import unpacked
+from desirepath.store.dataset.unpacking import unpack
 from desirepath.store.dataset.writing import export_study
 from tests.store.small_study import SmallStudy
 
@@ -48,7 +48,7 @@ def test_a_zip_is_imported_whatever_the_systems_it_came_by_left_in_it(exported: 
     packed = Path(shutil.make_archive(str(tmp_path / "data"), "zip", root, top))
     fresh = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")
     fresh.migrate()
-    with unpacked(packed) as folder:
+    with unpack(packed) as folder:
         assert not list(folder.rglob(".DS_Store"))
         said = import_dataset(fresh, ArtefactStore((tmp_path / "there").as_uri()), folder)
     assert said["participants"] == 1
@@ -110,10 +110,10 @@ def test_a_zip_that_is_made_to_harm_is_refused_and_leaves_nothing(
     packed = another(exported, tmp_path, change)
     began = sorted(tmp_path.rglob("*"))
     if says is None:
-        with unpacked(packed) as folder:
+        with unpack(packed) as folder:
             check_files(folder)
     else:
-        with pytest.raises(DatasetError, match=says), unpacked(packed):
+        with pytest.raises(DatasetError, match=says), unpack(packed):
             pass
     assert sorted(tmp_path.rglob("*")) == began
 
@@ -124,19 +124,19 @@ def test_what_a_zip_says_of_itself_is_not_believed(exported: Path, tmp_path: Pat
     content = bytearray(packed.read_bytes())
     real, told = (2**24).to_bytes(4, "little"), (1).to_bytes(4, "little")
     packed.write_bytes(content.replace(real, told))
-    with pytest.raises(DatasetError, match="cannot be unpacked"), unpacked(packed):
+    with pytest.raises(DatasetError, match="cannot be unpacked"), unpack(packed):
         pass
     end = content.rindex(b"PK\x05\x06")
     content[end + 12 : end + 16] = (2**31).to_bytes(4, "little")  # of the list of files
     packed.write_bytes(content)
-    with pytest.raises(DatasetError), unpacked(packed):
+    with pytest.raises(DatasetError), unpack(packed):
         pass
     monster = io.BytesIO()
     with zipfile.ZipFile(monster, "w") as out:
         for n in range(unpacking.MOST_DIRECTORY_BYTES // 60_000 + 1):
             out.writestr(f"{n:06}" + "x" * 60_000, b"")
     packed.write_bytes(monster.getvalue())
-    with pytest.raises(DatasetError, match="list of files is longer"), unpacked(packed):
+    with pytest.raises(DatasetError, match="list of files is longer"), unpack(packed):
         pass
 
 
@@ -146,7 +146,7 @@ def test_no_broken_zip_does_more_than_be_refused(exported: Path, tmp_path: Path)
     packed = tmp_path / "data.zip"
     for content in (b"", b"PK", b"PK\x05\x06" + b"\0" * 18, b"text", whole[:-30], whole[: len(whole) // 2]):
         packed.write_bytes(content)
-        with pytest.raises(DatasetError), unpacked(packed):
+        with pytest.raises(DatasetError), unpack(packed):
             pass
     directory = whole.rindex(b"PK\x05\x06") - 40 * 150
     for _ in range(150):
@@ -155,7 +155,7 @@ def test_no_broken_zip_does_more_than_be_refused(exported: Path, tmp_path: Path)
             content[draw.randrange(directory, len(content))] = draw.randrange(256)
         packed.write_bytes(content)
         try:
-            with unpacked(packed) as folder:
+            with unpack(packed) as folder:
                 check_files(folder)
         except DatasetError:
             pass
@@ -163,5 +163,5 @@ def test_no_broken_zip_does_more_than_be_refused(exported: Path, tmp_path: Path)
 
 def test_a_folder_or_a_name_that_is_none_is_given_on(tmp_path: Path) -> None:
     for given in (tmp_path, tmp_path / "nothing"):
-        with unpacked(given) as folder:
+        with unpack(given) as folder:
             assert folder == given

@@ -16,7 +16,6 @@ from desirepath.store.sides import SIDES, chosen_and_rejected, is_side, other_si
 from desirepath.store.snapshots import load_snapshot, take_snapshot
 from desirepath.store.who_counts import (
     GROUPS,
-    asked_for,
     group_of,
     in_group,
     is_asked_for,
@@ -25,6 +24,7 @@ from desirepath.store.who_counts import (
     left_out_of_study,
     lets_us_learn,
     not_left_out,
+    participants_condition,
     reason_not_to_learn,
     same_kind,
 )
@@ -67,7 +67,7 @@ def test_rows_and_queries_agree_about_everybody(everybody: SmallStudy):
         assert codes(everybody, in_group(group)) == there
         assert there
     for whose in ("people", "simulated", "all"):
-        assert codes(everybody, asked_for(whose)) == {
+        assert codes(everybody, participants_condition(whose)) == {
             p.code for p in people if is_asked_for(whose, simulated=p.simulated)
         }
     assert codes(everybody, not_left_out()) == {p.code for p in people if left_out_of_study(p) is None}

@@ -85,7 +85,7 @@ def test_a_rollout_among_people_has_the_attention_of_every_moment_and_comes_back
 
 def test_who_is_looked_at_hardest_by_both_streams_gets_the_whole_score() -> None:
     """The weight is laid on one sector and one ray that really point at somebody; the score is theirs alone."""
-    from desirepath.learning.pedestrians.attended import given_to_people
+    from desirepath.learning.pedestrians.attended import attention_to_people
     from desirepath.learning.pedestrians.crowd_evaluation import CrowdRollout
 
     one = next(one for one in small_attended_set().rollouts if one.scores[-1].max() > 0)
@@ -106,7 +106,7 @@ def test_who_is_looked_at_hardest_by_both_streams_gets_the_whole_score() -> None
     sector, ray = int(bearing / (2 * np.pi) * 30), round(bearing / (2 * np.pi) * 30) % 30
     spatial, temporal = np.full((1, 30), 1e-3), np.full((1, 30), 1e-3)
     spatial[0, sector], temporal[0, ray] = 1.0, 1.0
-    scores = given_to_people(made, spatial, temporal)[0]
+    scores = attention_to_people(made, spatial, temporal)[0]
     assert scores.argmax() == nearest
     assert scores[nearest] == pytest.approx(1.0)
     assert np.delete(scores, nearest).max() < 0.01

@@ -108,8 +108,8 @@ def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = N
         if walk is not None:
             stroke = paths.latest_stroke(s, session.id, step.key)
             scene = paths.scene_of(step)
-            walked = walks.walked_beside(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=False)
-        return strokes.watched(s, walker.files, session, step, playback, walked, now=walker.now)
+            walked = walks.combine_with_walk(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=False)
+        return strokes.mark_watched(s, walker.files, session, step, playback, walked, now=walker.now)
 
 
 def stored_strokes(walker: Walker) -> list[StrokeRow]:
@@ -191,8 +191,8 @@ def test_drawn_again_interrupted_and_sent_twice(walker: Walker):
     first = draw(walker, path(0.7), request_id="the-same-request")
     assert draw(walker, path(0.7), request_id="the-same-request").id == first.id
     assert refusal(lambda: draw(walker, path(0.75))) == "drawn_already"
-    assert walker.do(machine.interrupted, reason="page_loaded", now=walker.now) is True
-    assert walker.do(machine.interrupted, reason="page_loaded", now=walker.now) is False
+    assert walker.do(machine.interrupt, reason="page_loaded", now=walker.now) is True
+    assert walker.do(machine.interrupt, reason="page_loaded", now=walker.now) is False
     assert walker.view.trial["phase"] == "ready"
     act(walker, strokes.roll_out, now=walker.now)
     assert walker.view.trial["playback_id"]

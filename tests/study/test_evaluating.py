@@ -80,7 +80,7 @@ def keep_a_path(walker: Walker) -> None:
     state = walker.view.trial
     walker.later(state["duration_s"] + 0.1)
     with acting(walker.database, walker.token, request="driven", now=walker.now) as (s, session):
-        strokes.watched(s, walker.files, session, drawing_of(session), state["playback_id"], now=walker.now)
+        strokes.mark_watched(s, walker.files, session, drawing_of(session), state["playback_id"], now=walker.now)
     walker.submit(key, {"stroke": state["stroke"]})
 
 

@@ -132,7 +132,7 @@ def test_only_a_simulated_session_may_be_faster(database, files, study):
 
 def test_another_showings_news_is_refused(database, at_trial):
     old = start(at_trial)
-    at_trial.do(machine.interrupted, reason="connection", now=at_trial.now)
+    at_trial.do(machine.interrupt, reason="connection", now=at_trial.now)
     new = start(at_trial)
     assert old.playback_id != new.playback_id
     at_trial.later(60)
@@ -210,7 +210,7 @@ def test_an_interrupted_trial_starts_over_as_often_as_it_happens(database, at_tr
         if drive == "b":
             at_trial.later(60)
             seen(at_trial, "a", play.playback_id)
-        assert at_trial.do(machine.interrupted, reason="reload", now=at_trial.now)
+        assert at_trial.do(machine.interrupt, reason="reload", now=at_trial.now)
         assert at_trial.view.trial["phase"] == "ready"
         assert at_trial.view.trial["restarts"] == times
     told = events(database, at_trial.session.id, "trial_interrupted")
@@ -234,7 +234,7 @@ def test_a_hidden_tab_repeats_only_the_drive_that_was_hidden(at_trial):
 
 def test_a_reload_while_choosing_is_no_second_look(at_trial):
     at_trial.watch("block.01")
-    assert not at_trial.do(machine.interrupted, reason="reload", now=at_trial.now)
+    assert not at_trial.do(machine.interrupt, reason="reload", now=at_trial.now)
     assert at_trial.view.trial["phase"] == "choosing"
 
 

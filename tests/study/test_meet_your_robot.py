@@ -25,7 +25,7 @@ from desirepath.study.kinds.meet_your_robot import MeetYourRobotStage, MeetYourR
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.personalising import believed, next_query
 from desirepath.study.personalising.believed import beyond_nine
-from desirepath.study.personalising.live_rollouts import conditioned_on, looks_at, rolled_out, scenes_of
+from desirepath.study.personalising.live_rollouts import condition_on, looks_at, roll_out, scenes_of
 from desirepath.study.protocol.freezing import freeze, shipped_protocols
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
@@ -308,7 +308,7 @@ def test_where_the_protocol_asks_for_it_what_a_robot_turns_for_is_told_by_things
     assert (planned["kind"], planned["reasons"]) == ("meet_your_robot", True)
     texts = Texts(LOCALES)
     for setup in ("study_room", "open_field"):
-        policy, scene = conditioned_on(setup, {"farther": 1.0}), scenes_of(setup)[0]
-        named = looks_at(policy, rolled_out(policy, scene))
+        policy, scene = condition_on(setup, {"farther": 1.0}), scenes_of(setup)[0]
+        named = looks_at(policy, roll_out(policy, scene))
         assert 0 < len(named) <= 2
         assert all(texts.get(language).knows(f"explanation.things.{one}") for one in named for language in ("en", "de"))

@@ -14,7 +14,7 @@ import yaml
 
 from desirepath.analysis.scale_wordings import SCALES
 from desirepath.analysis.scales import frozen_scale
-from desirepath.grammar.error_words import example_of, parsed
+from desirepath.grammar.error_words import example_of, parse
 from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.source import Source
 from desirepath.installed import PROTOCOLS
@@ -473,7 +473,7 @@ def quick(tmp_path: Path, old: str, new: str) -> dict:
 def test_a_completion_code_stays_as_it_was_written(code):
     """01234567 was read as octal and shown as 342391."""
     text = protocol_text([BLOCK]).replace("completion_code: random", f"completion_code: {code}")
-    debriefing = parsed(Source("protocol.yaml", text), Protocol).stages[-1].stage
+    debriefing = parse(Source("protocol.yaml", text), Protocol).stages[-1].stage
     assert debriefing.completion_code == code.strip("'")
 
 
@@ -482,7 +482,7 @@ def test_a_completion_code_stays_as_it_was_written(code):
 )
 def test_what_is_stored_of_a_choice_is_what_was_written(value):
     text = QUESTIONNAIRE.replace("VALUE", value)
-    item = parsed(Source("q.yaml", text), Questionnaire).items[0]
+    item = parse(Source("q.yaml", text), Questionnaire).items[0]
     assert [option.value for option in item.options] == [value, "other"]
     assert item.when[0].is_ == value
     assert item.text == {"no": value}

@@ -10,7 +10,17 @@ from typing import get_args
 import pytest
 
 from desirepath.store.models import Session
-from desirepath.study.session.states import FINAL, SESSION, STATES, TRIAL, NoSuchChange, Who, after, change, drawn
+from desirepath.study.session.states import (
+    FINAL,
+    SESSION,
+    STATES,
+    TRIAL,
+    NoSuchChange,
+    Who,
+    after,
+    change,
+    draw_diagrams,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -66,5 +76,5 @@ def test_no_other_file_writes_a_sessions_state_or_a_trials_phase():
 
 def test_the_picture_in_the_architecture_is_the_table():
     told = (ROOT / "docs" / "architecture.md").read_text()
-    for diagram in drawn().strip().split("\n\n"):
+    for diagram in draw_diagrams().strip().split("\n\n"):
         assert diagram in told, "put what `python -m desirepath.study.session.states` prints into docs/architecture.md"

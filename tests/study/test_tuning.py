@@ -19,10 +19,10 @@ from desirepath.study.kinds.live import (
     distance,
     in_triangle,
     objectives_on,
-    replayed,
+    replay,
 )
 from desirepath.study.kinds.tuning import STARTED_RANDOMLY
-from desirepath.study.personalising.live_rollouts import PLACES, conditioned_on, path_of, rolled_out, scenes_of
+from desirepath.study.personalising.live_rollouts import PLACES, condition_on, path_of, roll_out, scenes_of
 from desirepath.study.refusals import Refused
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.simulated.participant import Character
@@ -71,15 +71,15 @@ def test_among_people_who_walk_other_weights_are_set_than_beside_one(walk):
 @pytest.mark.parametrize("setup", sorted(PLACES))
 def test_weights_move_the_robot_in_every_place_and_it_goes_on_from_where_it_is(setup):
     for scene in scenes_of(setup):
-        usual, far = (rolled_out(conditioned_on(setup, weights), scene) for weights in ({}, {"farther": 1.0}))
+        usual, far = (roll_out(condition_on(setup, weights), scene) for weights in ({}, {"farther": 1.0}))
         assert path_of(usual).arrives
         assert path_of(far).arrives
         assert path_of(usual).track != path_of(far).track
         half = len(far.poses) // 2
         middle = far.poses[half].tolist()
-        onward = path_of(rolled_out(conditioned_on(setup, {"faster": 1.0}), scene, middle, float(far.times[half])))
+        onward = path_of(roll_out(condition_on(setup, {"faster": 1.0}), scene, middle, float(far.times[half])))
         assert onward.track[0][1:3] == pytest.approx(middle[:2], abs=1e-3)
-        goes_on = rolled_out(conditioned_on(setup, {"farther": 1.0}), scene, middle, float(far.times[half]))
+        goes_on = roll_out(condition_on(setup, {"farther": 1.0}), scene, middle, float(far.times[half]))
         assert goes_on.duration_s == pytest.approx(far.duration_s - far.times[half], abs=0.4), "nobody walks elsewhere"
 
 
@@ -92,7 +92,7 @@ def test_the_answer_is_the_final_vector_with_its_history(walk):
     walker.submit("tuning", {"weights": {"closer": 0.4, "smoother": 1.0}, "history": history})
     value = answer(walker, "tuning").value
     assert (value["start"], value["weights"]) == ({}, {"closer": 0.4, "smoother": 1.0})
-    assert replayed(value["start"], value["history"]) == value["weights"]
+    assert replay(value["start"], value["history"]) == value["weights"]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from desirepath.jobs.comparing import compare_two, evaluate_one
+from desirepath.jobs.comparing import compare_two, evaluate_policy
 from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.kinds import CompareParams, EvaluateParams, RewardModelParams
 from desirepath.jobs.params import Params
@@ -51,7 +51,7 @@ def work_with(services: Services, study: str) -> None:
         begun(update / 1000, {"updates": update, "transitions": 26.0 * update})
     begun.flush()
     _work(services, study, learn_reward_model, RewardModelParams(snapshot=snapshot), "reward_model")
-    _work(services, None, evaluate_one, EvaluateParams(policy="study_room/base", scenes=20), "evaluate")
+    _work(services, None, evaluate_policy, EvaluateParams(policy="study_room/base", scenes=20), "evaluate")
     pair = CompareParams(policy_a="study_room/base", policy_b="study_room/ensemble/1", scenes=30, replays=2)
     _work(services, None, compare_two, pair, "compare")
     log_file(services.settings, queued.id).parent.mkdir(parents=True)

@@ -168,7 +168,7 @@ def test_a_password_given_meanwhile_is_not_replaced_by_who_knew_the_one_before(l
 
     with lab_services.database.session() as s:
         user_id = s.scalars(select(User.id).where(User.name == "experimenter")).one()
-    monkeypatch.setattr(auth, "verified", checked_slowly)
+    monkeypatch.setattr(auth, "verify_password", checked_slowly)
     with pytest.raises(AccountError):
         auth.change_password(lab_services.database, user_id, PASSWORD, "a new long password")
     monkeypatch.undo()

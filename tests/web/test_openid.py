@@ -15,7 +15,7 @@ from desirepath.settings import Settings, SettingsError
 from desirepath.store.models import Audit, Identity, Invitation, SecondFactor, SignInUnderWay, User, utc_now
 from desirepath.web.application import create_application
 from desirepath.web.core import openid, second_factor
-from desirepath.web.core.admission_by_openid import INVITED_ROLES, admitted, free_name
+from desirepath.web.core.admission_by_openid import INVITED_ROLES, free_name, is_admitted
 from desirepath.web.core.openid import OpenId, is_safe
 from desirepath.web.core.sign_ins import COOKIE
 from tests.web import openid_provider
@@ -352,8 +352,8 @@ def test_tokens_go_over_tls_or_stay_on_this_machine(address, safe):
 
 
 def test_names_and_addresses_are_taken_as_they_may_be(lab_services):
-    assert admitted("a@uni.example", {"uni.example"})
-    assert not admitted("a@UNI.example\n", {"uni.example"})
+    assert is_admitted("a@uni.example", {"uni.example"})
+    assert not is_admitted("a@UNI.example\n", {"uni.example"})
     with lab_services.database.session() as s:
         assert [free_name(s, one) for one in ("Ada L.", "", "<b>", "ß", "x")] == [
             "adal.",

@@ -124,7 +124,7 @@ def holm(p: Sequence[float]) -> list[float]:
     return found
 
 
-def corrected(tests: Sequence[Tested], how: Correction) -> list[Tested]:
+def correct_tests(tests: Sequence[Tested], how: Correction) -> list[Tested]:
     """The same tests, in their order, with p corrected for their number."""
     found, least = _corrected([t.p for t in tests], how), _corrected([t.least_p for t in tests], how)
     words = CORRECTION_WORDS[how]
@@ -138,7 +138,7 @@ def _corrected(raw: Sequence[float], how: Correction) -> list[float]:
     return {"holm": holm(raw), "bonferroni": [min(1.0, len(raw) * p) for p in raw], "none": list(raw)}[how]
 
 
-def corrected_pairs(tests: Sequence[Tested], over: int | None, gate: Tested | None) -> list[Tested]:
+def correct_pairs(tests: Sequence[Tested], over: int | None, gate: Tested | None) -> list[Tested]:
     """The tests of all pairs of one item's conditions, corrected for their number and for the number of items.
 
     over: in how many items pairs are tested; None: as the thesis, for these pairs alone (Bonferroni). gate: the item's
@@ -149,7 +149,7 @@ def corrected_pairs(tests: Sequence[Tested], over: int | None, gate: Tested | No
     at most alpha of studies.
     """
     if over is None:
-        return corrected(tests, "bonferroni")
+        return correct_tests(tests, "bonferroni")
     count = len(tests)
     conditions = round((1 + math.sqrt(1 + 8 * count)) / 2)
     factor = over * (count if gate is None else max(1, (conditions - 1) * (conditions - 2) // 2))

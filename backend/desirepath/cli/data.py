@@ -68,11 +68,11 @@ def import_(
 ) -> None:
     """Load an exported data set into this installation, to the same answers."""
     from desirepath.store.dataset.importing import import_dataset
-    from desirepath.store.dataset.unpacking import unpacked
+    from desirepath.store.dataset.unpacking import unpack
     from desirepath.store.places import read_from
 
     database, files = open_store(makes=True)
-    with read_from(folder) as fetched, unpacked(fetched) as data_set:
+    with read_from(folder) as fetched, unpack(fetched) as data_set:
         say(dict(import_dataset(database, files, data_set)), as_json)
 
 

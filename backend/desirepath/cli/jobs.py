@@ -9,7 +9,7 @@ import typer
 from sqlalchemy import select
 
 from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say
-from desirepath.cli.science import parsed_settings, run_job
+from desirepath.cli.science import parse_settings, run_job
 from desirepath.cli.study import open_store
 from desirepath.store.models import Job
 
@@ -39,7 +39,7 @@ def start(
     as_json: JsonFlag = False,
 ) -> None:
     """Start a job and wait for its result: what the analysts' pages show as the command behind an artefact."""
-    run_job(kind, parsed_settings(settings), None, as_json)
+    run_job(kind, parse_settings(settings), None, as_json)
 
 
 @commands.command("list")

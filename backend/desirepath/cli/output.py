@@ -26,7 +26,7 @@ from rich.table import Table
 from desirepath.collecting import interrupt_raises
 from desirepath.os_errors import in_words
 from desirepath.settings import get_settings
-from desirepath.store.scrubbing import scrubbed
+from desirepath.store.scrubbing import scrub
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 # How a bot's answers stray from its preference (backend/desirepath/learning/preferences/oracles.py, ResponseModel).
@@ -64,7 +64,7 @@ def log_to_stderr() -> None:
         plain: Any = structlog.stdlib.ProcessorFormatter(
             processors=[
                 structlog.stdlib.ProcessorFormatter.remove_processors_meta,
-                scrubbed,
+                scrub,
                 structlog.processors.JSONRenderer(default=str),
             ],
             foreign_pre_chain=[
@@ -85,7 +85,7 @@ def log_to_stderr() -> None:
             structlog.processors.add_log_level,
             structlog.processors.TimeStamper(fmt="iso", utc=True),
             structlog.processors.format_exc_info,
-            scrubbed,
+            scrub,
             structlog.processors.JSONRenderer(default=str) if as_json else in_words,
         ],
         logger_factory=lambda *_names: structlog.PrintLogger(file=sys.stderr),

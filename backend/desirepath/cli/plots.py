@@ -92,11 +92,11 @@ def explain(
 ) -> None:
     """Show what a policy's lidar saw and how much each thing moved its command (PNG, SVG, CSV)."""
     from desirepath.explain.explanation_files import explanation_files
-    from desirepath.explain.methods import checked
+    from desirepath.explain.methods import check_method
     from desirepath.learning.policies.policy import network_of
     from desirepath.learning.policies.torch_actor import actor_of
 
-    which, what = checked(method, command)
+    which, what = check_method(method, command)
     found = network_of(find_policy(policy))
     shown = _scene({policy: found}, None, scene)
     made = explanation_files(

@@ -54,14 +54,14 @@ def report(
     from desirepath.report.analysis_plan import read_plan
     from desirepath.report.study_report import write_study_report
     from desirepath.report.tidy_tables import read_folder, read_study
-    from desirepath.store.dataset.unpacking import unpacked
+    from desirepath.store.dataset.unpacking import unpack
     from desirepath.store.models import Study
-    from desirepath.store.snapshots import checked_whose
+    from desirepath.store.snapshots import check_whose
 
-    chosen, used = checked_whose(who), read_plan(plan) if plan is not None else None
+    chosen, used = check_whose(who), read_plan(plan) if plan is not None else None
     command = f"desirepath report STUDY --who {who}{' --plan FILE' if plan is not None else ''}"
     learned: list[PolicyRow] = []
-    with unpacked(Path(study)) as folder:
+    with unpack(Path(study)) as folder:
         if folder.is_dir():
             if policies:
                 raise ValueError("--policies: learns from a study of this installation; import the data set first")
@@ -95,7 +95,7 @@ def _learned(
 ) -> list[PolicyRow]:
     """A policy per view and reward model, and the base policy, each rolled out in the same scenes; what is there
     already is used."""
-    from desirepath.cli.science import checked_params, jobs_at_hand
+    from desirepath.cli.science import check_params, jobs_at_hand
     from desirepath.report.policy_table import BASE, PolicyRow
     from desirepath.store.snapshots import take_snapshot
 
@@ -103,7 +103,7 @@ def _learned(
     setup = ""
     aligning = {"comparisons": 0, "recipe": recipe, "hold_out": FOLDS}
     for model in models:  # what cannot be asked is refused before any answers are frozen
-        checked_params("align", aligning | {"model": model}, takes=True)
+        check_params("align", aligning | {"model": model}, takes=True)
     with jobs_at_hand() as finished:
 
         def done(kind: str, params: dict[str, Any]) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def base(
     as_json: JsonFlag = False,
 ) -> None:
     """Train a base policy from scratch."""
-    run_job("train_base", {"setup": setup, "seed": seed, **parsed_settings(more)}, out, as_json)
+    run_job("train_base", {"setup": setup, "seed": seed, **parse_settings(more)}, out, as_json)
 
 
 @train.command()
@@ -74,7 +74,7 @@ def ensemble(
     as_json: JsonFlag = False,
 ) -> None:
     """Train an ensemble whose members behave differently."""
-    run_job("ensemble", {"base": base_policy, "seed": seed, **parsed_settings(more)}, None, as_json)
+    run_job("ensemble", {"base": base_policy, "seed": seed, **parse_settings(more)}, None, as_json)
 
 
 @train.command("reward-model")
@@ -90,7 +90,7 @@ def reward_model(
 ) -> None:
     """Learn a reward model from answers, with its accuracy on answers it did not see."""
     taking = _snapshot(study, snapshot, answers)
-    run_job("reward_model", {"seed": seed, **parsed_settings(more)}, out, as_json, taking)
+    run_job("reward_model", {"seed": seed, **parse_settings(more)}, out, as_json, taking)
 
 
 @train.command()
@@ -109,7 +109,7 @@ def align(
 ) -> None:
     """Turn answers into a policy."""
     taking = _snapshot(study, snapshot, answers)
-    run_job("align", {"recipe": recipe, "seed": seed, **parsed_settings(more)}, out, as_json, taking)
+    run_job("align", {"recipe": recipe, "seed": seed, **parse_settings(more)}, out, as_json, taking)
 
 
 @train.command()
@@ -140,13 +140,13 @@ def demonstrations(
     from desirepath.store.demonstration_snapshots import take_demonstrations
     from desirepath.store.models import Participant
     from desirepath.store.simulated_demonstrations import take_simulated_demonstrations
-    from desirepath.store.snapshots import checked_whose
+    from desirepath.store.snapshots import check_whose
 
     if answers is not None and (study is None or participant is not None):
         raise ValueError(f"--answers {answers}: chooses among all of a study; it needs --study and no --participant")
     if sum(given is not None for given in (study, style, snapshot)) != 1:
         raise ValueError("give one of --study, --style and --snapshot")
-    whose = checked_whose(answers or "people")
+    whose = check_whose(answers or "people")
 
     def taking(s: Session, files: ArtefactStore) -> str:
         if snapshot is not None:
@@ -165,7 +165,7 @@ def demonstrations(
             s, files, study_id=study or "", environment=environment, participant_id=one, whose=whose
         ).id
 
-    params = {"seed": seed, **parsed_settings(more)}
+    params = {"seed": seed, **parse_settings(more)}
     run_job("train_demonstrations", params, out, as_json, taking, makes=style is not None)
 
 
@@ -181,7 +181,7 @@ def generate(
 ) -> None:
     """Make queries from an ensemble's trajectories."""
     members = [f"{setup}/ensemble/{k}" for k in range(4)]
-    run_job("queries", {"members": members, "count": count, "seed": seed, **parsed_settings(more)}, out, as_json)
+    run_job("queries", {"members": members, "count": count, "seed": seed, **parse_settings(more)}, out, as_json)
 
 
 @queries.command()
@@ -238,7 +238,7 @@ def find_policy(reference: str) -> DrivingPolicy:
     return policy_conditioned_on(content, reference)
 
 
-def parsed_settings(more: list[str] | None) -> dict[str, Any]:
+def parse_settings(more: list[str] | None) -> dict[str, Any]:
     """`name=value` words; values are JSON where they can be, text otherwise."""
     parsed: dict[str, Any] = {}
     for word in more or []:
@@ -254,7 +254,7 @@ def parsed_settings(more: list[str] | None) -> dict[str, Any]:
 
 def _snapshot(study: str | None, snapshot: str | None, answers: str | None) -> Taking:
     """Where a job's snapshot comes from, checked as far as it can be before anything is looked at."""
-    from desirepath.store.snapshots import checked_whose, take_snapshot
+    from desirepath.store.snapshots import check_whose, take_snapshot
 
     if (study is None) == (snapshot is None):
         raise ValueError("give either --study or --snapshot")
@@ -262,7 +262,7 @@ def _snapshot(study: str | None, snapshot: str | None, answers: str | None) -> T
         if answers is not None:
             raise ValueError(f"--answers {answers}: chooses from a study; the answers of a snapshot are chosen already")
         return lambda _s, _files: snapshot
-    whose = checked_whose(answers or "people")
+    whose = check_whose(answers or "people")
     return lambda s, files: take_snapshot(s, files, study_id=study, whose=whose).id
 
 
@@ -296,7 +296,7 @@ class Finishing(Protocol):
     ) -> tuple[str, dict[str, Any]]: ...
 
 
-def checked_params(kind: str, params: Mapping[str, Any], *, takes: bool) -> Params:
+def check_params(kind: str, params: Mapping[str, Any], *, takes: bool) -> Params:
     """A job's parameters, read. takes: its snapshot is still to be taken, and stands as `NOT_TAKEN`. Raises
     JobParamsError."""
     from desirepath.jobs.kinds import get_kind
@@ -312,7 +312,7 @@ def jobs_at_hand(*, makes: bool = True) -> Iterator[Finishing]:
 
     def finished(kind: str, params: dict[str, Any], taking: Taking | None = None) -> tuple[str, dict[str, Any]]:
         with working(f"{kind}: looking at what it needs"):
-            parsed = checked_params(kind, params, takes=taking is not None)
+            parsed = check_params(kind, params, takes=taking is not None)
             from desirepath.jobs.kept_artefacts import find_artefact
             from desirepath.jobs.kinds import named_artefacts
             from desirepath.store.outbox import enqueue_job
@@ -332,7 +332,7 @@ def jobs_at_hand(*, makes: bool = True) -> Iterator[Finishing]:
                     named.append(find_artefact(s, asked["snapshot"], kept))
                 study = next((one.study_id for one in named if one.study_id is not None), None)
                 job = enqueue_job(s, kind, asked, study_id=study, created_by=COMMAND_LINE).id
-        state, result, error = followed(database, job, own_worker)
+        state, result, error = follow_job(database, job, own_worker)
         if state != "succeeded":
             raise RuntimeError(f"job {job} {state}: {error or 'no reason given'}")
         return job, result
@@ -345,7 +345,7 @@ def jobs_at_hand(*, makes: bool = True) -> Iterator[Finishing]:
             worker.wait(30)
 
 
-def followed(
+def follow_job(
     database: Database, job: str, own_worker: list[subprocess.Popen[bytes]]
 ) -> tuple[str, dict[str, Any], str | None]:
     """Follow a job to its end; one more worker is started, and put into `own_worker`, if nobody takes the job up.

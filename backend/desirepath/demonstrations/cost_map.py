@@ -119,7 +119,7 @@ def cheapest_path(grid: Grid, costs: Doubles, start: Pose, *, longest_m: float =
     return np.array(grid.origin) + CELL_M * np.array(path, dtype=float)
 
 
-def smoothed(path: Doubles) -> Doubles:
+def smooth(path: Doubles) -> Doubles:
     """(m, 2) points EVERY_M apart along a path (n, 2) without its corners; both ends stay where they are."""
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
     places = np.linspace(0.0, along[-1], max(10, round(along[-1] / EVERY_M)))

@@ -135,7 +135,7 @@ def commands_along(spline: PathSpline, *, begin_m: float = 0.0) -> Doubles:
     return np.stack([forward, forward * turns / (forward * CONTROL_DT_S)], axis=1)
 
 
-def executed(start: Pose, commands: Doubles) -> Doubles:
+def execute(start: Pose, commands: Doubles) -> Doubles:
     """(T + 1, 3) poses of a robot that executes commands (T, 2) in empty space."""
     poses = np.empty((len(commands) + 1, 3))
     poses[0] = start.x, start.y, start.yaw
@@ -159,7 +159,7 @@ def demonstration_from(stroke: Stroke, scene: Scene, *, seed: int | None = None,
     setup = get_setup(scene.setup)
     commands = commands_along(spline)
     start = _pose_on(spline, 0.0)
-    poses = executed(start, commands)
+    poses = execute(start, commands)
     _check_turns(setup, poses, commands)
     _check_free(scene, spline)
     if len(commands) > setup.max_steps:
@@ -182,7 +182,7 @@ def demonstration_from(stroke: Stroke, scene: Scene, *, seed: int | None = None,
     return Demonstration(stroke, scene, spline, commands, trajectory, seed, style)
 
 
-def augmented(demonstration: Demonstration, n: int = AUGMENTED) -> list[Trajectory]:
+def augment(demonstration: Demonstration, n: int = AUGMENTED) -> list[Trajectory]:
     """The rollout `n` times, the j-th begun j / n of a step further along the spline (ch. 2, step 7).
 
     The first is the demonstration's own. A shifted one that would touch something is left out.

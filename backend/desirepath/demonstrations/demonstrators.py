@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.demonstrations.cost_map import cheapest_path, cost_to_go, free_grid, smoothed
+from desirepath.demonstrations.cost_map import cheapest_path, cost_to_go, free_grid, smooth
 from desirepath.demonstrations.demonstration import Demonstration, demonstration_from
 from desirepath.demonstrations.stroke import Stroke, StrokeProblem
 from desirepath.simulation.scene import Scene, SceneError
@@ -112,7 +112,7 @@ def draw_stroke(style: str, scene: Scene, seed: int) -> Stroke:
         raise StrokeProblem("collides", "no way is free for this demonstrator", start, thing="wall")
     path = cheapest_path(grid, costs, scene.start)
     path = np.concatenate([start[None], path[1:-1], [[scene.goal.x, scene.goal.y]]])
-    path = smoothed(path)
+    path = smooth(path)
     random = np.random.default_rng([seed, *style.encode()])
     path = path + _unsteady(path, random)
     steps = np.linalg.norm(np.diff(path, axis=0), axis=1)

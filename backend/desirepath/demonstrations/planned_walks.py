@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.demonstrations.cost_map import Grid, cheapest_path, cost_to_go, free_grid, smoothed
+from desirepath.demonstrations.cost_map import Grid, cheapest_path, cost_to_go, free_grid, smooth
 from desirepath.simulation.scene import Person, Pose, Scene, SceneError
 from desirepath.simulation.scenes import check_scene
 from desirepath.simulation.setups import get_setup
@@ -51,7 +51,7 @@ def walking_scene(scene: Scene, mode: str, seed: int) -> Scene:
         path = cheapest_path(grid, costs, Pose(*begin))
         if not math.isfinite(costs[grid.cell(*begin)]) or len(path) < 3:
             continue
-        walk = _walked(smoothed(path), float(np.clip(random.normal(*SPEED_M_S), *SPEED_LIMITS_M_S)))
+        walk = _walked(smooth(path), float(np.clip(random.normal(*SPEED_M_S), *SPEED_LIMITS_M_S)))
         walked = replace(scene, walk=walk, person=Person(Pose(*map(float, walk.poses_at([0.0])[0]))))
         try:
             check_scene(walked)
@@ -83,7 +83,7 @@ def record_walk(scene: Scene, duration_s: float, seed: int) -> tuple[NDArray[np.
         path = np.concatenate([begin[None], cheapest_path(grid, costs, scene.person.pose)[1:]])
         if len(path) < 3:
             continue
-        walk = _walked(smoothed(path), float(np.clip(random.normal(*SPEED_M_S), *SPEED_LIMITS_M_S)))
+        walk = _walked(smooth(path), float(np.clip(random.normal(*SPEED_M_S), *SPEED_LIMITS_M_S)))
         times = np.arange(0.0, duration_s + RECORDED_EVERY_S, RECORDED_EVERY_S)
         return times, walk.poses_at(times)
     raise SceneError("person", scene.person.pose, f"no way found from there in {TRIES} tries; use another seed")

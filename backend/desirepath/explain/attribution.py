@@ -16,7 +16,7 @@ from captum.attr import IntegratedGradients, NoiseTunnel, Saliency
 from numpy.typing import NDArray
 from torch import Tensor
 
-from desirepath.explain.methods import COMMANDS, Command, Method, checked
+from desirepath.explain.methods import COMMANDS, Command, Method, check_method
 from desirepath.explain.sight import AHEAD, FAR, GOAL, PERSON, Sight
 from desirepath.simulation.fast import Floats
 from desirepath.simulation.setups import Setup
@@ -57,7 +57,7 @@ def attribute(
     Integrated Gradients add up to the command's difference from the baseline (`baseline`). `seed`: SmoothGrad's noise.
     Raises AttributionError for an unknown method or command.
     """
-    checked(method, command)
+    check_method(method, command)
     index = COMMANDS.index(command)
     inputs = torch.from_numpy(np.ascontiguousarray(observations)).requires_grad_(True)
     found: Tensor

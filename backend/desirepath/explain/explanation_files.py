@@ -51,7 +51,7 @@ def explanation_files(
     at_s: the moment of the picture, seconds; None: where the robot slowed down most, or turned most. Raises
     AttributionError for a moment outside the trajectory, SetupError for a policy without lidar.
     """
-    from desirepath.explain.scene_plots import encoded  # matplotlib is slow to import
+    from desirepath.explain.scene_plots import encode_figure  # matplotlib is slow to import
 
     trajectory = rollout(get_setup(scene.setup), act, [scene])[0]
     sight = sight_of(trajectory)
@@ -81,8 +81,8 @@ def explanation_files(
     if command == "speed" and commands[max(step - 1, 0)] - commands[step] < LEAST_CHANGE * (fastest - slowest):
         numbers["note"] = NOTE
     files = {
-        "explanation.png": encoded(figure, "png", about),
-        "explanation.svg": encoded(figure, "svg", about),
+        "explanation.png": encode_figure(figure, "png", about),
+        "explanation.svg": encode_figure(figure, "svg", about),
         "explanation.csv": table_bytes(COLUMNS, _rows(trajectory, sight, explained, commands)),
     }
     return FigureFiles(files, numbers)

@@ -66,8 +66,8 @@ def flow_files(
         raise ValueError(f"policies: {len(fields)} given; a flow-field figure shows one or two")
     about = f"flow field, {setup.name} scene {scene.seed}, cells of {cell_m} m: " + ", ".join(n for n, _ in policies)
     pictures = {
-        "flow_field.png": scene_plots.encoded(figure, "png", about),
-        "flow_field.svg": scene_plots.encoded(figure, "svg", about),
+        "flow_field.png": scene_plots.encode_figure(figure, "png", about),
+        "flow_field.svg": scene_plots.encode_figure(figure, "svg", about),
     }
     return FigureFiles({**pictures, **tables}, numbers)
 
@@ -98,8 +98,8 @@ def starts_files(
     }
     columns = ("policy", "start", "time_s", "x_m", "y_m", "yaw_rad", "outcome")
     files = {
-        "trajectories.png": scene_plots.encoded(figure, "png", about),
-        "trajectories.svg": scene_plots.encoded(figure, "svg", about),
+        "trajectories.png": scene_plots.encode_figure(figure, "png", about),
+        "trajectories.svg": scene_plots.encode_figure(figure, "svg", about),
         "trajectories.csv": table_bytes(columns, _poses(rollouts)),
     }
     return FigureFiles(files, numbers)

@@ -15,7 +15,7 @@ class AttributionError(ValueError):
     """An explanation that cannot be made; names the field, the value and what would work."""
 
 
-def checked(method: str, command: str) -> tuple[Method, Command]:
+def check_method(method: str, command: str) -> tuple[Method, Command]:
     """The same, if they are known. Raises AttributionError that names those that are."""
     for field, value, known in (("method", method, METHODS), ("command", command, COMMANDS)):
         if value not in known:

@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from desirepath.csv_text import csv_text
-from desirepath.explain.scene_plots import LINE, encoded
+from desirepath.explain.scene_plots import LINE, encode_figure
 
 Rows = list[dict[str, object]]
 
@@ -33,8 +33,8 @@ class Picture:
         """PNG, SVG and CSV; the paths written."""
         folder.mkdir(parents=True, exist_ok=True)
         paths = [folder / f"{self.name}.{form}" for form in ("png", "svg", "csv")]
-        paths[0].write_bytes(encoded(self.figure, "png", self.title))
-        paths[1].write_bytes(encoded(self.figure, "svg", self.title))
+        paths[0].write_bytes(encode_figure(self.figure, "png", self.title))
+        paths[1].write_bytes(encode_figure(self.figure, "svg", self.title))
         write_csv(paths[2], self.rows)
         return paths
 

@@ -45,7 +45,7 @@ class Section:
     pictures: Sequence[Shown] = ()
 
 
-def shown_picture(picture: Picture, folder: Path) -> Shown:
+def embed_picture(picture: Picture, folder: Path) -> Shown:
     """A figure that was saved to `folder`, to be put into the page."""
     return {
         "name": picture.name,

@@ -140,7 +140,7 @@ def _around(extent: Extent, trajectories: Sequence[Trajectory]) -> Extent:
     return min(left, float(low[0])), max(right, float(high[0])), min(bottom, float(low[1])), max(top, float(high[1]))
 
 
-def encoded(figure: Figure, form: Literal["png", "svg"], about: str) -> bytes:
+def encode_figure(figure: Figure, form: Literal["png", "svg"], about: str) -> bytes:
     """The figure as a file that says in its metadata what it is about; the same figure always gives the same bytes."""
     out = io.BytesIO()
     with mpl.rc_context(STYLE):

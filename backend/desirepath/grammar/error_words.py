@@ -23,7 +23,7 @@ Schema = dict[str, Any]
 MOST_PROBLEMS = 200  # of a file (ours); nobody reads more
 
 
-def parsed(source: Source, model: type[M], *, strict: bool = True) -> M:
+def parse(source: Source, model: type[M], *, strict: bool = True) -> M:
     """The file as that model. Raises ProtocolError with every problem. strict: a number in quotes is none, nor is `yes`
     true; otherwise they are, as in files of before."""
     found, problems = read_as(source, model, strict=strict)
@@ -110,7 +110,7 @@ def _in_words(error: Any, path: yaml_source.Path, model: type[BaseModel], source
     return said[0].lower() + said[1:]
 
 
-def wanted_in_json(error: Any) -> str:
+def describe_expected_json(error: Any) -> str:
     """What a value in JSON would have to be, of one of Pydantic's errors."""
     if error["type"] == "missing":
         return "must be given"

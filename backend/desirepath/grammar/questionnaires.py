@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
-from desirepath.grammar.error_words import parsed
+from desirepath.grammar.error_words import parse
 from desirepath.grammar.parts import Localized, Part, Slug, Value, an_example
 from desirepath.grammar.skipping import ItemWhen
 from desirepath.grammar.source import Source
@@ -118,4 +118,4 @@ class Questionnaire(Part):
 
 def frozen_questionnaire(file: str, content: str) -> Questionnaire:
     """A study's own copy of a questionnaire; the items of scales lie beside it. Raises ProtocolError."""
-    return parsed(Source(file, content), Questionnaire, strict=False)
+    return parse(Source(file, content), Questionnaire, strict=False)

@@ -16,7 +16,7 @@ class NotUtf8Error(ValueError):
         super().__init__(f"is not UTF-8 text (looks like {encoding}): save it as UTF-8")
 
 
-def decoded(content: bytes) -> str:
+def decode_utf8(content: bytes) -> str:
     """The text. Raises NotUtf8Error."""
     try:
         text = content.decode("utf-8-sig")
@@ -35,4 +35,4 @@ def as_text(pasted: str) -> str:
 
 def read_text(file: Path) -> str:
     """A file's text. Raises OSError, or NotUtf8Error."""
-    return decoded(file.read_bytes())
+    return decode_utf8(file.read_bytes())

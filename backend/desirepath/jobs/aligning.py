@@ -16,7 +16,7 @@ import structlog
 
 from desirepath.jobs.alignment import REGISTRY, AlignParams, ConditionedAlignParams
 from desirepath.jobs.answers import (
-    described,
+    describe_model,
     earlier_people,
     fit_of,
     keep_reward_model,
@@ -34,7 +34,7 @@ from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.stand_ins import stand_in_name, stand_in_policy
 from desirepath.learning.preferences.objectives import preference_weights
 from desirepath.learning.queries.queries import QueryConfig, flaw, look_alike
-from desirepath.learning.rewards.held_out import accuracy, predicted_in_new_scenes
+from desirepath.learning.rewards.held_out import accuracy, predict_in_new_scenes
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup, require_same
@@ -67,11 +67,11 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     model_name = params.model_name
     fit = fit_of(model_name, "sum", params.seed, params.symmetry)
     model = fit(preferences)
-    fitted = {"training_accuracy": accuracy(model, preferences), "answers": len(preferences), **described(model)}
+    fitted = {"training_accuracy": accuracy(model, preferences), "answers": len(preferences), **describe_model(model)}
     predicted = prediction_of(answers, of_participant, model_name, seed=params.seed, symmetry=params.symmetry).as_dict()
     fitted["predicted"] = predicted
     if params.hold_out:
-        held_out = predicted_in_new_scenes(preferences, fit, folds=max(2, params.hold_out), seed=params.seed)
+        held_out = predict_in_new_scenes(preferences, fit, folds=max(2, params.hold_out), seed=params.seed)
         fitted["held_out"] = asdict(held_out)
     reward_model = keep_reward_model(context, params, answers, model, name=model_name, reduction="sum", results=fitted)
     context.progress(0.03)

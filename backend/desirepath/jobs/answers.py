@@ -19,7 +19,7 @@ from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from desirepath.learning.preferences.population_prior import EarlierPerson, prior_of_earlier
 from desirepath.learning.preferences.posterior import PosteriorConfig
-from desirepath.learning.preferences.predictive_check import PredictiveCheck, checked_answers
+from desirepath.learning.preferences.predictive_check import PredictiveCheck, check_answers
 from desirepath.learning.preferences.preferences import Preference, usable
 from desirepath.learning.rewards.held_out import CHANCE, Prediction, majority_share, predictions
 from desirepath.learning.rewards.kinds import FITTINGS
@@ -129,7 +129,7 @@ def posterior_of_person(
         return None
     mirrored = symmetry == "left_right"
     pairs = [(one.chosen, one.rejected) for one in kept]
-    return checked_answers(
+    return check_answers(
         PairDifferences.of(setup.name, pairs, left_right_symmetry=mirrored),
         np.ones(len(kept), dtype=np.bool_),
         FreeConfig(posterior=PosteriorConfig(left_right_symmetry=mirrored)),
@@ -156,7 +156,7 @@ def earlier_people(context: JobContext, snapshots: str, setup: str, symmetry: st
     return found
 
 
-def described(model: RewardModel) -> dict[str, Any]:
+def describe_model(model: RewardModel) -> dict[str, Any]:
     """Which kind of model it became, and what the answers were about, where it can say so."""
     importance = model.importance()
     return {"kind": model.kind} | ({"importance": importance} if importance else {})

@@ -16,12 +16,12 @@ from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.simulation.fast import EPISODE_COLUMNS, EpisodeTable, rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup, require_same
-from desirepath.simulation.social_metrics import joined
+from desirepath.simulation.social_metrics import join
 
 SCENES_AT_ONCE = 500  # the bar moves, and a cancel is heeded between two batches
 
 
-def evaluate_one(context: JobContext, params: EvaluateParams) -> dict[str, Any]:
+def evaluate_policy(context: JobContext, params: EvaluateParams) -> dict[str, Any]:
     """One policy on `params.scenes` fresh scenes; keeps an evaluation with one row per scene."""
     artefact, policy = load_any_policy(context, params.policy)
     scenes = _scenes(policy.setup, params.scenes, params.seed)
@@ -127,7 +127,7 @@ def concatenated(tables: list[EpisodeTable]) -> EpisodeTable:
     if len(tables) == 1:
         return tables[0]
     arrays = {name: np.concatenate([getattr(table, name) for table in tables]) for name in EPISODE_COLUMNS}
-    return EpisodeTable(**arrays, social=joined([table.social for table in tables]), dt=tables[0].dt)
+    return EpisodeTable(**arrays, social=join([table.social for table in tables]), dt=tables[0].dt)
 
 
 def _rows(scenes: list[Scene], tables: list[EpisodeTable]) -> dict[str, Any]:

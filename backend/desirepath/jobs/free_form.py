@@ -16,7 +16,7 @@ from desirepath.jobs.context import JobContext
 from desirepath.learning.alignment.gate import at_gate
 from desirepath.learning.alignment.mix_search import SCENES_SEED, MixSearchConfig
 from desirepath.learning.alignment.never_worse import PersonalVerdict, better_for_person
-from desirepath.learning.alignment.own_policy import searched
+from desirepath.learning.alignment.own_policy import search_policy
 from desirepath.learning.alignment.policy_library import best_of
 from desirepath.learning.cards import DEPARTURES
 from desirepath.learning.policies.policy import Policy
@@ -56,7 +56,7 @@ def free_form(
     scenes = {}
     if searched_behind:
         search = MixSearchConfig(seed=params.seed)
-        own = searched(
+        own = search_policy(
             library, place, (conditioned, base), basis, (believed, steps), search, context.progress.part(0.3, 0.9)
         )
         policy = own.policy

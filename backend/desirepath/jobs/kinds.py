@@ -48,11 +48,11 @@ def _checked_weights(words: str) -> str:
     """Raises ValueError saying what no policy can be conditioned on."""
     from desirepath.learning.adaptable.objectives import NAMES
     from desirepath.learning.errors import OppositeWeights
-    from desirepath.learning.policies.adaptable import parsed_preference
-    from desirepath.learning.preferences.objectives import parsed_weights
+    from desirepath.learning.policies.adaptable import parse_preference
+    from desirepath.learning.preferences.objectives import parse_weights
 
     try:
-        (parsed_preference if words.partition("=")[0].strip() in NAMES else parsed_weights)(words)
+        (parse_preference if words.partition("=")[0].strip() in NAMES else parse_weights)(words)
     except OppositeWeights as wrong:  # of a type of its own, so that forms say it in their language
         raise PydanticCustomError("opposites", "{message}", {"message": str(wrong)}) from None
     return words

@@ -332,7 +332,7 @@ def watch(database: Database, job_id: str, process: subprocess.Popen[bytes], att
     another worker has it."""
     beat = time.monotonic()
     while True:
-        code = ended(process, POLL_S)
+        code = exit_code(process, POLL_S)
         if code is not None:
             return code
         if patiently(lambda: _must_end(database, job_id, attempt)):
@@ -352,7 +352,7 @@ def _must_end(database: Database, job_id: str, attempt: str | None) -> bool:
         return job is None or job.state == "cancelling" or not holds(job, attempt)
 
 
-def ended(process: subprocess.Popen[bytes], wait_s: float) -> int | None:
+def exit_code(process: subprocess.Popen[bytes], wait_s: float) -> int | None:
     """The job's exit code: what a standing process tells, else the process's own. None: not yet."""
     if process.stdout is None:
         with contextlib.suppress(subprocess.TimeoutExpired):

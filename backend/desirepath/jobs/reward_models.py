@@ -6,7 +6,14 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from desirepath.jobs.answers import described, fit_of, keep_reward_model, prediction_of, preferences_of, snapshot_of
+from desirepath.jobs.answers import (
+    describe_model,
+    fit_of,
+    keep_reward_model,
+    prediction_of,
+    preferences_of,
+    snapshot_of,
+)
 from desirepath.jobs.context import JobContext
 from desirepath.jobs.kinds import RewardModelParams
 from desirepath.learning.errors import TooFewAnswers
@@ -34,7 +41,7 @@ def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[s
         "predicted": prediction_of(
             answers, of_participant, params.model, reduction=params.reduction, seed=params.seed
         ).as_dict(),
-        **described(model),
+        **describe_model(model),
     }
     kept = keep_reward_model(
         context, params, answers, model, name=params.model, reduction=params.reduction, results=result

@@ -18,7 +18,7 @@ def run_kind(context: JobContext, params: Params) -> dict[str, Any]:
         case kinds.RewardModelParams():
             return reward_models.learn_reward_model(context, params)
         case kinds.EvaluateParams():
-            return comparing.evaluate_one(context, params)
+            return comparing.evaluate_policy(context, params)
         case kinds.CompareParams():
             return comparing.compare_two(context, params)
         case kinds.TrainBaseParams():

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from desirepath.analysis.tested import Correction
-from desirepath.grammar.error_words import parsed
+from desirepath.grammar.error_words import parse
 from desirepath.grammar.source import Source, file_text
 
 Metric = Literal["path_length", "time", "mean_speed", "accumulated_angle", "min_human_distance", "path_area"]
@@ -98,4 +98,4 @@ def _in_words(value: object) -> str:
 
 def read_plan(file: Path) -> AnalysisPlan:
     """A plan written by itself as YAML. Raises ProtocolError naming the field, what it holds and what would work."""
-    return parsed(Source(file.name, file_text(file)), AnalysisPlan)
+    return parse(Source(file.name, file_text(file)), AnalysisPlan)

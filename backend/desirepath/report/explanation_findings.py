@@ -18,9 +18,9 @@ from desirepath.analysis.anova import Assumptions, assumptions, rm_anova
 from desirepath.analysis.factorial import Factorial
 from desirepath.analysis.intervals import within
 from desirepath.analysis.rank_agreement import kendall_tau_b
-from desirepath.analysis.tested import Mean, Tested, corrected, mean_of
+from desirepath.analysis.tested import Mean, Tested, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.rating_findings import Measure, named
+from desirepath.report.rating_findings import Measure, name_in_words
 from desirepath.report.study_data import ImportanceRanking, ItemText
 
 FACTORS = ("outline", "lidar")
@@ -193,7 +193,7 @@ def _outcome(
     if not factors or len(values) < 3:
         return Outcome(key, text, lowest, highest, means, (), ())
     design = Factorial(values, np.zeros(len(values), dtype=np.int64), dict.fromkeys(factors, LEVELS), {})
-    about = named(key)
+    about = name_in_words(key)
     tests = rm_anova(design, about=about, intervals=intervals)
     checks = [assumptions(design, effect, about=about, intervals=intervals) for effect in design.effects]
     return Outcome(key, text, lowest, highest, means, tests, checks)
@@ -205,7 +205,7 @@ def shown(factors: Sequence[str], cell: Sequence[bool]) -> str:
 
 
 def _corrected(outcomes: Sequence[Outcome], plan: AnalysisPlan) -> list[Outcome]:
-    tests = iter(corrected([test for one in outcomes for test in one.tests], plan.correction))
+    tests = iter(correct_tests([test for one in outcomes for test in one.tests], plan.correction))
     return [
         Outcome(
             one.key, one.text, one.lowest, one.highest, one.means, [next(tests) for _ in one.tests], one.checks

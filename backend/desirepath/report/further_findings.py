@@ -19,7 +19,7 @@ from desirepath.analysis.equivalence import bayes_factor, bayes_factor_of_choice
 from desirepath.analysis.mixed_models import NoFit, RatioTest, chance_of_the_higher, cumulative_logit, ratio_test
 from desirepath.analysis.reliability import Reliability, reliability
 from desirepath.analysis.repeated_measures import friedman, wilcoxon
-from desirepath.analysis.tested import Tested, corrected
+from desirepath.analysis.tested import Tested, correct_tests
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.choice_findings import Pair, people_s_agreement
 from desirepath.report.own_findings import ARMS, own_shares
@@ -166,7 +166,7 @@ def _equivalent(
             if len(shares) > 1:
                 about = f"share of choices for the own policy against {ARMS[against]}, about one half"
                 tests.append(equivalence(shares - 0.5, margins.share, about=about))
-    return corrected(tests, plan.correction)
+    return correct_tests(tests, plan.correction)
 
 
 def _weighed(data: StudyData, rated: Sequence[Measure], designs: Sequence[StudyDesign]) -> list[Weighed]:

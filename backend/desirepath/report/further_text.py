@@ -7,7 +7,7 @@ import math
 from desirepath.analysis.tested import NO_SPREAD, p_in_words
 from desirepath.explain.printed import Section, Table
 from desirepath.report.findings import Findings
-from desirepath.report.report_cells import NONE, effect_cell, named, number_words, p_cells, statistic_cell
+from desirepath.report.report_cells import NONE, effect_cell, name_in_words, number_words, p_cells, statistic_cell
 
 
 def further_sections(found: Findings) -> list[Section]:
@@ -85,7 +85,7 @@ def _reliability(found: Findings) -> Section:
     rows = [
         [
             one.scale,
-            named(one.condition) or "asked once",
+            name_in_words(one.condition) or "asked once",
             number_words(one.of.alpha, "{:.2f}"),
             NONE if math.isnan(one.of.low) else f"{one.of.low:.2f} to {one.of.high:.2f}",
             number_words(one.of.omega, "{:.2f}"),

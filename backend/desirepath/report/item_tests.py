@@ -16,9 +16,9 @@ from desirepath.analysis.between_groups import group_pairs, kruskal_wallis, mann
 from desirepath.analysis.factorial import Factorial, factorial_tests
 from desirepath.analysis.intervals import within
 from desirepath.analysis.repeated_measures import friedman, pairs_of, wilcoxon
-from desirepath.analysis.tested import Mean, Tested, corrected, corrected_pairs, mean_of
+from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.rating_findings import Measure, named
+from desirepath.report.rating_findings import Measure, name_in_words
 from desirepath.report.study_data import ItemText
 from desirepath.report.study_design import StudyDesign
 
@@ -63,7 +63,7 @@ def item_results(
 def _of_design(rated: Sequence[Measure], design: StudyDesign, plan: AnalysisPlan, intervals: bool) -> list[ItemResult]:
     tables = [(measure.item, table) for measure in rated if (table := _table(measure, design)) is not None]
     raw = [_tests(item, table, design, intervals) for item, table in tables]
-    flat = iter(corrected([test for tests in raw for test in tests], plan.correction))
+    flat = iter(correct_tests([test for tests in raw for test in tests], plan.correction))
     tests = [[next(flat) for _ in family] for family in raw]
     over = sum(_has_pairs(design, effect) for effect in _effects(design)) * len(tables)
     return [
@@ -76,7 +76,7 @@ def _of_design(rated: Sequence[Measure], design: StudyDesign, plan: AnalysisPlan
                 pair
                 for effect, test in zip(_effects(design), found, strict=True)
                 if _has_pairs(design, effect) and (plan.pairs == "always" or test.significant(plan.alpha))
-                for pair in corrected_pairs(
+                for pair in correct_pairs(
                     _pairs(table, design, effect[0], about=test.about, intervals=intervals),
                     over if plan.pairs_over == "items" else None,
                     None if plan.pairs == "always" else test,
@@ -92,7 +92,7 @@ def _table(measure: Measure, design: StudyDesign) -> Factorial | None:
     people, rows = design.values(measure.rated)
     groups = np.array([design.groups[person] if design.between else 0 for person in people], dtype=int)
     within_people, between_people = (
-        {named(factor): [named(level) for level in levels] for factor, levels in factors.items()}
+        {name_in_words(factor): [name_in_words(level) for level in levels] for factor, levels in factors.items()}
         for factors in (design.within, design.between)
     )
     try:
@@ -115,7 +115,7 @@ def _tests(item: ItemText, table: Factorial, design: StudyDesign, intervals: boo
     about = _rating_of(item)
     if design.factorial:
         return factorial_tests(table, about=about, intervals=intervals)
-    levels = [named(level) for level in next(iter({**design.within, **design.between}.values()))]
+    levels = [name_in_words(level) for level in next(iter({**design.within, **design.between}.values()))]
     if design.within:
         if len(levels) == 2:
             first, second = table.values.T
@@ -132,10 +132,10 @@ def _tests(item: ItemText, table: Factorial, design: StudyDesign, intervals: boo
 def _pairs(table: Factorial, design: StudyDesign, factor: str, *, about: str, intervals: bool) -> list[Tested]:
     """The tests of every two levels of a factor, of each person's means over the other factors."""
     if factor in design.within:
-        names = [named(level) for level in design.within[factor]]
+        names = [name_in_words(level) for level in design.within[factor]]
         means = _margins(table.values, [len(levels) for levels in design.within.values()], [*design.within], factor)
         return pairs_of(means, names, about=about, intervals=intervals)
-    names = [named(level) for level in design.between[factor]]
+    names = [name_in_words(level) for level in design.between[factor]]
     places = np.array(np.unravel_index(table.groups, [len(levels) for levels in design.between.values()]))
     level = places[[*design.between].index(factor)]
     own = table.values.mean(axis=1)
@@ -159,4 +159,4 @@ def _means(item: ItemText, table: Factorial, design: StudyDesign) -> dict[str, M
 
 
 def _rating_of(item: ItemText) -> str:
-    return f"score of {item.text}" if item.type == "score" else f"rating of {named(item.key)}"
+    return f"score of {item.text}" if item.type == "score" else f"rating of {name_in_words(item.key)}"

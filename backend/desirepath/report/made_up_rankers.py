@@ -86,8 +86,8 @@ def made_up_rankings(
         for name, of in zip(names, of_cell, strict=True):
             mean = cohort.tau + _added(cohort.gain, **of) + own
             mean += sum(sd * (of[factor] - 0.5) for factor, sd in zip(FACTORS, more, strict=True))
-            scores = drawn_scores(random, trials)
-            places = ranked(scores, mean, random)
+            scores = draw_scores(random, trials)
+            places = draw_ranking(scores, mean, random)
             for k in range(trials):
                 given = dict(zip(OBJECTS, np.round(scores[k], 4).tolist(), strict=True))
                 order = tuple(OBJECTS[thing] for thing in np.argsort(places[k], kind="stable"))
@@ -114,7 +114,7 @@ def item_texts() -> list[ItemText]:
     ]
 
 
-def drawn_scores(random: np.random.Generator, trials: int) -> Doubles:
+def draw_scores(random: np.random.Generator, trials: int) -> Doubles:
     """(trials, 5) scores: uniform, the greatest 1, of none to two objects 0."""
     scores = random.random((trials, len(OBJECTS)))
     hidden = random.choice(len(UNSEEN), trials, p=UNSEEN)
@@ -122,7 +122,7 @@ def drawn_scores(random: np.random.Generator, trials: int) -> Doubles:
     return np.asarray(scores / scores.max(axis=1, keepdims=True))
 
 
-def ranked(scores: Doubles, tau: float, random: np.random.Generator) -> NDArray[np.int64]:
+def draw_ranking(scores: Doubles, tau: float, random: np.random.Generator) -> NDArray[np.int64]:
     """(n, k) places 0, 1, ... that somebody gives to objects by scores (n, k) whose order they perceive through noise,
     so that their tau with orders without ties is `tau` on average."""
     order = scores.argsort(axis=1).argsort(axis=1).astype(float)

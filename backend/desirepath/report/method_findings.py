@@ -14,7 +14,7 @@ import numpy as np
 from desirepath.analysis.bradley_terry import Worth, bradley_terry
 from desirepath.analysis.intervals import clustered_share, within
 from desirepath.analysis.repeated_measures import friedman, pairs_of, wilcoxon
-from desirepath.analysis.tested import Mean, Tested, corrected, corrected_pairs, mean_of
+from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.study_data import MethodChoice, Taught
 
@@ -96,11 +96,11 @@ def _tests(shares: np.ndarray, names: Sequence[str], plan: AnalysisPlan) -> tupl
         return None, []
     if len(names) == 2:
         found = wilcoxon(shares[:, 0], shares[:, 1], about=ABOUT, names=(names[0], names[1]))
-        return corrected([found], plan.correction)[0], []
-    (test,) = corrected([friedman(shares, about=ABOUT)], plan.correction)
+        return correct_tests([found], plan.correction)[0], []
+    (test,) = correct_tests([friedman(shares, about=ABOUT)], plan.correction)
     if plan.pairs != "always" and not test.significant(plan.alpha):
         return test, []
-    return test, corrected_pairs(pairs_of(shares, names, about=ABOUT), 1, None if plan.pairs == "always" else test)
+    return test, correct_pairs(pairs_of(shares, names, about=ABOUT), 1, None if plan.pairs == "always" else test)
 
 
 def _minutes(taught: Sequence[Taught]) -> tuple[Mean, float]:

@@ -8,7 +8,15 @@ from desirepath.analysis.tested import Mean, Tested
 from desirepath.explain.printed import Section, Table
 from desirepath.report.findings import Findings
 from desirepath.report.method_findings import Methods
-from desirepath.report.report_cells import NONE, effect_cell, named, p_cells, pair_words, shift_cell, statistic_cell
+from desirepath.report.report_cells import (
+    NONE,
+    effect_cell,
+    name_in_words,
+    p_cells,
+    pair_words,
+    shift_cell,
+    statistic_cell,
+)
 
 TITLE = "Ways of telling the robot"
 
@@ -20,10 +28,10 @@ def methods_section(found: Findings) -> Section:
         return Section(TITLE)
     alpha = found.plan.alpha
     sentences = [
-        f"Each way of telling ({', '.join(map(named, ways.methods))}) resulted in a robot of each person's own, and "
-        f"the robots were compared in pairs, blind, in the same new scenes: {ways.comparisons} comparisons. Of several "
-        "scenes drawn for a person those were shown in which most of the robots arrive and can be told apart, so they "
-        "differ more there than in scenes as they come. All robots "
+        f"Each way of telling ({', '.join(map(name_in_words, ways.methods))}) resulted in a robot of each "
+        f"person's own, and the robots were compared in pairs, blind, in the same new scenes: {ways.comparisons} "
+        "comparisons. Of several scenes drawn for a person those were shown in which most of the robots arrive and can "
+        "be told apart, so they differ more there than in scenes as they come. All robots "
         "are one policy conditioned on different weights, so they differ in what each way of telling taught and in "
         "nothing else. Whose robot wins says how well a way served; which one people would rather use is a ranking.",
         *(test.sentence(alpha) for test in ways.tests if test is ways.test or test.significant(alpha)),
@@ -39,7 +47,7 @@ def methods_sentence(found: Findings) -> list[str]:
     if ways is None:
         return []
     ordered = sorted(ways.methods, key=lambda name: -ways.won[name].mean)
-    shares = ", ".join(f"{named(name)} {100 * ways.won[name].mean:.0f} %" for name in ordered)
+    shares = ", ".join(f"{name_in_words(name)} {100 * ways.won[name].mean:.0f} %" for name in ordered)
     return [f"Share of blind comparisons that the robot of each way of telling won: {shares}."]
 
 
@@ -53,7 +61,7 @@ def _remarks(ways: Methods) -> list[str]:
             "have not come to the end yet; what they answered counts."
         )
     if any(ways.nothing.values()):
-        who = ", ".join(f"{named(name)} {count}" for name, count in ways.nothing.items() if count)
+        who = ", ".join(f"{name_in_words(name)} {count}" for name, count in ways.nothing.items() if count)
         said.append(f"Taught nothing, so that the robot drove without preferences: {who} (people).")
     return said
 
@@ -65,7 +73,7 @@ def _overview(ways: Methods) -> Table:
         won, worth, (minutes, median) = ways.won[name], worths[name], ways.minutes[name]
         rows.append(
             [
-                named(name),
+                name_in_words(name),
                 f"{100 * won.mean:.0f} %",
                 _interval(won, 100, 0),
                 f"{worth.log_worth:.2f}",
@@ -111,8 +119,10 @@ def _tested(ways: Methods, alpha: float) -> Table:
 
 def _weights(ways: Methods) -> Table:
     names = sorted({name for of in ways.weights.values() for name in of})
-    rows = [[named(name), *(f"{ways.weights[way].get(name, 0.0):.2f}" for way in ways.methods)] for name in names]
-    return Table("Mean weights, over people.", ["objective", *map(named, ways.methods)], rows)
+    rows = [
+        [name_in_words(name), *(f"{ways.weights[way].get(name, 0.0):.2f}" for way in ways.methods)] for name in names
+    ]
+    return Table("Mean weights, over people.", ["objective", *map(name_in_words, ways.methods)], rows)
 
 
 def _interval(mean: Mean, factor: float, digits: int) -> str:

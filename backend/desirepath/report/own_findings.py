@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from desirepath.analysis.choices import mostly, right_guesses, share_over_people
 from desirepath.analysis.repeated_measures import wilcoxon
-from desirepath.analysis.tested import Mean, Tested, corrected
+from desirepath.analysis.tested import Mean, Tested, correct_tests
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.study_data import Comparison, Guess
 
@@ -63,7 +63,7 @@ def personalised(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[
         if asked:
             found.append((against, asked))
     raw = [_tests(asked, against, plan) for against, asked in found]
-    tests = corrected([declared for declared, _ in raw], plan.correction)
+    tests = correct_tests([declared for declared, _ in raw], plan.correction)
     return [
         Personalised(
             against=against,

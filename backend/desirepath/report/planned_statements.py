@@ -12,7 +12,7 @@ from desirepath.report.findings import Findings
 from desirepath.report.further_findings import Further
 from desirepath.report.own_findings import ARMS
 from desirepath.report.planned_design import Assumed, PlannedDesign
-from desirepath.report.rating_findings import named
+from desirepath.report.rating_findings import name_in_words
 
 EVIDENCE = 3.0  # Bayes factor that is often called evidence (Jeffreys 1961)
 Said = Callable[[Findings], bool]
@@ -34,7 +34,9 @@ def statements(design: PlannedDesign, assumed: Assumed, plan: AnalysisPlan) -> M
         if plan.bayes_factors and differs:
             found[f"Bayes factor of at least {EVIDENCE:g}, {about}"] = _evidence(about)
     if plan.models and len(conditions) > 1 and design.items:
-        found[f"Mixed model, {assumed.item} (uncorrected)"] = _modelled(f"rating of {named(assumed.item)}", plan.alpha)
+        found[f"Mixed model, {assumed.item} (uncorrected)"] = _modelled(
+            f"rating of {name_in_words(assumed.item)}", plan.alpha
+        )
     for opponent in design.opponents if design.comparisons else ():
         own = assumed.own_against_other if opponent == "other" and assumed.own_against_other else assumed.own
         if plan.equivalence is not None and plan.equivalence.share is not None and own == 0.5:

@@ -15,7 +15,7 @@ import numpy as np
 from desirepath.analysis.choices import equal_first_choices, first_choice_pairs
 from desirepath.analysis.intervals import within
 from desirepath.analysis.scales import Scale
-from desirepath.analysis.tested import Mean, Tested, corrected, corrected_pairs, mean_of
+from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.study_data import ItemText, Rating, StudyData, asked_about, askings
 
@@ -141,11 +141,11 @@ def ranking_results(
         given = list(of_person.values())
         names = sorted({name for order in given for name in order})
         places[key] = {name: [sum(o[k] == name for o in given) for k in range(len(names))] for name in names}
-    tests = corrected(
+    tests = correct_tests(
         [
             equal_first_choices(
                 [of[0] for of in found.values()],
-                about=f"first choices for {named(item)}{f' ({named(about)})' if about else ''}",
+                about=f"first choices for {name_in_words(item)}{f' ({name_in_words(about)})' if about else ''}",
                 intervals=intervals,
             )
             for (_, item, about), found in places.items()
@@ -159,9 +159,9 @@ def ranking_results(
             test=test,
             about=about,
             pairs=(
-                corrected_pairs(
+                correct_pairs(
                     first_choice_pairs(
-                        [of[0] for of in found.values()], [named(name) for name in found], about=test.about
+                        [of[0] for of in found.values()], [name_in_words(name) for name in found], about=test.about
                     ),
                     len(places) if plan.pairs_over == "items" else None,
                     test,
@@ -205,6 +205,6 @@ def scale_results(data: StudyData) -> list[ScaleResult]:
     return found
 
 
-def named(name: str) -> str:
+def name_in_words(name: str) -> str:
     """A key in words."""
     return name.replace("_", " ")

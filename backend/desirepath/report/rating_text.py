@@ -14,7 +14,7 @@ from desirepath.report.item_tests import ItemResult
 from desirepath.report.report_cells import (
     NONE,
     effect_cell,
-    named,
+    name_in_words,
     number_words,
     p_cells,
     shift_cell,
@@ -99,7 +99,7 @@ def _tables(of: Sequence[ItemResult], found: Findings) -> list[Table]:
     ]
     heads = ["item", "test", "p", "p, corrected", "p is", "effect, 95 %", *(["shift, 95 %"] if shifts else []), "n"]
     tables = [
-        Table("Mean ± standard error.", ["item", *map(named, of[0].means)], means),
+        Table("Mean ± standard error.", ["item", *map(name_in_words, of[0].means)], means),
         Table("Tests over all conditions.", heads, tests),
     ]
     pairs = [
@@ -125,7 +125,7 @@ def _tables(of: Sequence[ItemResult], found: Findings) -> list[Table]:
 
 def asked_words(item: ItemText, asking: str) -> str:
     """An item's words, with which asking it was where there were several."""
-    return f"{item.text} ({named(asking)})" if asking else item.text
+    return f"{item.text} ({name_in_words(asking)})" if asking else item.text
 
 
 def _text(one: ItemResult) -> str:
@@ -149,7 +149,7 @@ def rankings_section(found: Findings) -> Section:
         ]
         for one in found.rankings
     ]
-    heads = ["question", *map(named, options), "χ²", "p", "p, corrected", "p is", "V, 95 %", "n"]
+    heads = ["question", *map(name_in_words, options), "χ²", "p", "p, corrected", "p is", "V, 95 %", "n"]
     over = "the rankings" if found.plan.pairs_over == "items" else "one ranking's pairs"
     sentences = [
         f"Chi-square test of first choices against equal shares (exact for up to 50 people), p corrected over "

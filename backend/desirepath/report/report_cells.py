@@ -52,7 +52,7 @@ def shift_cell(test: Tested) -> str:
     return f"{test.shift:.2f}{interval}"
 
 
-def named(name: str) -> str:
+def name_in_words(name: str) -> str:
     """A key in words."""
     return name.replace("_", " ")
 

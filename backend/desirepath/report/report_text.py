@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from desirepath.explain.printed import Section, Table, shown_picture
+from desirepath.explain.printed import Section, Table, embed_picture
 from desirepath.report.choice_text import (
     agreement_section,
     disagreement_section,
@@ -28,7 +28,7 @@ from desirepath.report.rating_text import asked_words, items_section, rankings_s
 from desirepath.report.report_cells import (
     NONE,
     effect_cell,
-    named,
+    name_in_words,
     number_words,
     p_cells,
     pair_words,
@@ -62,7 +62,7 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
         *further_sections(found),
         _devices(found),
     ]
-    shown = {picture.name: shown_picture(picture, folder) for picture in drawn}
+    shown = {picture.name: embed_picture(picture, folder) for picture in drawn}
     of_part = {
         "Ratings after each block": "items",
         "Ranking of the conditions": "rankings",
@@ -83,7 +83,7 @@ def brief(found: Findings) -> list[str]:
     """The result in a few sentences."""
     sentences = [_who(found), *explanation_brief(found), *methods_sentence(found)]
     if found.items:
-        differ = [named(one.item.key) for one in found.items if one.significant(found.plan.alpha)]
+        differ = [name_in_words(one.item.key) for one in found.items if one.significant(found.plan.alpha)]
         tests = " and ".join(dict.fromkeys(test.test for one in found.items for test in one.tests))
         sentences.append(
             f"Ratings differ between the conditions in {len(differ)} of {len(found.items)} items"

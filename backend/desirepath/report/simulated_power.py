@@ -49,7 +49,7 @@ def no_trajectories(trajectory: str) -> Any:
     raise LookupError(f"trajectory {trajectory!r}: made-up people saw none")
 
 
-def analysed(data: StudyData, plan: AnalysisPlan, *, beside: bool = False) -> Findings:
+def analyse_simulated(data: StudyData, plan: AnalysisPlan, *, beside: bool = False) -> Findings:
     """A made-up study's analysis, as a real one's, without what needs trajectories. It has no other questionnaires.
     beside: with what stands beside the declared tests."""
     return analyse(
@@ -101,7 +101,7 @@ def power(
         widths = []
         for k in range(cohorts):
             try:
-                findings = analysed(design.study(cohort, size, first=k * size), plan, beside=bool(beside))
+                findings = analyse_simulated(design.study(cohort, size, first=k * size), plan, beside=bool(beside))
             except NothingToReport:  # nobody finished
                 continue
             found.update(found_tests(findings, design, assumed, plan.alpha))

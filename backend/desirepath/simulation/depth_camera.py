@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.simulation import depth_kernels as dk
-from desirepath.simulation.depth_shapes import MANNEQUIN, packed, seen_of
+from desirepath.simulation.depth_shapes import MANNEQUIN, pack, seen_of
 from desirepath.simulation.scene import Scene
 
 Doubles = NDArray[np.float64]
@@ -102,8 +102,8 @@ class Sights:
 
     def __init__(self, scenes: Sequence[Scene]) -> None:
         found = [seen_of(scene) for scene in scenes]
-        self._boxes = packed([boxes for boxes, _ in found], dk.BOX_NUMBERS)
-        self._cylinders = packed([cylinders for _, cylinders in found], dk.CYLINDER_NUMBERS)
+        self._boxes = pack([boxes for boxes, _ in found], dk.BOX_NUMBERS)
+        self._cylinders = pack([cylinders for _, cylinders in found], dk.CYLINDER_NUMBERS)
 
     def pictures(
         self, camera: DepthCamera, poses: Doubles, people: Doubles, places: NDArray[Any] | None = None

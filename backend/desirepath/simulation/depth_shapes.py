@@ -142,7 +142,7 @@ def seen_of(scene: Scene) -> tuple[Doubles, Doubles]:
     return np.array(boxes).reshape(-1, 8), np.array(cylinders).reshape(-1, 5)
 
 
-def packed(found: Sequence[Doubles], numbers: int) -> tuple[Doubles, NDArray[np.int64]]:
+def pack(found: Sequence[Doubles], numbers: int) -> tuple[Doubles, NDArray[np.int64]]:
     """Sets (n_i, numbers) side by side: (sets, most, numbers) and how many each has."""
     counts = np.array([len(one) for one in found], dtype=np.int64)
     together = np.zeros((len(found), max(1, counts.max(initial=0)), numbers))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from desirepath.grammar.error_words import meant, parsed
+from desirepath.grammar.error_words import meant, parse
 from desirepath.grammar.parts import Part, Slug
 from desirepath.grammar.source import Problem, ProtocolError, Source, file_text
 from desirepath.simulation.pedestrians import CrowdConditions
@@ -60,7 +60,7 @@ def check_setup(folder: Path) -> Setup:
     """The setup in that folder, whose name it bears. Raises ProtocolError with every problem, by line and field."""
     path = folder / SETUP_FILE
     source = Source(str(path), file_text(path))
-    found = parsed(source, SetupFile)
+    found = parse(source, SetupFile)
     task, observed, known = found.task, found.task.observation, list(WORLDS)
     problems: list[Problem] = []
     if found.world.name not in known:

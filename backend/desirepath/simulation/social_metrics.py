@@ -110,7 +110,7 @@ def social_metrics(
     )
 
 
-def joined(parts: Sequence[SocialMetrics]) -> SocialMetrics:
+def join(parts: Sequence[SocialMetrics]) -> SocialMetrics:
     """The rollouts of all parts, in order."""
     names = [field.name for field in fields(SocialMetrics)]
     return SocialMetrics(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

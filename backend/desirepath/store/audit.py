@@ -7,7 +7,7 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from desirepath.store.events import checked_keys
+from desirepath.store.events import check_keys
 from desirepath.store.models import Artefact, Audit, Job, Participant
 from desirepath.store.models import Session as SessionRow
 
@@ -31,7 +31,7 @@ def record(
     whose id stands in data as artefact_id. data: plain JSON without content of answers.
     Raises ValueError if a key names something that must not be logged.
     """
-    checked_keys(action, data)
+    check_keys(action, data)
     whose = None
     if code is not None:
         whose = select(Participant.id).where(Participant.study_id == study_id, Participant.code == code)

@@ -50,7 +50,7 @@ from desirepath.store.models import (
     utc_now,
 )
 from desirepath.store.models import Session as SessionRow
-from desirepath.store.plain_data import copied, mentions
+from desirepath.store.plain_data import copy_data, mentions
 from desirepath.store.snapshots import SnapshotError, retake_snapshot
 
 ORPHAN_AGE_S = 3600.0  # ours: a file without a row this old was left by a crash, not by a save that is still running
@@ -290,7 +290,7 @@ def _without(data: Any, names: set[str]) -> Any:
             return mentions(value, names)
         return key in names or (isinstance(value, str) and value in names)
 
-    return copied(data, without=names_them)
+    return copy_data(data, without=names_them)
 
 
 def _sweep_orphans(s: Session, files: ArtefactStore) -> int:

@@ -21,7 +21,7 @@ FORBIDDEN_KEYS = frozenset(
 )
 
 
-def checked_keys(kind: str, data: Mapping[str, Any]) -> None:
+def check_keys(kind: str, data: Mapping[str, Any]) -> None:
     """Raises ValueError if a key of a log entry names something that must not be logged (FORBIDDEN_KEYS)."""
     forbidden = sorted(FORBIDDEN_KEYS & {key.lower() for key in data})
     if forbidden:
@@ -44,7 +44,7 @@ def log_event(
 
     data: plain JSON values. Raises ValueError if a key names something that must not be logged (FORBIDDEN_KEYS).
     """
-    checked_keys(kind, data)
+    check_keys(kind, data)
     if session_id is not None and study_id is None:
         session = s.get(SessionRow, session_id)
         study_id = session.study_id if session else None

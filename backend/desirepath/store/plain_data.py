@@ -95,7 +95,7 @@ def mentions(data: Any, names: Collection[str]) -> bool:
     return any(word in names for word in words_of(data))
 
 
-def copied(
+def copy_data(
     data: Any,
     *,
     text: Callable[[str], Any] = lambda given: given,

@@ -22,7 +22,7 @@ class RetentionError(ValueError):
     """Nothing was erased: the date is not over, or there is none."""
 
 
-def checked_day(text: str, now: datetime) -> datetime | None:
+def check_day(text: str, now: datetime) -> datetime | None:
     """The end of a day (UTC) as 2027-03-31; None for an empty text. Raises ValueError for what is no day or over."""
     if not text:
         return None

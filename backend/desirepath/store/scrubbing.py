@@ -25,7 +25,7 @@ FORMS = (
 )
 
 
-def scrubbed(_logger: Any, _method: str, line: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
+def scrub(_logger: Any, _method: str, line: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
     """A processor of structlog: the line without what opens a door."""
     return {key: TAKEN_OUT if KEYS.search(key) else _value(value) for key, value in line.items()}
 

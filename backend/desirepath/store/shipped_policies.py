@@ -41,7 +41,7 @@ def policy_artefact(s: Session, name: str) -> Artefact:
     return artefact
 
 
-def artefact_called(s: Session, called: str) -> Artefact | None:
+def find_artefact(s: Session, called: str) -> Artefact | None:
     """The artefact of that id, or the shipped policy of that name; None where there is none."""
     found = s.get(Artefact, called)
     if found is None and (sha := _shipped().get(called)) is not None:
@@ -59,7 +59,7 @@ def _shipped() -> dict[str, str]:
 
 
 @cache
-def shipped_as(artefact_id: str) -> str | None:
+def shipped_name(artefact_id: str) -> str | None:
     """The name under which it was shipped, by which commands know it however it is called here; None: it was not."""
     return next((name for name, sha in _shipped().items() if sha == artefact_id), None)
 

@@ -192,7 +192,7 @@ class Snapshot:
             raise SnapshotError(f"not a snapshot of this version ({FORMAT}): {problem}") from None
 
 
-def checked_whose(given: str) -> Whose:
+def check_whose(given: str) -> Whose:
     """What was typed as the choice of answers. Raises SnapshotError naming what there is to choose."""
     if given not in get_args(Whose):
         raise SnapshotError(f"answers = {given!r}: must be one of {', '.join(get_args(Whose))}")

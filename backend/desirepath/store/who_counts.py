@@ -51,7 +51,7 @@ def is_asked_for(whose: Whose, *, simulated: bool) -> bool:
     return whose == "all" or simulated == (whose == "simulated")
 
 
-def asked_for(whose: Whose) -> ColumnElement[bool]:
+def participants_condition(whose: Whose) -> ColumnElement[bool]:
     """The same as a condition on `Participant`."""
     return true() if whose == "all" else Participant.simulated.is_(whose == "simulated")
 
@@ -108,7 +108,9 @@ def reason_not_to_learn(person: Participant, whose: Whose | Literal["session"]) 
 def learned_from(whose: Whose | Literal["session"]) -> ColumnElement[bool]:
     """The same as a condition on `Participant`, but for the consent."""
     return (
-        not_left_out() if whose == "session" else and_(not_left_out(), Participant.pilot.is_(False), asked_for(whose))
+        not_left_out()
+        if whose == "session"
+        else and_(not_left_out(), Participant.pilot.is_(False), participants_condition(whose))
     )
 
 

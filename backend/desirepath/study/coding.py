@@ -256,7 +256,7 @@ class QuestionCoded:
     pooled: CoderAgreement | None
 
 
-def question_coded(s: DatabaseSession, study: Study, question: OpenQuestion, group: Group) -> QuestionCoded:
+def summarise_question(s: DatabaseSession, study: Study, question: OpenQuestion, group: Group) -> QuestionCoded:
     """Everything that the lab's page says of one question."""
     from desirepath.analysis.coder_agreement import agreement_on, agreement_on_all
 

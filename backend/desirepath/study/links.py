@@ -13,7 +13,7 @@ LINK_LETTERS = 16  # 30^16 links: more than 2^78
 GROUP = 4
 
 
-def as_issued(token: str) -> str:
+def normalise_token(token: str) -> str:
     """A link's token as it was made: a code that was typed counts however it was written."""
     plain = re.sub(r"[\s-]", "", token).upper()
     return _grouped(plain) if len(plain) == LINK_LETTERS and set(plain) <= set(CODE_LETTERS) else token
@@ -21,7 +21,7 @@ def as_issued(token: str) -> str:
 
 def token_hash(token: str) -> str:
     """What is stored of a link's token."""
-    return hashlib.sha256(as_issued(token).encode()).hexdigest()
+    return hashlib.sha256(normalise_token(token).encode()).hexdigest()
 
 
 def next_token(token: str) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from desirepath.learning.people.asked_pairs import AskedPairs, asked_pairs
 from desirepath.learning.people.card import member
 from desirepath.learning.people.families.base import FamilyMember
-from desirepath.learning.people.families.mixture import mixed
+from desirepath.learning.people.families.mixture import mix_members
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from desirepath.learning.preferences.population_prior import EarlierPerson, WeightPrior, prior_of_earlier
 from desirepath.learning.preferences.posterior import PosteriorConfig
@@ -91,7 +91,7 @@ def benchmark_before(
 
 def _of_population(setup: str, common: FamilyMember, seed: int, number: int) -> FamilyMember:
     own = member(f"network:{FIRST_OWN + 200 * seed + number}", setup)
-    return mixed(setup, (common, COMMON), (own, 1 - COMMON))
+    return mix_members(setup, (common, COMMON), (own, 1 - COMMON))
 
 
 def _answered(person: FamilyMember, pairs: AskedPairs, random: np.random.Generator) -> EarlierPerson:

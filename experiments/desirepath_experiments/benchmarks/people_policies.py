@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from desirepath.analysis.estimates import interval, resampled_rows, wilson
 from desirepath.learning.alignment.mix_search import MixSearchConfig
 from desirepath.learning.alignment.never_worse import better_for_person
-from desirepath.learning.alignment.own_policy import searched
+from desirepath.learning.alignment.own_policy import search_policy
 from desirepath.learning.alignment.policy_library import PolicyLibrary, best_of
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.step_basis import StepBasis, seen_steps
@@ -306,7 +306,7 @@ def _measured(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) -
     if config.fine_tuning:
         began = time.process_time()
         settings, both = MixSearchConfig(seed=room.seed), (room.conditioned, room.base)
-        own = searched(room.library, place, both, room.basis, (believed, posterior), settings)
+        own = search_policy(room.library, place, both, room.basis, (believed, posterior), settings)
         policies["refined"], did["refined"] = own.policy, _rolled_out(own.policy, room.scenes)
         result |= {"chosen": own.chosen, "seconds_refined": round(time.process_time() - began, 1)}
     if room.successors is not None:

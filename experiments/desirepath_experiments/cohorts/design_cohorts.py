@@ -14,7 +14,7 @@ from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings
 from desirepath.report.made_up_cohorts import CONDITIONS, Cohort
 from desirepath.report.planned_design import PlannedDesign
-from desirepath.report.simulated_power import Rate, Tell, analysed, rate
+from desirepath.report.simulated_power import Rate, Tell, analyse_simulated, rate
 
 ITEM, RANKING, COMPARED = "fun", "usefulness", 5
 TWO = ("immersive", "top_down")
@@ -60,7 +60,7 @@ def design_cohorts(
     for done, (name, size) in enumerate(sizes):
         found, seen = Counter[str](), Counter[str]()
         for k in range(cohorts):
-            findings = analysed(DESIGNS[name].study(cohort, size, first=k * size), AnalysisPlan(alpha=alpha))
+            findings = analyse_simulated(DESIGNS[name].study(cohort, size, first=k * size), AnalysisPlan(alpha=alpha))
             for test, p in _every_p(findings):
                 seen[test] += 1
                 found[test] += p <= alpha

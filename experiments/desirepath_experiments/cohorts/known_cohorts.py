@@ -11,7 +11,7 @@ from itertools import combinations
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings
 from desirepath.report.made_up_cohorts import CONDITIONS, ITEMS, RANKINGS, Cohort, made_up_study
-from desirepath.report.simulated_power import FEW_QUERIES, Rate, Tell, analysed, rate
+from desirepath.report.simulated_power import FEW_QUERIES, Rate, Tell, analyse_simulated, rate
 
 OTHER_ITEM = "any item in which nothing was put, corrected"
 OTHER_RANKING = "any ranking in which nothing was put, corrected"
@@ -39,7 +39,7 @@ def known_cohorts(
     found: Counter[str] = Counter()
     for k in range(cohorts):
         data = made_up_study(cohort, participants, first=k * participants, queries=FEW_QUERIES)
-        found.update(_found(analysed(data, plan), cohort, plan.alpha))
+        found.update(_found(analyse_simulated(data, plan), cohort, plan.alpha))
         tell((k + 1) / cohorts)
     tests = [*cohort.ratings, *cohort.first_choice, OTHER_ITEM, OTHER_RANKING, OTHER_PAIR]
     return [rate(test, found[test], cohorts) for test in tests]

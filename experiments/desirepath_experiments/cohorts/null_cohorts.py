@@ -14,7 +14,7 @@ from desirepath.analysis.repeated_measures import pairs_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings
 from desirepath.report.made_up_cohorts import CONDITIONS, ITEMS, OPPONENTS, RANKINGS, Cohort, made_up_study
-from desirepath.report.simulated_power import COMPARISONS, FEW_QUERIES, Rate, Tell, analysed, rate
+from desirepath.report.simulated_power import COMPARISONS, FEW_QUERIES, Rate, Tell, analyse_simulated, rate
 from desirepath.report.study_data import StudyData
 
 
@@ -34,7 +34,7 @@ def null_cohorts(
         data = made_up_study(
             Cohort(seed=seed), participants, first=k * participants, queries=FEW_QUERIES, comparisons=COMPARISONS
         )
-        found.update(_rejected(data, analysed(data, plan), plan.alpha))
+        found.update(_rejected(data, analyse_simulated(data, plan), plan.alpha))
         tell((k + 1) / cohorts)
     return [rate(test, found[test], n * cohorts) for test, n in _null_tests()]
 

@@ -17,7 +17,7 @@ from desirepath.explain.shown_explanation import people_of
 from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, card_path
 from desirepath.learning.errors import LearningError
-from desirepath.learning.pedestrians.attended import as_trajectory, given_to_people, until
+from desirepath.learning.pedestrians.attended import as_trajectory, attention_to_people, until
 from desirepath.learning.pedestrians.crowd_networks import attention_weights
 from desirepath.learning.policies.attention import AttentionPolicy
 from desirepath.learning.scene_sets import Purpose, first_seed
@@ -44,7 +44,7 @@ def explained_among_people(policy: AttentionPolicy, scene: Scene, *, practice: b
     halted = until(whole, steps)
     weights = attention_weights(policy.actor(), torch.as_tensor(halted.states))
     spatial, temporal = (weights[stream].numpy().astype(np.float64) for stream in ("spatial", "temporal"))
-    scores = given_to_people(halted, spatial, temporal).round(4).astype(np.float32)
+    scores = attention_to_people(halted, spatial, temporal).round(4).astype(np.float32)
     unseen = np.zeros((steps, 0), np.float32)  # chapter 4's states are large, and the set explains them already
     running = np.zeros(steps, np.bool_)
     trajectory = replace(

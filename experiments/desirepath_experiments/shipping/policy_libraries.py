@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from desirepath.learning.alignment.gate import GateRule
-from desirepath.learning.alignment.library_measures import measured_against
-from desirepath.learning.alignment.policy_library import SLOWEST, PolicyLibrary, mixed_policy
+from desirepath.learning.alignment.library_measures import measure_against
+from desirepath.learning.alignment.policy_library import SLOWEST, PolicyLibrary, mix_policies
 from desirepath.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.step_basis import Doubles, Floats, StepBasis
@@ -19,7 +19,7 @@ from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_step_basis
 from desirepath.learning.preferences.objectives import NAMES, preference_weights
-from desirepath.learning.queries.varied_queries import drawn_weights
+from desirepath.learning.queries.varied_queries import draw_weights
 from desirepath.learning.rewards.step_weights import StepWeightsRewardModel
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.learning.shipped_files import resolve
@@ -76,7 +76,7 @@ def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, 
 
     def policy(row: int) -> Policy:
         of_mix = row - len(settings)
-        return conditioned.at(settings[row]) if of_mix < 0 else mixed_policy(base, actors, mixes[of_mix])
+        return conditioned.at(settings[row]) if of_mix < 0 else mix_policies(base, actors, mixes[of_mix])
 
     count = len(settings) + len(mixes)
     success, longer_s = _arriving(map(policy, range(count)), count, base, config.arriving, on_progress)
@@ -84,7 +84,7 @@ def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, 
     enough = (success >= ENOUGH_SUCCESS) & (longer_s <= slowest)
     rows = np.flatnonzero(enough | (np.arange(count) < len(settings)))
     scenes = scene_set(setup, config.scenes, purpose=Purpose.ALIGN_SELECT, seed=SCENES_SEED)
-    measures = replace(measured_against(base, map(policy, rows.tolist()), basis, scenes), success=success[rows])
+    measures = replace(measure_against(base, map(policy, rows.tolist()), basis, scenes), success=success[rows])
     kept = mixes[rows[len(settings) :] - len(settings)]
     whole = PolicyLibrary(setup, settings, weights, actors, kept, measures)
     library = of_fewer_trained(whole.without_what_is_not_allowed(), config.kept)
@@ -137,7 +137,7 @@ def directions(size: int, count: int, seed: int = 0) -> Floats:
 def library_settings(drawn: int) -> Floats:
     """(n, 9) each objective at a half and at full strength, then two or three together."""
     alone = [preference_weights({name: strength}) for name in NAMES for strength in (0.5, 1.0)]
-    return np.stack(alone + drawn_weights(drawn + len(NAMES), 1)[len(NAMES) :])
+    return np.stack(alone + draw_weights(drawn + len(NAMES), 1)[len(NAMES) :])
 
 
 def library_mixes(trained: int, drawn: int) -> Floats:

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from desirepath.learning.measures.step_basis import Doubles, StepBasis, StepLayer
-from desirepath.learning.measures.steps import WORDS, SeenSteps, scaled_words
+from desirepath.learning.measures.steps import WORDS, SeenSteps, scale_words
 from desirepath.learning.people.card import people_card
 from desirepath.learning.people.families.network import NetworkFamily
 from desirepath.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
-from desirepath.learning.queries.varied_queries import drawn_weights
+from desirepath.learning.queries.varied_queries import draw_weights
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
@@ -72,7 +72,7 @@ def varied_rollouts(setup: str, config: StepBasisConfig, seed: int = FIRST_SEED)
     """By policy, then by scene."""
     scenes = scene_set(setup, config.scenes, purpose=Purpose.ALIGN_SELECT, seed=seed)
     conditioned = load_conditioned(f"{setup}/conditioned").as_trained()
-    policies = [conditioned.at(weights) for weights in drawn_weights(config.settings, seed)]
+    policies = [conditioned.at(weights) for weights in draw_weights(config.settings, seed)]
     policies += [*load_ensemble(setup), load_policy(f"{setup}/base")]
     return [one for policy in policies for one in rollout(get_setup(setup), policy.rollout_policy, scenes)]
 
@@ -106,7 +106,7 @@ def drawn_rewards(setup: str, count: int, gain: tuple[float, float], seed: int =
 
 def _weighed(words: Sequence[str], weights: Doubles) -> StepReward:
     def reward(steps: SeenSteps) -> Doubles:
-        found: Doubles = scaled_words(steps, words) @ weights
+        found: Doubles = scale_words(steps, words) @ weights
         return found
 
     return reward

@@ -17,8 +17,8 @@ from desirepath.cli.main import app
 from desirepath.learning.alignment import own_policy
 from desirepath.learning.alignment.gate import GateRule
 from desirepath.learning.alignment.mix_search import Candidate, MixSearchConfig
-from desirepath.learning.alignment.own_policy import SearchedPolicy, searched
-from desirepath.learning.alignment.policy_library import best_of, mixed_policy
+from desirepath.learning.alignment.own_policy import SearchedPolicy, search_policy
+from desirepath.learning.alignment.policy_library import best_of, mix_policies
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.measures.step_basis import StepBasis
@@ -139,13 +139,13 @@ def test_what_a_search_spoiled_does_not_take_over(
     def found(*parts: float) -> SearchedPolicy:
         candidates = [(Candidate(False, np.full(len(library.actors), part, dtype=np.float32)), 9.0) for part in parts]
         monkeypatch.setattr(own_policy, "search_mixes", lambda *_: candidates)
-        return searched(library, place, policies, basis, (believed, steps), MixSearchConfig())
+        return search_policy(library, place, policies, basis, (believed, steps), MixSearchConfig())
 
     spoiled = found(8.0, -9.0)
     assert spoiled.chosen == "start"
     assert spoiled.policy.digest() == start.digest()
     scenes = scene_set("study_room", 20, purpose=Purpose.REPORT, seed=7)
-    far_off = mixed_policy(base, library.actors, np.full(len(library.actors), 8.0, dtype=np.float32))
+    far_off = mix_policies(base, library.actors, np.full(len(library.actors), 8.0, dtype=np.float32))
     rolled_out = rollout(get_setup("study_room"), far_off.rollout_policy, scenes)
     assert np.mean([one.outcome == Outcome.SUCCESS for one in rolled_out]) < 0.9
 

@@ -9,7 +9,7 @@ import pytest
 
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.steps import SeenSteps, reference
-from desirepath.learning.people.card import FAMILIES, member, members, parsed, people_card, response_models
+from desirepath.learning.people.card import FAMILIES, member, members, parse_person, people_card, response_models
 from desirepath.learning.people.families.changing import ChangingMember
 from desirepath.learning.people.families.network import NetworkMember
 from desirepath.learning.people.families.thresholds import ThresholdsMember
@@ -118,4 +118,4 @@ def test_nobody_else_is_known(name: str) -> None:
 def test_a_setup_without_preferences_is_refused() -> None:
     with pytest.raises(LearningError, match="study_room"):
         member("thresholds:0", "corridor").unit("corridor")
-    assert parsed("context") == ("context", 0)
+    assert parse_person("context") == ("context", 0)

@@ -20,10 +20,10 @@ from torch import nn
 
 from desirepath.learning.errors import LearningError
 from desirepath.learning.people import limited_reward
-from desirepath.learning.people.onnx_bounds import checked
+from desirepath.learning.people.onnx_bounds import check_network
 from desirepath.learning.people.reward_file import read_reward, reward_of_store
 from desirepath.learning.people.reward_inputs import quantities
-from desirepath.learning.people.reward_manifest import MANIFEST_BYTES, kept_together, read_manifest
+from desirepath.learning.people.reward_manifest import MANIFEST_BYTES, pack, read_manifest
 from desirepath.learning.people.reward_networks import reader_of
 from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.queries.queries import QuerySet
@@ -156,7 +156,7 @@ HOSTILE = hostile()
 def test_a_network_that_could_harm_is_refused_before_it_runs(name: str) -> None:
     model, said = HOSTILE[name]
     with pytest.raises(LearningError, match=re.escape(said)):
-        checked(model.SerializeToString(), INPUTS, "net.onnx")
+        check_network(model.SerializeToString(), INPUTS, "net.onnx")
 
 
 MIXING = {
@@ -338,7 +338,7 @@ def test_manifest_and_network_are_one_file_of_the_store(tmp_path: Path, study_qu
     net = network()
     torch.save(net.state_dict(), tmp_path / "weights.pt")
     path = manifest(tmp_path, "weights.pt", output="tanh")
-    kept = kept_together(read_manifest(path.read_bytes(), "somebody.json"), (tmp_path / "weights.pt").read_bytes())
+    kept = pack(read_manifest(path.read_bytes(), "somebody.json"), (tmp_path / "weights.pt").read_bytes())
     trajectory = study_queries.queries[0].trajectory_a
     person = reward_of_store(kept, "study_room")
     assert person.score(trajectory) == read_reward(path, "study_room").score(trajectory)
@@ -347,7 +347,7 @@ def test_manifest_and_network_are_one_file_of_the_store(tmp_path: Path, study_qu
     with pytest.raises(LearningError, match="not a reward of the store"):
         reward_of_store(kept[:200], "study_room")
     with pytest.raises(LearningError, match="0 bytes"):
-        kept_together(read_manifest(path.read_bytes(), "somebody.json"), b"")
+        pack(read_manifest(path.read_bytes(), "somebody.json"), b"")
 
 
 def test_the_guide_lists_every_input_and_its_example_is_read() -> None:

@@ -95,7 +95,7 @@ def depth_trajectories(controller: DepthController, make: MakeSenses, scenes: Se
     return replay(HOME, scenes, roll_out_depth(controller, make, episodes).actions)
 
 
-def followed(rollouts: DepthRollouts, shown: Sequence[Sequence[NDArray[np.floating]]]) -> list[Deviation]:
+def judge_followed(rollouts: DepthRollouts, shown: Sequence[Sequence[NDArray[np.floating]]]) -> list[Deviation]:
     """Of every rollout: t* and f against that of its scene's demonstrated paths that it follows best."""
     found = []
     for path, others in zip(rollouts.paths, shown, strict=True):

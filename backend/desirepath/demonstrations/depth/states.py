@@ -64,7 +64,7 @@ def bearings(poses: Doubles, places: Doubles) -> tuple[Doubles, Doubles]:
     return np.hypot(dx, dy), (turned + math.pi) % (2 * math.pi) - math.pi
 
 
-def detected(camera: DepthCamera, poses: Doubles, people: Doubles) -> Floats:
+def detect_person(camera: DepthCamera, poses: Doubles, people: Doubles) -> Floats:
     """(n, 3): k, the person's distance as a share of the range, bearing over pi, as the state has them."""
     seen = camera.sees(poses, np.nan_to_num(people, nan=1e6))
     away, turned = bearings(poses, np.nan_to_num(people, nan=1e6))
@@ -106,7 +106,7 @@ class Senses:
         if self._noise is not None:
             frames = self._noise.applied(frames, camera, self._random)
         latents = self._encoder.latents(frames)
-        person = detected(camera, poses, people)
+        person = detect_person(camera, poses, people)
         if self._blind:
             person[:] = 0.0, UNSEEN_M / camera.range_m, 0.0
         away, turned = bearings(poses, goals)

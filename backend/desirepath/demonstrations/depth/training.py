@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from desirepath.demonstrations.demonstration import Demonstration, augmented
+from desirepath.demonstrations.demonstration import Demonstration, augment
 from desirepath.demonstrations.depth.controller import DepthController
 from desirepath.demonstrations.depth.episodes import EpisodePool, Episodes, people_of
 from desirepath.demonstrations.depth.states import DepthConfiguration, Floats, Senses, goals_of
@@ -89,7 +89,7 @@ def senses_of(
 
 def demonstrated_batch(demonstrations: Sequence[Demonstration], make: MakeSenses, config: DepthTrainingConfig) -> Batch:
     """The demonstration buffer: the depth states along every augmented rollout, rewarded as above."""
-    rollouts = [rollout for d in demonstrations for rollout in augmented(d, config.augmentation)]
+    rollouts = [rollout for d in demonstrations for rollout in augment(d, config.augmentation)]
     parts = []
     for trajectory, seen in zip(rollouts, _states_along(rollouts, make), strict=True):
         boosted = trajectory.rewards + config.state_boost + np.where(trajectory.dones, config.goal_boost, 0.0)

@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from desirepath.demonstrations.demonstration import Demonstration, augmented
+from desirepath.demonstrations.demonstration import Demonstration, augment
 from desirepath.demonstrations.td3_bc.configuration import DemonstrationConfig
 from desirepath.demonstrations.td3_bc.returns import returns_along
 from desirepath.learning.td3.backprop import Floats
@@ -35,7 +35,7 @@ from desirepath.simulation.setups import get_setup
 
 def demonstration_batch(demonstrations: Sequence[Demonstration], config: DemonstrationConfig) -> Batch:
     """The demonstration buffer: every transition of every augmented rollout, the goal rewarded with the boost (2.8)."""
-    trajectories = [rollout for d in demonstrations for rollout in augmented(d, config.augmentation)]
+    trajectories = [rollout for d in demonstrations for rollout in augment(d, config.augmentation)]
     gamma = get_setup(trajectories[0].scene.setup).gamma
     led_to = []
     for one in trajectories:

@@ -64,7 +64,7 @@ KEY_PREFERENCES = np.array(
 """Corners, middles of the edges, middle of the triangle: where checkpoints are judged."""
 
 
-def sampled(n: int, random: np.random.Generator) -> Floats:
+def sample_preferences(n: int, random: np.random.Generator) -> Floats:
     """(n, 3) preferences that are trained under: half uniform over the triangle, a third on its edges, a sixth at its
     corners. A uniform draw hardly ever comes near the edges, which is where people push a slider to."""
     found = random.dirichlet(np.ones(SIZE), n).astype(np.float32)
@@ -80,12 +80,12 @@ def part_of(preferences: Floats) -> NDArray[np.int64]:
     return found
 
 
-def sampled_in(parts: NDArray[np.int64], random: np.random.Generator) -> Floats:
+def sample_preferences_in(parts: NDArray[np.int64], random: np.random.Generator) -> Floats:
     """(n, 3) preferences, each uniform over its part (n,) of the triangle.
 
     The parts are the triangle's three symmetric thirds: a uniform draw whose largest weight changes places.
     """
-    found = sampled(len(parts), random)
+    found = sample_preferences(len(parts), random)
     rows, largest = np.arange(len(parts)), part_of(found)
     found[rows, largest], found[rows, parts] = found[rows, parts], found[rows, largest]
     return found
@@ -108,7 +108,7 @@ def objective_rewards(
     return found
 
 
-def scalarised(rewards: Floats, preferences: Floats) -> Floats:
+def scalarise(rewards: Floats, preferences: Floats) -> Floats:
     """(n,) core + preference . objectives, of reward vectors (n, 4) and preferences (n, 3)."""
     found: Floats = rewards[:, 0] + (rewards[:, 1:] * preferences).sum(axis=1)
     return found

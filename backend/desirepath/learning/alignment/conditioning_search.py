@@ -122,7 +122,7 @@ class Compared(NamedTuple):
         return together
 
 
-def compared(own: MeasuredRollouts, other: MeasuredRollouts, weights: Floats, setup: str) -> Compared:
+def compare_policies(own: MeasuredRollouts, other: MeasuredRollouts, weights: Floats, setup: str) -> Compared:
     """`own` against `other`, in the same scenes."""
     both = own.success & other.success
     better = gains((own.measured - other.measured)[both] / typical_differences(setup))
@@ -174,7 +174,7 @@ def search_conditioning(
     scenes = gate_scenes(setup, config.gate, config.seed)
     course = Course(scenes)
     own = course.rollout(policy)
-    better = compared(own, course.rollout(conditioned.at(weights)), weights, setup)
+    better = compare_policies(own, course.rollout(conditioned.at(weights)), weights, setup)
     gate = verdict(config.gate, float(own.success.mean()), success_in(base, scenes), scenes=config.gate.scenes)
     preferred, score = mean_estimate(better.preferred), mean_estimate(better.scores(length_weight_of(weights, setup)))
     found = BesideInstant(preferred, score)
@@ -192,7 +192,9 @@ def _search(
     length_weight = usual * FIRST_SHARE
 
     def tried_out(offsets: Doubles) -> Compared:
-        return compared(course.rollout(conditioned_by_place(conditioned, weights, offsets)), instant, weights, setup)
+        return compare_policies(
+            course.rollout(conditioned_by_place(conditioned, weights, offsets)), instant, weights, setup
+        )
 
     random = np.random.default_rng([config.seed, 71])
     guess, spread = np.zeros((1 + len(OBSERVED), SIZE)), config.spread

@@ -17,7 +17,7 @@ from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
 
 
-def measured_against(
+def measure_against(
     base: Policy, policies: Iterable[Policy], basis: StepBasis, scenes: Sequence[Scene]
 ) -> LibraryMeasures:
     """All of them in the same scenes; means over those in which both arrive."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.learning.alignment.policy_library import PolicyLibrary, mixed_policy
+from desirepath.learning.alignment.policy_library import PolicyLibrary, mix_policies
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.preferences.objectives import OPPOSITES
@@ -56,7 +56,7 @@ class Candidate:
 
     def policy(self, library: PolicyLibrary, conditioned: ConditionedPolicy, base: Policy) -> Policy:
         """conditioned: as trained."""
-        return conditioned.at(self.values) if self.setting else mixed_policy(base, library.actors, self.values)
+        return conditioned.at(self.values) if self.setting else mix_policies(base, library.actors, self.values)
 
 
 def candidate_at(library: PolicyLibrary, place: int) -> Candidate:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from desirepath.learning.alignment.library_measures import measured_against
+from desirepath.learning.alignment.library_measures import measure_against
 from desirepath.learning.alignment.mix_search import ENOUGH_SUCCESS, MixSearchConfig, search_mixes
 from desirepath.learning.alignment.policy_library import PolicyLibrary, expected_gains, gains_by_posterior
 from desirepath.learning.measures.step_basis import Doubles, StepBasis
@@ -39,7 +39,7 @@ class SearchedPolicy:
     expected: dict[str, float]
 
 
-def searched(
+def search_policy(
     library: PolicyLibrary,
     place: int,
     policies: tuple[ConditionedPolicy, Policy],
@@ -53,7 +53,7 @@ def searched(
     conditioned, base = policies
 
     def judge(candidates: Sequence[Policy], scenes: Sequence[Scene]) -> Doubles:
-        measures = measured_against(base, candidates, basis, scenes)
+        measures = measure_against(base, candidates, basis, scenes)
         total: Doubles = gains_by_posterior(measures, *posteriors, among=library.measures).sum(axis=0)
         return total
 
@@ -62,7 +62,7 @@ def searched(
     start = library.policy(place, conditioned, base).without_critic()
     found = [one.policy(library, conditioned.as_trained(), base).without_critic() for one, _ in known[:FINAL]]
     scenes = scene_set(base.setup, SCENES, purpose=Purpose.ALIGN_SELECT, seed=JUDGING_SEED + config.seed)
-    measures = measured_against(base, [start, *found], basis, scenes)
+    measures = measure_against(base, [start, *found], basis, scenes)
     by_posterior = gains_by_posterior(measures, *posteriors, among=library.measures)
     allowed = (by_posterior >= by_posterior[:, :1]).all(axis=0)  # neither expects less of it than of the start
     allowed &= measures.success >= min(ENOUGH_SUCCESS, float(measures.success[0]))

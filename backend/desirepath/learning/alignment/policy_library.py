@@ -101,7 +101,7 @@ class PolicyLibrary(StoredArrays):
         """The one at this place, with a critic to go on training from; freed by the base policy where it is stuck."""
         if place < len(self.settings):
             return conditioned.as_trained().at(self.settings[place])
-        return mixed_policy(base, self.actors, self.mixes[place - len(self.settings)])
+        return mix_policies(base, self.actors, self.mixes[place - len(self.settings)])
 
     def to_parts(self) -> tuple[dict[str, object], Arrays]:
         of, mirrored = self.measures.pairs, self.measures.mirrored
@@ -142,7 +142,7 @@ class PolicyLibrary(StoredArrays):
         return cls(setup, arrays["settings"], arrays["weights"], actors, mixes, measures)
 
 
-def mixed_policy(base: Policy, actors: Sequence[Sequence[NDArray[np.floating[Any]]]], parts: Floats) -> Policy:
+def mix_policies(base: Policy, actors: Sequence[Sequence[NDArray[np.floating[Any]]]], parts: Floats) -> Policy:
     """Parts (k,): how far from the base policy towards each of these actors, together."""
     towards = [(np.float32(part), actors[k]) for k, part in enumerate(parts) if part]
     if len(towards) == 1 and towards[0][0] == 1:

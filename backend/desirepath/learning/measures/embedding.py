@@ -31,7 +31,7 @@ class _Layer:
     bias: Doubles
 
 
-def embedded(trajectories: Sequence[Trajectory]) -> Doubles:
+def embed(trajectories: Sequence[Trajectory]) -> Doubles:
     """(n, SIZE) of each trajectory. Raises SetupError for mixed setups, ValueError for none."""
     steps = SeenSteps.of_trajectories(trajectories)
     layer = _layer(steps.setup.name)

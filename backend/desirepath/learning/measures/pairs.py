@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.learning.measures.embedding import embedded
+from desirepath.learning.measures.embedding import embed
 from desirepath.learning.measures.named import named_measures
 from desirepath.learning.measures.steps import reference
 from desirepath.learning.policies.mirroring import mirror_of
@@ -103,7 +103,7 @@ def measured(setup: str, trajectories: Sequence[Trajectory], *, left_right_symme
 
 
 def _both(trajectories: Sequence[Trajectory]) -> Measured:
-    return named_measures(trajectories), embedded(trajectories)
+    return named_measures(trajectories), embed(trajectories)
 
 
 @lru_cache(maxsize=4)

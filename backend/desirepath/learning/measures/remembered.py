@@ -13,7 +13,7 @@ Result = TypeVar("Result")
 KEPT = 4
 
 
-def remembered(compute: Callable[[Sequence[Trajectory]], Result]) -> Callable[[Sequence[Trajectory]], Result]:
+def remember_last(compute: Callable[[Sequence[Trajectory]], Result]) -> Callable[[Sequence[Trajectory]], Result]:
     """`compute` of a sequence of trajectories, not done again for the last KEPT sequences of the very same ones."""
     known: OrderedDict[tuple[int, ...], tuple[tuple[Trajectory, ...], Result]] = OrderedDict()
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.errors import LearningError
-from desirepath.learning.measures.steps import WORDS, SeenSteps, reference, scaled_words
+from desirepath.learning.measures.steps import WORDS, SeenSteps, reference, scale_words
 from desirepath.simulation.npz import Arrays
 from desirepath.simulation.setups import Setup, get_setup
 from desirepath.simulation.stored import StoredArrays
@@ -83,7 +83,7 @@ class StepLayer:
         words += [
             np.clip((steps.words[name] - limit) / (1 - limit), 0, 1) for name, of in ABOVE.items() for limit in of
         ]
-        parts = [hidden, inputs, scaled_words(steps, WORDS), np.stack(words, axis=1)]
+        parts = [hidden, inputs, scale_words(steps, WORDS), np.stack(words, axis=1)]
         return np.concatenate(parts, axis=1, dtype=np.float32)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.errors import LearningError
-from desirepath.learning.measures.remembered import remembered
+from desirepath.learning.measures.remembered import remember_last
 from desirepath.learning.preferences.features import obstacle_clearance_m
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.learning.shipped_files import resolve
@@ -144,7 +144,7 @@ class SeenSteps:
         }
 
 
-_steps_of = remembered(SeenSteps._of)
+_steps_of = remember_last(SeenSteps._of)
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def reference(setup: str) -> Reference:
     )
 
 
-def scaled_words(steps: SeenSteps, names: Sequence[str]) -> Doubles:
+def scale_words(steps: SeenSteps, names: Sequence[str]) -> Doubles:
     """(n, names) words in standard deviations of the reference."""
     known = reference(steps.setup.name).words
     return np.stack([(steps.words[name] - known[name][0]) / known[name][1] for name in names], axis=1)

@@ -26,7 +26,7 @@ NEAR_M = 0.02 + 2 * LIDAR_NOISE_M  # ours: a lidar point so near to somebody's b
 Rows = tuple[tuple[float, ...], ...]
 
 
-def attended(actor: Actor, rolled_out: CrowdRollout) -> tuple[Rows, Rows]:
+def measure_attention(actor: Actor, rolled_out: CrowdRollout) -> tuple[Rows, Rows]:
     """What an actor with attention looked at in its rollout, one row per pose, the last pose's that of the step before:
     weights of the 30 lidar sectors, and of the 30 descriptor rays. Rows are empty of an actor without that stream.
 
@@ -85,7 +85,7 @@ def until(rolled_out: CrowdRollout, steps: int) -> CrowdRollout:
     )
 
 
-def given_to_people(rolled_out: CrowdRollout, spatial: Doubles, temporal: Doubles) -> Doubles:
+def attention_to_people(rolled_out: CrowdRollout, spatial: Doubles, temporal: Doubles) -> Doubles:
     """(n, people) in [0, 1]: how strongly what a policy looked at was at each person, the scene's first, in n states.
 
     spatial (n, 30) of lidar sectors, temporal (n, 30) of descriptor rays, as `attention_weights`. Each is divided by

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from desirepath.analysis.metrics import accumulated_angle, min_human_distance, path_length
 from desirepath.learning.pedestrians.crowd_states import Given, states
 from desirepath.learning.scene_sets import Purpose, first_seed
-from desirepath.simulation.crowds.crowd_engine import CrowdEngine, recorded
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine, record
 from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from desirepath.simulation.pedestrians import CrowdConditions
@@ -159,7 +159,7 @@ def roll_out_crowd(act: CrowdAct, given: Given, scene: Scene, *, icp: bool = Tru
         kept["states"].append(state[0])
         kept["actions"].append(action[0])
         note()
-    seen = recorded(scene, np.array(kept["people"]), np.array(kept["facing"]))
+    seen = record(scene, np.array(kept["people"]), np.array(kept["facing"]))
     return CrowdRollout(
         seen, Outcome(int(engine.outcomes[0])), np.array(kept["poses"]), np.array(kept["states"]),
         np.array(kept["actions"]),

@@ -16,7 +16,7 @@ from desirepath.learning.policies.shipped import load_conditioned, load_ensemble
 from desirepath.learning.preferences.objectives import NAMES, preference_weights
 from desirepath.learning.queries.manner_queries import MannerConfig, manner_pairs, separating
 from desirepath.learning.queries.queries import QueryConfig, flaw, look_alike
-from desirepath.learning.queries.varied_queries import drawn_weights
+from desirepath.learning.queries.varied_queries import draw_weights
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
@@ -81,7 +81,7 @@ def asked_pairs(setup: str, seed: int, *, asked: int, test: int) -> AskedPairs:
     that arrive and look different."""
     scenes = scene_set(setup, (asked + test) // PER_SCENE * 2, purpose=Purpose.QUERIES, seed=FIRST_SEED + seed)
     conditioned = load_conditioned(f"{setup}/conditioned").as_trained()
-    policies = [conditioned.at(weights) for weights in drawn_weights(SETTINGS, FIRST_SEED + seed)]
+    policies = [conditioned.at(weights) for weights in draw_weights(SETTINGS, FIRST_SEED + seed)]
     policies += [*load_ensemble(setup), load_policy(f"{setup}/base")]
     rolled_out = [_roll_out(policy, scenes) for policy in policies]
     rules = QueryConfig(max_duration_s=LONGEST_SHOWN_S[setup])

@@ -23,7 +23,7 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_pairs import AskedPairs, Candidates, asked_pairs, candidates
 from desirepath.learning.people.card import members, people_card, response_models
 from desirepath.learning.people.families.base import FamilyMember
-from desirepath.learning.people.families.mixture import ObjectiveMember, mixed
+from desirepath.learning.people.families.mixture import ObjectiveMember, mix_members
 from desirepath.learning.people.rows import bins_of, row_of
 from desirepath.learning.policies.shipped import load_conditioned
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
@@ -188,7 +188,7 @@ def people_of(family: str, count: int, setup: str, first: int) -> Mapping[str, F
     for k in range(first, first + count):
         names = wanted[k % len(wanted)]
         parts = [(ObjectiveMember(name), 1 / len(names)) for name in names]
-        found[f"{NINE}:{k}"] = mixed(setup, *parts)
+        found[f"{NINE}:{k}"] = mix_members(setup, *parts)
     return found
 
 

@@ -93,7 +93,7 @@ def is_member(name: str) -> bool:
     return name.partition(":")[0] in FAMILIES
 
 
-def parsed(name: str) -> tuple[str, int]:
+def parse_person(name: str) -> tuple[str, int]:
     """(family, number) of `network:3`; a family alone is its member 0. Raises LearningError for anything else."""
     family, colon, number = name.partition(":")
     if family not in FAMILIES or (colon and not (number.isdecimal() and int(number) < MOST_MEMBERS)):
@@ -107,7 +107,7 @@ def parsed(name: str) -> tuple[str, int]:
 @lru_cache(maxsize=512)
 def member(name: str, setup: str) -> FamilyMember:
     """The member of that name in a setup, always the same. Raises LearningError for an unknown name or setup."""
-    family, number = parsed(name)
+    family, number = parse_person(name)
     card = people_card()
     place = tuple(FAMILIES).index(family)
     settings = card.family(family)

@@ -26,7 +26,7 @@ WIDEST = 16_384  # numbers per step between two operators
 ROWS = 2048  # steps that are asked at once: their largest intermediate value is 134 MB
 
 
-def checked(content: bytes, width: int, named: str) -> bytes:
+def check_network(content: bytes, width: int, named: str) -> bytes:
     """The network with its batch fixed to ROWS rows, for the runtime. Raises LearningError that names what is wrong and
     what would work."""
     import onnx

@@ -20,7 +20,7 @@ from desirepath.learning.people.reward_manifest import (
     MANIFEST_BYTES,
     RewardManifest,
     read_manifest,
-    taken_apart,
+    unpack,
 )
 from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.simulation.trajectory import Trajectory
@@ -75,7 +75,7 @@ def read_reward(path: Path, setup: str) -> FamilyMember:
 
 def reward_of_store(content: bytes, setup: str) -> FamilyMember:
     """The person of a reward model of the store, fitted here or uploaded. Raises LearningError as `read_reward`."""
-    together = taken_apart(content)
+    together = unpack(content)
     if together is None:
         model = RewardModel.from_bytes(content)
         _require_setup(Path("reward model"), model.setup, setup)

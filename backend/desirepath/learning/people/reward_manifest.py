@@ -73,7 +73,7 @@ def read_manifest(content: bytes, named: str) -> RewardManifest:
     return manifest
 
 
-def kept_together(manifest: RewardManifest, network: bytes) -> bytes:
+def pack(manifest: RewardManifest, network: bytes) -> bytes:
     """Both as one file; the same content, the same bytes. Raises LearningError for a network that is too large."""
     if not 0 < len(network) <= FILE_BYTES:
         raise LearningError(f"{manifest.file}: {len(network):,} bytes; between 1 and {FILE_BYTES:,} are read")
@@ -81,8 +81,8 @@ def kept_together(manifest: RewardManifest, network: bytes) -> bytes:
     return to_npz(header, {"network": np.frombuffer(network, dtype=np.uint8)})
 
 
-def taken_apart(content: bytes) -> tuple[RewardManifest, bytes] | None:
-    """What `kept_together` made one; None for another file. Raises LearningError for a damaged one."""
+def unpack(content: bytes) -> tuple[RewardManifest, bytes] | None:
+    """What `pack` made one; None for another file. Raises LearningError for a damaged one."""
     try:
         header, arrays = from_npz(content)
     except NpzError as problem:

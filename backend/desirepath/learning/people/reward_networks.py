@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.errors import LearningError
-from desirepath.learning.people.onnx_bounds import ROWS, checked
+from desirepath.learning.people.onnx_bounds import ROWS, check_network
 from desirepath.learning.people.reward_manifest import RewardManifest
 
 Floats = NDArray[np.float32]
@@ -70,7 +70,7 @@ def _layers(content: bytes, manifest: RewardManifest) -> Callable[[Floats], Floa
 
 def _onnx(content: bytes, manifest: RewardManifest) -> Callable[[Floats], Floats]:
     """Asked ROWS steps at a time: its sizes were checked for that many."""
-    bounded = checked(content, manifest.width, manifest.file)
+    bounded = check_network(content, manifest.width, manifest.file)
     import onnxruntime
 
     options = onnxruntime.SessionOptions()

@@ -64,7 +64,7 @@ class AdaptablePolicy(StoredArrays, StoredPolicy):
         return Policy(self.setup, replace(self.shape, task_inputs=split - SIZE), folded)
 
     def driving(self, weights: str = "") -> Policy:
-        return self.at(parsed_preference(weights))
+        return self.at(parse_preference(weights))
 
     @property
     def objectives(self) -> tuple[str, ...]:
@@ -98,7 +98,7 @@ class AdaptablePolicy(StoredArrays, StoredPolicy):
         return cls(header["setup"], NetworkShape.from_dict(header["shape"]), stored_networks(arrays).actor)
 
 
-def parsed_preference(text: str) -> Floats:
+def parse_preference(text: str) -> Floats:
     """`demonstration=0.5,distance=0.5` -> (3,); what is not named is 0, nothing at all a third of each.
 
     Raises LearningError naming what cannot be read.

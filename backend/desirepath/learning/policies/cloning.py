@@ -34,7 +34,7 @@ class CloningConfig:
     heads: tuple[int, ...] = DEMONSTRATED_HEADS
 
 
-def cloned(trajectories: Sequence[Trajectory], config: CloningConfig) -> Policy:
+def clone_policy(trajectories: Sequence[Trajectory], config: CloningConfig) -> Policy:
     """The policy that acts as in these trajectories of one setup: least mean |pi(s) - a|^2.
 
     Raises ValueError without trajectories, SetupError where they are of several setups.

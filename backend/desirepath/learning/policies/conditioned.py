@@ -29,7 +29,7 @@ from desirepath.learning.preferences.objectives import (
     SIZE,
     check_weights,
     names_of,
-    parsed_weights,
+    parse_weights,
     preference_weights,
 )
 from desirepath.simulation.npz import Arrays
@@ -104,7 +104,7 @@ class ConditionedPolicy(StoredArrays, StoredPolicy):
         return Policy(self.setup, shape, actor, critic, recovery_policies, slowing=slowing)
 
     def driving(self, weights: str = "") -> Policy:
-        return self.at(parsed_weights(weights))
+        return self.at(parse_weights(weights))
 
     @property
     def objectives(self) -> tuple[str, ...]:

@@ -119,7 +119,7 @@ class Course:
         return np.arctan2(offsets[:, 1], offsets[:, 0]) - poses[:, 2]
 
 
-def measured_rollouts(policy: Policy, scenes: Sequence[Scene]) -> MeasuredRollouts:
+def measure_rollouts(policy: Policy, scenes: Sequence[Scene]) -> MeasuredRollouts:
     """Roll out in every scene once to its end. Raises SetupError."""
     return Course(scenes).rollout(policy)
 

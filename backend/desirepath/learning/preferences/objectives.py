@@ -175,7 +175,7 @@ def preference_weights(weights: Mapping[str, float]) -> Floats:
     return check_weights(np.array([weights.get(name, 0.0) for name in names], dtype=np.float32), names)
 
 
-def parsed_weights(text: str) -> Floats:
+def parse_weights(text: str) -> Floats:
     """Preference weights from words such as `farther=1,smoother=0.5`; empty: nothing. Raises LearningError."""
     named: dict[str, float] = {}
     for word in filter(None, text.split(",")):

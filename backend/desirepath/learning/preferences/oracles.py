@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from desirepath.analysis.metrics import min_human_distance, path_length
 from desirepath.learning.errors import LearningError
-from desirepath.learning.people.card import FAMILIES, is_member, member, parsed
+from desirepath.learning.people.card import FAMILIES, is_member, member, parse_person
 from desirepath.learning.preferences.measures import MEASURES, measures, typical_differences
 from desirepath.learning.preferences.objectives import CROWD_NAMES, NAMES, gains, names_of
 from desirepath.learning.preferences.preferences import Preference
@@ -155,7 +155,7 @@ def preference_of(name: str) -> OraclePreference:
             return known[name]
     if not is_member(name):
         raise LearningError(f"oracle = {name!r}: known are {', '.join(ORACLES)}; or somebody as {', '.join(OUTSIDE)}")
-    parsed(name)
+    parse_person(name)
 
     def later(answers: int) -> Value:
         def value(trajectories: Sequence[Trajectory]) -> Doubles:

@@ -53,7 +53,7 @@ class PredictiveCheck:
         return {**asdict(self), "verdict": self.verdict, "better_than_chance": better_than_chance(self.odds)}
 
 
-def checked_answers(
+def check_answers(
     differences: PairDifferences,
     chosen: NDArray[np.bool_],
     config: FreeConfig | None = None,

@@ -20,8 +20,8 @@ from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.policies.manners import Manner, MannerPolicy
 from desirepath.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
 from desirepath.learning.preferences.population_prior import columns_of, shipped_priors
-from desirepath.learning.queries.queries import Query, QueryConfig, QuerySet, flaw, look_alike, rounded
-from desirepath.learning.queries.varied_queries import drawn_weights
+from desirepath.learning.queries.queries import Query, QueryConfig, QuerySet, flaw, look_alike, round_observations
+from desirepath.learning.queries.varied_queries import draw_weights
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy
 from desirepath.simulation.fast import rollout
@@ -59,8 +59,8 @@ def varied_policies(setup: str, config: MannerConfig) -> list[ActFunction | Epis
         load_policy(f"{setup}/base"),
         load_ensemble(setup),
     )
-    own = [conditioned.at(weights) for weights in drawn_weights(config.settings, seed)]
-    others = [conditioned.at(weights) for weights in drawn_weights(config.settings, seed + 1)]
+    own = [conditioned.at(weights) for weights in draw_weights(config.settings, seed)]
+    others = [conditioned.at(weights) for weights in draw_weights(config.settings, seed + 1)]
     usual = [base, *ensemble, *others]
     found = [policy.rollout_policy for policy in (*own, *ensemble, base)]
     for _ in range(config.manners):
@@ -102,7 +102,10 @@ def generate_manner_queries(
         raise LearningError(f"count = {count}: {len(scenes)} scenes gave only {len(set(places))} with a pair to show")
     chosen = separating(PairDifferences.of(setup, pairs), places, count)
     order = np.random.default_rng([config.queries.seed, 7]).permutation(chosen)
-    queries = [Query(pairs[k][0].scene, rounded(pairs[k][0]), rounded(pairs[k][1]), (0, 1)) for k in order]
+    queries = [
+        Query(pairs[k][0].scene, round_observations(pairs[k][0]), round_observations(pairs[k][1]), (0, 1))
+        for k in order
+    ]
     return QuerySet(setup, tuple(queries), {"pairs": len(pairs), "scenes": len(scenes)})
 
 

@@ -135,7 +135,7 @@ class QuerySet(StoredArrays):
         return cls(header["setup"], queries, header["filtered"])
 
 
-def resampled_path(poses: Floats) -> Floats:
+def resample_path(poses: Floats) -> Floats:
     """PATH_SAMPLES points (m) evenly spaced along a path of poses (T + 1, 3)."""
     points = poses[:, :2]
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -145,7 +145,7 @@ def resampled_path(poses: Floats) -> Floats:
 
 def path_gap_m(a: Trajectory, b: Trajectory) -> float:
     """Largest distance (m) between the two paths at equal shares of their lengths: what an eye sees as different."""
-    return float(np.linalg.norm(resampled_path(a.poses) - resampled_path(b.poses), axis=1).max())
+    return float(np.linalg.norm(resample_path(a.poses) - resample_path(b.poses), axis=1).max())
 
 
 def flaw(trajectory: Trajectory, config: QueryConfig) -> str | None:
@@ -169,7 +169,7 @@ def look_alike(a: Trajectory, b: Trajectory, config: QueryConfig) -> bool:
     return path_gap_m(a, b) < config.min_gap_m and ratio < config.min_duration_ratio
 
 
-def rounded(trajectory: Trajectory) -> Trajectory:
+def round_observations(trajectory: Trajectory) -> Trajectory:
     """The trajectory with its observations as a stored query set keeps them (float16 precision)."""
     return replace(
         trajectory,
@@ -250,7 +250,12 @@ def _queries_in_scene(
         pairs = list(combinations(choices[k], 2))
         if not any(look_alike(trajectories[i], trajectories[j], config) for i, j in pairs):
             return [
-                Query(trajectories[i].scene, rounded(trajectories[i]), rounded(trajectories[j]), (i, j))
+                Query(
+                    trajectories[i].scene,
+                    round_observations(trajectories[i]),
+                    round_observations(trajectories[j]),
+                    (i, j),
+                )
                 for i, j in pairs
             ]
     filtered["look_alike"] += 1

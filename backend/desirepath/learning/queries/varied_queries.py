@@ -20,7 +20,7 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.preferences.measures import measures, table_of
 from desirepath.learning.preferences.objectives import OPPOSITES, SIZE, names_of, preference_weights
-from desirepath.learning.queries.queries import Query, QueryConfig, QuerySet, flaw, look_alike, rounded
+from desirepath.learning.queries.queries import Query, QueryConfig, QuerySet, flaw, look_alike, round_observations
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
@@ -49,7 +49,7 @@ class VariedConfig:
         return stored_config(self)
 
 
-def drawn_weights(count: int, seed: int, setup: str = "study_room") -> list[Floats]:
+def draw_weights(count: int, seed: int, setup: str = "study_room") -> list[Floats]:
     """`count` settings (9,): each objective alone, then two or three together, each at 0.4 to 1."""
     random = np.random.default_rng([seed, 31])
     settings = [preference_weights({name: 1.0}) for name in names_of(setup)[:count]]
@@ -73,7 +73,7 @@ def generate_varied_queries(
     asked, setup = config.queries, get_setup(conditioned.setup)
     random = np.random.default_rng([asked.seed, 32])
     trained = conditioned.as_trained()
-    policies = [trained.at(weights) for weights in drawn_weights(config.settings, asked.seed, setup.name)]
+    policies = [trained.at(weights) for weights in draw_weights(config.settings, asked.seed, setup.name)]
     reasons = ("collision", "timeout", "self_intersection", "too_long", "too_short", "look_alike", "one_drive_left")
     filtered = dict.fromkeys(reasons, 0) | {"drives": 0, "scenes": 0}
     candidates: list[Query] = []
@@ -120,10 +120,13 @@ def generate_varied_queries(
             f"count = {asked.count}: {asked.max_scenes} scenes gave only {len(set(places))} with two trajectories to "
             f"show; dropped: {filtered}. Ask for fewer or allow longer trajectories (max_duration_s)."
         )
-    chosen = balanced(differences_of(candidates), places, asked.count)
+    chosen = balance(differences_of(candidates), places, asked.count)
     order = random.permutation(len(chosen))
     queries = [candidates[chosen[k]] for k in order]
-    kept = [Query(q.scene, rounded(q.trajectory_a), rounded(q.trajectory_b), q.members) for q in queries]
+    kept = [
+        Query(q.scene, round_observations(q.trajectory_a), round_observations(q.trajectory_b), q.members)
+        for q in queries
+    ]
     return QuerySet(setup.name, tuple(kept), filtered)
 
 
@@ -134,7 +137,7 @@ def differences_of(queries: Sequence[Query]) -> Doubles:
     return differences
 
 
-def balanced(differences: Doubles, places: Sequence[int], count: int) -> list[int]:
+def balance(differences: Doubles, places: Sequence[int], count: int) -> list[int]:
     """`count` rows of (n, 7) differences, no two of one place (scene).
 
     Measures shall vary, and vary independently: a greedy D-optimal choice, then rows are exchanged, one at a time,
@@ -169,7 +172,7 @@ def balanced(differences: Doubles, places: Sequence[int], count: int) -> list[in
 
 
 def _imbalance(totals: Doubles, count: int) -> Doubles:
-    """(...) what `balanced` lowers, of sums of outer products (..., 7, 7)."""
+    """(...) what `balance` lowers, of sums of outer products (..., 7, 7)."""
     first, second = np.triu_indices(totals.shape[-1], 1)
     variances = np.diagonal(totals, axis1=-2, axis2=-1) / count + 1e-9
     correlations = totals[..., first, second] / count / np.sqrt(variances[..., first] * variances[..., second])

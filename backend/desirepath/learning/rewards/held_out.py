@@ -1,7 +1,7 @@
 """How well reward models predict answers that they did not see. Which kind is then chosen is `auto.py`'s.
 
 One participant's few answers are held out one by one or in folds (`held_out_accuracy`); of many people's answers,
-several of which are about the same scene, whole scenes are (`predicted_in_new_scenes`).
+several of which are about the same scene, whole scenes are (`predict_in_new_scenes`).
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Predicted:
     log_likelihood: float
 
 
-def predicted_in_new_scenes(preferences: Sequence[Preference], fit: Fit, *, folds: int = 3, seed: int = 0) -> Predicted:
+def predict_in_new_scenes(preferences: Sequence[Preference], fit: Fit, *, folds: int = 3, seed: int = 0) -> Predicted:
     """Cross-validated over scenes in a seeded order: all answers about one scene are held out together, whoever gave
     them. Raises TooFewAnswers for fewer scenes than folds."""
     _, kept = usable(preferences)
@@ -190,7 +190,7 @@ def predictions(
     """Of one person's answers some are held out, of several people's whole scenes, whoever answered about them."""
     try:
         if people > 1:
-            new = predicted_in_new_scenes(preferences, fit, folds=folds, seed=seed)
+            new = predict_in_new_scenes(preferences, fit, folds=folds, seed=seed)
             return Prediction(new.answers, f"{folds}_folds_of_scenes", majority, new.accuracy, new.low, new.high)
         held = held_out_accuracy(preferences, fit, folds=folds, seed=seed)
         return Prediction(held.n, held.method, majority, held.accuracy, held.low, held.high)

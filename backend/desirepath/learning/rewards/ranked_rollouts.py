@@ -66,7 +66,7 @@ class NoisyPolicy(EpisodicPolicy):
         return acts
 
 
-def noise_ranked(
+def rank_by_noise(
     act: ActFunction, scenes: Sequence[Scene], *, seed: int, levels: Sequence[float] = LEVELS
 ) -> RankedRollouts:
     """One rollout of each level in every scene: that share of its steps acts uniformly at random."""

@@ -19,7 +19,7 @@ from desirepath.learning.policies.conditioned import ConditionedPolicy, settings
 from desirepath.learning.policies.mirroring import ACTION_SIGNS, mirror_of
 from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.policies.steerability import Steerability, measured_rollouts, steerability_of
+from desirepath.learning.policies.steerability import Steerability, measure_rollouts, steerability_of
 from desirepath.learning.preferences.objectives import (
     OPPOSITES,
     SIZE,
@@ -418,12 +418,12 @@ def strong_enough(policy: ConditionedPolicy, base: Policy, config: ConditionedCo
     reach. Of strengths that keep `strong_success`, the smallest that suffices, else the largest.
     """
     scenes = scene_set(config.setup, config.strong_scenes, purpose=Purpose.SELECT, seed=config.seed)
-    rolled_out = measured_rollouts(base, scenes)
+    rolled_out = measure_rollouts(base, scenes)
     possible = best_possible(scenes)
     farther = preference_weights({"farther": 1.0})
     kept = 1.0
     for strength in config.strengths:
-        trajectories = measured_rollouts(policy.stronger("farther", strength).at(farther), scenes)
+        trajectories = measure_rollouts(policy.stronger("farther", strength).at(farther), scenes)
         if trajectories.success.mean() < config.strong_success:
             break
         kept = strength

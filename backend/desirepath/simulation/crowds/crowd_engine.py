@@ -299,7 +299,7 @@ class CrowdEngine:
         return np.stack([d[:, 0] * c + d[:, 1] * s, d[:, 1] * c - d[:, 0] * s], axis=1)
 
 
-def recorded(scene: Scene, people: Doubles, facing: Doubles) -> Scene:
+def record(scene: Scene, people: Doubles, facing: Doubles) -> Scene:
     """The scene with where its pedestrians really were: people, facing (T + 1, P, 2), the person first."""
     if scene.crowd is None or people.shape[1] < 1 + len(scene.crowd.pedestrians) or len(people) < 2:
         return scene

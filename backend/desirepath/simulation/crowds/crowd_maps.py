@@ -44,7 +44,7 @@ class FreePlaces:
         cells = plan.a_star(self.free, self.cell(begin[0], begin[1]), self.cell(end[0], end[1]))
         if len(cells) < 2:
             return ()
-        corners = plan.pulled_straight(self.free, cells)
+        corners = plan.straighten(self.free, cells)
         if len(corners) > MOST_KNOTS:
             return ()
         return tuple((tidy(self.xs[i]), tidy(self.ys[j])) for i, j in corners)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.simulation import kernels as k
-from desirepath.simulation.crowds.crowd_engine import CrowdEngine, recorded
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine, record
 from desirepath.simulation.crowds.crowd_kernels import nearest_wall
 from desirepath.simulation.fast import FastEngine, Floats, StartPool
 from desirepath.simulation.scene import Pose, Scene, SceneError
@@ -230,7 +230,7 @@ class PeopledEngine(FastEngine):
         if not self._walked[i]:
             return scene
         people, facing = (np.array(part) for part in zip(*self._walked[i], strict=True))
-        return recorded(scene, people, facing)
+        return record(scene, people, facing)
 
     @property
     def crowd(self) -> CrowdEngine:

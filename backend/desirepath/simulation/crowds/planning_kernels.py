@@ -89,7 +89,7 @@ def a_star(free: Bools, begin: tuple[int, int], end: tuple[int, int]) -> NDArray
 
 
 @compiled_exactly
-def pulled_straight(free: Bools, way: NDArray[np.int64]) -> NDArray[np.int64]:
+def straighten(free: Bools, way: NDArray[np.int64]) -> NDArray[np.int64]:
     """The corners of a way (n, 2) that remain where straight lines between free cells replace its zigzag."""
     kept = np.zeros_like(way)
     kept[0] = way[0]

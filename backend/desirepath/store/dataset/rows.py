@@ -28,7 +28,7 @@ from desirepath.store.models import (
     Trial,
 )
 from desirepath.store.models import Session as SessionRow
-from desirepath.store.plain_data import copied, mentions
+from desirepath.store.plain_data import copy_data, mentions
 from desirepath.store.sides import chosen_and_rejected, is_side
 from desirepath.store.who_counts import is_practice, left_out_of_study, may_be_published, reason_not_to_learn
 
@@ -331,7 +331,7 @@ class Content:
 
     def _scrub_all(self, value: Any) -> Any:
         """Plain data with every text in it scrubbed."""
-        return copied(value, text=self._scrub) if self.secrets else value
+        return copy_data(value, text=self._scrub) if self.secrets else value
 
     def _scrub(self, text: str | None) -> str | None:
         """The text without any recruiting id of this study, wherever it came in (an address bar, a free-text field)."""
@@ -344,7 +344,7 @@ def as_json(value: Any) -> str | None:
     """JSON without the entries that must not leave the database."""
     if value is None:
         return None
-    allowed = copied(value, without=lambda key, _: key.lower() in FORBIDDEN_KEYS)
+    allowed = copy_data(value, without=lambda key, _: key.lower() in FORBIDDEN_KEYS)
     return json.dumps(allowed, sort_keys=True, ensure_ascii=False)
 
 

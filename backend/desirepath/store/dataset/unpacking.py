@@ -34,7 +34,7 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 @contextlib.contextmanager
-def unpacked(given: Path) -> Iterator[Path]:
+def unpack(given: Path) -> Iterator[Path]:
     """The folder of a data set: the one that is given, or what a zip file holds, until the block ends.
 
     Raises DatasetError for a file that is no zip, that holds no data set or more than that, or that is made to harm.

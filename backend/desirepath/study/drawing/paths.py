@@ -66,7 +66,7 @@ def is_walked(step: DemonstrationStep, stroke: StrokeRow) -> bool:
     return step.person == "walks" and stroke.walk is None
 
 
-def met(stroke: StrokeRow | None) -> bool:
+def has_met_person(stroke: StrokeRow | None) -> bool:
     """Whether the robot met the participant who walked beside the stroke's trajectory."""
     return stroke is not None and stroke.state == "refused" and (stroke.walk or {}).get("source") == "walked"
 
@@ -92,7 +92,7 @@ def state_of(s: DatabaseSession, session: Session, step: DemonstrationStep) -> d
     return {
         "phase": phase,
         "walking": shown is not None and shown.walking,
-        "met": met(stroke),
+        "met": has_met_person(stroke),
         "stroke": stroke.id if going and stroke is not None else None,
         "duration_s": trajectory.duration_s if trajectory is not None else None,
         "playback_id": shown.playback_id if shown else None,

@@ -22,7 +22,7 @@ from desirepath.store.events import log_event
 from desirepath.store.models import Session, StrokeRow, TrajectoryRow
 from desirepath.study.clock import elapsed_s
 from desirepath.study.drawing import walks
-from desirepath.study.drawing.paths import is_walked, latest_stroke, met, playback_id, scene_of
+from desirepath.study.drawing.paths import has_met_person, is_walked, latest_stroke, playback_id, scene_of
 from desirepath.study.drawing.walks import Walked
 from desirepath.study.refusals import Refused
 
@@ -60,7 +60,7 @@ def attempt_of(step: DemonstrationStep, given: Mapping[str, Any], *, simulated: 
     from desirepath.demonstrations.demonstration import demonstration_from  # numba comes with it
     from desirepath.demonstrations.stroke import Stroke, StrokeProblem
 
-    walk = walks.chosen_walk(step, given)
+    walk = walks.choose_walk(step, given)
     drawn = {name: given.get(name) for name in ("points", "speeds", "times_s")}
     pointer = str(given.get("pointer", "mouse"))
     if not set(pointer.split("+")) <= POINTERS or ("bot" in pointer.split("+") and not simulated):
@@ -159,7 +159,7 @@ def roll_out(s: DatabaseSession, session: Session, step: DemonstrationStep, *, n
     return stroke
 
 
-def watched(
+def mark_watched(
     s: DatabaseSession,
     files: ArtefactStore,
     session: Session,
@@ -175,7 +175,7 @@ def watched(
     kept.
     """
     stroke = latest_stroke(s, session.id, step.key)
-    if stroke is not None and met(stroke):
+    if stroke is not None and has_met_person(stroke):
         return stroke  # reported twice
     stroke = _current(s, session, step)
     if stroke.shown_since is None:
@@ -224,7 +224,7 @@ def walk_again(
     if known is not None:
         return known
     before = latest_stroke(s, session.id, step.key)
-    if before is None or not (met(before) or (before.state == "watched" and step.person == "walks")):
+    if before is None or not (has_met_person(before) or (before.state == "watched" and step.person == "walks")):
         raise _refused(session, "nothing_walked", "There is no walk here yet.")
     if before.state == "watched":
         before.state, before.shown_since = "redone", None
@@ -237,7 +237,7 @@ def walk_again(
     return stroke
 
 
-def interrupted(s: DatabaseSession, session: Session, step: DemonstrationStep, *, reason: str) -> bool:
+def interrupt(s: DatabaseSession, session: Session, step: DemonstrationStep, *, reason: str) -> bool:
     """A trajectory was not seen to its end (reload, hidden tab, lost picture): it can be begun again, nothing is lost.
 
     Returns whether anything was being driven.

@@ -79,7 +79,7 @@ def offered(step: DemonstrationStep) -> tuple[dict[str, Any], ...]:
     return planned_walks(step.environment, step.pair) if step.person == "recorded" else ()
 
 
-def chosen_walk(step: DemonstrationStep, given: Mapping[str, Any]) -> dict[str, Any] | None:
+def choose_walk(step: DemonstrationStep, given: Mapping[str, Any]) -> dict[str, Any] | None:
     """The walk that a stroke is drawn for, None where the person stands. Raises Refused for a choice there is not."""
     walks = offered(step)
     if not walks:
@@ -90,7 +90,7 @@ def chosen_walk(step: DemonstrationStep, given: Mapping[str, Any]) -> dict[str, 
     return walks[choice]
 
 
-def walked_beside(
+def combine_with_walk(
     step: DemonstrationStep, scene: Scene, drawn: Mapping[str, Any], beside: str | None, given: Any, *, simulated: bool
 ) -> Walked:
     """A recorded walk with the path it was walked beside: what they make together; touches no table (about 0.1 s).

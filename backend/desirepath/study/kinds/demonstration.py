@@ -175,7 +175,7 @@ class Demonstration(Kind[DemonstrationStep, DemonstrationAnswer]):
         return shown | {"person": step.person, "walks": offered}
 
     def interrupted(self, step: DemonstrationStep, s: DatabaseSession, session: Session, reason: str) -> bool | None:
-        return strokes.interrupted(s, session, step, reason=reason)
+        return strokes.interrupt(s, session, step, reason=reason)
 
     def state(self, step: DemonstrationStep, moment: Moment) -> dict[str, Any]:
         return paths.state_of(moment.s, moment.session, step)

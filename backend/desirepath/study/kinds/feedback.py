@@ -22,7 +22,7 @@ from desirepath.study.kinds.live import LiveKind, LiveStep, Setup, Weights, bega
 from desirepath.study.kinds.trial import TrialStep
 from desirepath.study.kinds.wire import Answer, Flag
 from desirepath.study.personalising.believed import believed_of
-from desirepath.study.personalising.live_rollouts import conditioned_on
+from desirepath.study.personalising.live_rollouts import condition_on
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import Policy
@@ -93,7 +93,7 @@ class FeedbackKind(LiveKind[FeedbackStep, FeedbackAnswer]):
         self, step: FeedbackStep, moment: Moment, files: ArtefactStore, weights: Mapping[str, float] | None
     ) -> list[Policy]:
         """As it was learned when they came to the step, whatever is asked for."""
-        return [conditioned_on(step.setup, began_with(moment, step, BEGAN).get("weights", {}))]
+        return [condition_on(step.setup, began_with(moment, step, BEGAN).get("weights", {}))]
 
     def payload(self, step: FeedbackStep, page: Page) -> dict[str, Any]:
         said = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": (), "triangle": None}

@@ -19,7 +19,7 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Event
 from desirepath.study.kinds.base import Kind, Moment, Page, Simulated, Step
 from desirepath.study.kinds.wire import Answer, BadValue, Besides
-from desirepath.study.personalising.live_rollouts import MOST_PLACES, conditioned_on
+from desirepath.study.personalising.live_rollouts import MOST_PLACES, condition_on
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import Policy
@@ -162,7 +162,7 @@ class AboutLive(Besides):
     named: list[str] | None = Field(None, description="all that the controls can say")
 
 
-def cleaned(weights: Mapping[str, float], objectives: Sequence[str], field: str = "value.weights") -> Weights:
+def clean_weights(weights: Mapping[str, float], objectives: Sequence[str], field: str = "value.weights") -> Weights:
     """Those above 0, rounded, in these objectives' order. Raises BadValue for names, values or opposites that cannot
     be."""
     for name, weight in weights.items():
@@ -195,7 +195,7 @@ def startable(step: LiveStep, weights: Mapping[str, float]) -> Weights:
     return {name: weight for name, weight in weights.items() if name in step.named}
 
 
-def replayed(start: Mapping[str, float], history: Iterable[Mapping[str, Any]]) -> Weights:
+def replay(start: Mapping[str, float], history: Iterable[Mapping[str, Any]]) -> Weights:
     """The weights after those changes; raising one of two opposites puts the other to 0."""
     now = dict(start)
     for change in history:
@@ -235,7 +235,7 @@ class LiveKind(Kind[S, A]):
         self, step: S, moment: Moment, files: ArtefactStore, weights: Mapping[str, float] | None
     ) -> list[Policy]:
         """What drives each of them. weights: as the controls stand; None: as the step begins."""
-        return [conditioned_on(step.setup, weights or {})]
+        return [condition_on(step.setup, weights or {})]
 
     def payload(self, step: S, page: Page) -> dict[str, Any]:
         said = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": controls_of(step.setup)}
@@ -247,7 +247,7 @@ class LiveKind(Kind[S, A]):
             if change.objective not in step.named:
                 message = f"is no objective; known are {', '.join(step.named)}"
                 raise BadValue(f"value.history.{number}.objective", change.objective, message)
-        weights = cleaned(answer.weights, step.named)
+        weights = clean_weights(answer.weights, step.named)
         if step.objectives:
             _require_triangle(weights, step.objectives)
         return {
@@ -265,9 +265,9 @@ def _require_triangle(weights: Weights, corners: Sequence[str]) -> None:
         raise BadValue("value.weights", round(together, ROUNDED), "must sum to 1, as in a triangle")
 
 
-def checked_history(start: Mapping[str, float], stored: Mapping[str, Any]) -> None:
+def check_history(start: Mapping[str, float], stored: Mapping[str, Any]) -> None:
     """Raise BadValue where the changes do not lead from the start to the final weights."""
-    ends = replayed(start, stored["history"])
+    ends = replay(start, stored["history"])
     for name in {**ends, **stored["weights"]}:
         wanted = stored["weights"].get(name, 0.0)
         if abs(ends.get(name, 0.0) - wanted) > SAME:
@@ -275,7 +275,7 @@ def checked_history(start: Mapping[str, float], stored: Mapping[str, Any]) -> No
             raise BadValue(f"value.weights.{name}", wanted, message)
 
 
-def wanted_weights(step: Mapping[str, Any], participant: Simulated) -> Weights:
+def simulated_weights(step: Mapping[str, Any], participant: Simulated) -> Weights:
     """What a program would set with the controls of that step; {}: it has no preference that they know."""
     wanted = {name: w for name, w in participant.preferred_weights(step).items() if name in step["named"]}
     return in_triangle(wanted, step["objectives"]) if wanted and step.get("objectives") else wanted

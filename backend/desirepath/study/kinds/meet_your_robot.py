@@ -29,18 +29,18 @@ from desirepath.study.kinds.live import (
     LiveStep,
     Weights,
     began_with,
-    checked_history,
+    check_history,
     distance,
+    simulated_weights,
     slid,
     startable,
-    wanted_weights,
 )
 from desirepath.study.kinds.questionnaire import within
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.kinds.wire import WholeNumber
 from desirepath.study.personalising.alignment_jobs import ready_job
 from desirepath.study.personalising.believed import believed_of
-from desirepath.study.personalising.live_rollouts import conditioned_on, shipped_base
+from desirepath.study.personalising.live_rollouts import condition_on, shipped_base
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import Policy
@@ -128,8 +128,8 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         """The own robot as it was compared, or as the controls stand; then the usual one."""
         base = shipped_base(step.setup)
         if weights is not None:
-            return [conditioned_on(step.setup, weights), base]
-        return [_own(moment, files) or conditioned_on(step.setup, {}), base]
+            return [condition_on(step.setup, weights), base]
+        return [_own(moment, files) or condition_on(step.setup, {}), base]
 
     def payload(self, step: MeetYourRobotStep, page: Page) -> dict[str, Any]:
         return super().payload(step, page) | {
@@ -164,7 +164,7 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
     def keep(self, step: MeetYourRobotStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
         noted = began_with(acting, step, BEGAN)
         start, believed = noted.get("start", {}), noted.get("believed") or {}
-        checked_history(start, stored)
+        check_history(start, stored)
         learned, statement = believed.get("weights", {}), believed.get("statement")
         corrected = bool(stored["history"]) and distance(start, stored["weights"]) > 0
         apart = distance(startable(step, learned), stored["weights"]) if corrected else 0.0
@@ -185,7 +185,7 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         """Who is not met well corrects it."""
-        own = wanted_weights(step, participant)
+        own = simulated_weights(step, participant)
         apart = distance(step["learned"], own)
         agreement = max(1, POINTS - round(4 * min(apart, 1.0)))
         if agreement == POINTS or not own:

@@ -20,7 +20,7 @@ from desirepath.store.who_counts import lets_us_learn
 from desirepath.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
 from desirepath.study.kinds.trial import Viewing
 from desirepath.study.kinds.wire import AboutQuery, ChoiceAnswer
-from desirepath.study.personalising.method_robots import Method, hard_to_tell, made_robots, make_robots, rollouts_in
+from desirepath.study.personalising.method_robots import Method, hard_to_tell, make_robots, noted_robots, rollouts_in
 
 
 class TaughtByMethods(Stage):
@@ -140,7 +140,7 @@ class MethodComparison(Kind[MethodComparisonStep, ChoiceAnswer]):
         return {"choice": answer.choice}
 
     def keep(self, step: MethodComparisonStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
-        weights = made_robots(acting, step.stage)["weights"]
+        weights = noted_robots(acting, step.stage)["weights"]
         sides = dict(zip("ab", step.sides, strict=True))
         taught = {side: weights[method] for side, method in sides.items()}
         return {"methods": sides, "weights": taught, "place": step.place}

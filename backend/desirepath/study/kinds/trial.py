@@ -258,7 +258,7 @@ class Trial(Kind[TrialStep, TrialAnswer]):
         return step.round is None or step.round == getattr(moment.step, "round", None)
 
     def arrive(self, step: TrialStep, acting: Acting) -> None:
-        asked = next_query.asked_in(acting, step)
+        asked = next_query.query_of_trial(acting, step)
         trial = make_trial(
             acting,
             step,

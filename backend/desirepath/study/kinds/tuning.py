@@ -24,12 +24,12 @@ from desirepath.study.kinds.live import (
     LiveStep,
     Weights,
     began_with,
-    checked_history,
+    check_history,
     controls_of,
     in_triangle,
+    simulated_weights,
     slid,
     startable,
-    wanted_weights,
 )
 from desirepath.study.personalising.believed import believed_of
 
@@ -121,14 +121,14 @@ class Tuning(LiveKind[TuningStep, LiveAnswer]):
 
     def keep(self, step: TuningStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
         start = began_with(acting, step, BEGAN).get("start", step.begins)
-        checked_history(start, stored)
+        check_history(start, stored)
         return {"start": start}
 
     def known_to_simulated(self, step: TuningStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"start": payload["start"], "objectives": step.objectives, "named": step.named}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
-        wanted = wanted_weights(step, participant) or (step["start"] if step.get("objectives") else {})
+        wanted = simulated_weights(step, participant) or (step["start"] if step.get("objectives") else {})
         return {"weights": wanted, "history": slid(step["start"], wanted)}
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from desirepath.grammar.error_words import wanted_in_json
+from desirepath.grammar.error_words import describe_expected_json
 from desirepath.store.sides import Side
 from desirepath.study.refusals import Refused
 
@@ -43,7 +43,7 @@ class Answer(BaseModel):
         except ValidationError as wrong:
             error = wrong.errors(include_url=False)[0]
             field = ".".join(str(part) for part in ("value", *error["loc"]))
-            raise BadValue(field, error.get("input"), wanted_in_json(error)) from None
+            raise BadValue(field, error.get("input"), describe_expected_json(error)) from None
 
 
 A = TypeVar("A", bound=Answer)

@@ -25,7 +25,7 @@ from desirepath.study.kinds.live import (
     LiveStep,
     PersonSetup,
     Weights,
-    checked_history,
+    check_history,
     distance,
     slid,
 )
@@ -157,7 +157,7 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
                 offered = ", ".join(got.questions[one.question].offered)
                 raise BadValue(f"value.meant.{number}.objective", one.objective, f"must be one of {offered}, or null")
         stored = super().check(step, answer, page)
-        checked_history({}, stored)
+        check_history({}, stored)
         start = with_meant(got, answer.meant)
         if not step.correct and distance(start, stored["weights"]) > SAME:
             raise BadValue(
@@ -167,7 +167,7 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
         return stored | {
             "sentence": answer.sentence,
             "language": got.language,
-            "marked": [part for part in marked(answer.sentence, got) if part["as"] != "plain"],
+            "marked": [part for part in mark_stretches(answer.sentence, got) if part["as"] != "plain"],
             "meant": meant,
             "understood": start,
             "corrected": corrected and distance(start, stored["weights"]) > 0,
@@ -221,7 +221,7 @@ def with_meant(got: Understood, meant: Sequence[Meant]) -> Weights:
     return {name: weights[name] for name in OBJECTIVES if weights.get(name, 0) > 0}
 
 
-def marked(sentence: str, got: Understood) -> list[dict[str, Any]]:
+def mark_stretches(sentence: str, got: Understood) -> list[dict[str, Any]]:
     """The whole sentence in stretches, so that nobody counts letters: text; as: plain, wanted, unwanted, lesser,
     asked, missed; objective of the first three of them; question: number of what is asked back.
     """

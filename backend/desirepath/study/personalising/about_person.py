@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.models import Response, Session, Trial
 from desirepath.study.personalising.clicking import chosen_letters, position_bias
-from desirepath.study.personalising.method_robots import made_robots
+from desirepath.study.personalising.method_robots import noted_robots
 
 if TYPE_CHECKING:
     from desirepath.study.kinds.base import Moment
@@ -65,7 +65,7 @@ def _methods(moment: Moment) -> dict[str, Any] | None:
     answered = list(moment.s.execute(_answered(moment.session, "method_comparison", Trial.block)))
     if not answered:
         return None
-    weights = made_robots(moment, answered[0][2])["weights"]
+    weights = noted_robots(moment, answered[0][2])["weights"]
     met = [arms | {"choice": value["choice"]} for arms, value, _ in answered]
     pairs = Counter(pair[side] for pair in met for side in "ab")
     chosen = Counter(pair[pair["choice"]] for pair in met)

@@ -73,24 +73,24 @@ def typical_rollouts(setup: str, place: int) -> tuple[Trajectory, ...]:
 
     conditioned = shipped_conditioned(setup)
     alone = settings(setup=setup).values()
-    return tuple(rolled_out(conditioned.at(weights), scenes_of(setup)[place]) for weights in alone)
+    return tuple(roll_out(conditioned.at(weights), scenes_of(setup)[place]) for weights in alone)
 
 
 @lru_cache(maxsize=4)
-def warmed_up(setup: str) -> bool:
+def warm_up(setup: str) -> bool:
     """Policies read and simulator compiled: the first rollout of a process takes seconds, every other milliseconds."""
     scene = scenes_of(setup)[0]
-    return all(path_of(rolled_out(policy, scene)).track for policy in (conditioned_on(setup, {}), shipped_base(setup)))
+    return all(path_of(roll_out(policy, scene)).track for policy in (condition_on(setup, {}), shipped_base(setup)))
 
 
-def conditioned_on(setup: str, weights: Mapping[str, float]) -> Policy:
+def condition_on(setup: str, weights: Mapping[str, float]) -> Policy:
     """The setup's conditioned policy at these weights. Raises LearningError for weights that cannot be."""
     from desirepath.learning.preferences.objectives import preference_weights
 
     return shipped_conditioned(setup).at(preference_weights(weights))
 
 
-def rolled_out(policy: Policy, scene: Scene, pose: Sequence[float] | None = None, seconds: float = 0.0) -> Trajectory:
+def roll_out(policy: Policy, scene: Scene, pose: Sequence[float] | None = None, seconds: float = 0.0) -> Trajectory:
     """The policy from the scene's start, or from that pose (x, y, yaw), so many seconds after whoever walks there began
     to. Raises SceneError for a pose outside the room."""
     from desirepath.simulation.fast import rollout

@@ -16,7 +16,7 @@ from sqlalchemy import select
 from desirepath.store.events import log_event
 from desirepath.store.models import Event, Response, StrokeRow
 from desirepath.study.personalising import next_query
-from desirepath.study.personalising.live_rollouts import conditioned_on, rolled_out
+from desirepath.study.personalising.live_rollouts import condition_on, roll_out
 
 if TYPE_CHECKING:
     from desirepath.simulation.scene import Scene
@@ -72,7 +72,7 @@ def _by_hand(acting: Acting, setup: str, method: str) -> Weights:
     return {str(name): float(weight) for name, weight in value.get("weights", {}).items()}
 
 
-def made_robots(moment: Moment, stage: str) -> dict[str, Any]:
+def noted_robots(moment: Moment, stage: str) -> dict[str, Any]:
     """What `make_robots` noted for that stage; {} before."""
     noted = select(Event).where(Event.session_id == moment.session.id, Event.kind == ROBOTS_MADE)
     return next((dict(one.data) for one in moment.s.scalars(noted) if one.data.get("stage") == stage), {})
@@ -82,7 +82,7 @@ def make_robots(acting: Acting, stage: str, setup: str, methods: Sequence[str], 
     """Note, once, each method's weights and the scenes in which the robots are compared: weights: method -> weights;
     scenes: seeds; flawed: how many of the rollouts there are none that other comparisons would show.
     """
-    before = made_robots(acting, stage)
+    before = noted_robots(acting, stage)
     if before:
         return before
     weights = weights_by_method(acting, setup, methods)
@@ -104,7 +104,7 @@ def compared_scenes(setup: str, weights: Sequence[Mapping[str, float]], count: i
 
     rules = QueryConfig(max_duration_s=LONGEST_S)
     scenes = scene_set(setup, CANDIDATES, purpose=Purpose.COMPARISON, seed=seed)
-    rollouts = [rollout(get_setup(setup), conditioned_on(setup, one).rollout_policy, scenes) for one in weights]
+    rollouts = [rollout(get_setup(setup), condition_on(setup, one).rollout_policy, scenes) for one in weights]
     flaws, alike = [], []
     for of_scene in zip(*rollouts, strict=True):
         flaws.append(sum(flaw(one, rules) is not None for one in of_scene))
@@ -116,7 +116,7 @@ def compared_scenes(setup: str, weights: Sequence[Mapping[str, float]], count: i
 def rollouts_in(made: Mapping[str, Any], place: int, methods: Sequence[str]) -> list[Trajectory]:
     """The robots of these methods in one of the compared scenes."""
     scene = _scene(made["setup"], made["scenes"][place])
-    return [rolled_out(conditioned_on(made["setup"], made["weights"][method]), scene) for method in methods]
+    return [roll_out(condition_on(made["setup"], made["weights"][method]), scene) for method in methods]
 
 
 def _scene(setup: str, seed: int) -> Scene:

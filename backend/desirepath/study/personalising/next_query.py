@@ -179,7 +179,7 @@ def _situation(
     return measured, memory.beyond(measured, pairs, answers), Candidates(pairs, left)
 
 
-def asked_in(acting: Acting, step: TrialStep) -> Asked:
+def query_of_trial(acting: Acting, step: TrialStep) -> Asked:
     """What the trial of that step shows."""
     s, session = acting.s, acting.session
     if step.again is not None:

@@ -29,8 +29,8 @@ from desirepath.study.personalising.alignment_jobs import Training
 from desirepath.study.protocol.analysis_checks import analysis_problems
 from desirepath.study.protocol.checking import problems_across
 from desirepath.study.protocol.naming import all_questionnaires, all_texts
-from desirepath.study.protocol.numbers_in_texts import filled
-from desirepath.study.protocol.reading import Read, Reader, checked_size, too_long, valid_part
+from desirepath.study.protocol.numbers_in_texts import fill_in
+from desirepath.study.protocol.reading import Read, Reader, check_size, too_long, valid_part
 from desirepath.study.protocol.schema import Protocol
 from desirepath.study.protocol.stages import T, stage_keys
 
@@ -67,7 +67,7 @@ class FrozenProtocol:
         content = self.files.get(variant(name, language))
         if content is None:
             content = self.files.get(name) or self.files[variant(name, self.protocol.languages[0])]
-        first, _, rest = filled(content, self.protocol).strip().partition("\n")
+        first, _, rest = fill_in(content, self.protocol).strip().partition("\n")
         if first.startswith("# "):
             return first[2:].strip(), rest.strip()
         return self.title(language), content.strip()
@@ -116,7 +116,7 @@ class FrozenProtocol:
     def consent_hash(self, language: str) -> str:
         """sha256 of the consent text exactly as it is shown in that language."""
         name = self.consent.text
-        content = filled(self.files.get(variant(name, language), self.files.get(name, "")), self.protocol)
+        content = fill_in(self.files.get(variant(name, language), self.files.get(name, "")), self.protocol)
         return hashlib.sha256(content.encode()).hexdigest()
 
 
@@ -182,7 +182,7 @@ def _frozen(text: str, file: str, read: Read, sets: Sets | None = None) -> Froze
     """sets: None of a study that there is, which has its own; its declared analysis was not always checked, nor whether
     a number stood in quotes."""
     new = sets is not None
-    source = checked_size(Source(file, text))
+    source = check_size(Source(file, text))
     whole, problems = read_as(source, Protocol, strict=new)
     protocol = whole or valid_part(source, problems)
     if protocol is None:

@@ -29,7 +29,7 @@ def text_numbers(protocol: Protocol) -> dict[str, int]:
     return {"minutes": protocol.minutes, **numbers}
 
 
-def filled(text: str, protocol: Protocol) -> str:
+def fill_in(text: str, protocol: Protocol) -> str:
     """The text with `{minutes}`, `{pairs}` and so on as numbers."""
     for name, number in text_numbers(protocol).items():
         text = text.replace(f"{{{name}}}", str(number))

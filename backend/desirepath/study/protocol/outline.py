@@ -12,7 +12,7 @@ from desirepath.study.kinds import Step
 from desirepath.study.kinds.base import PAGE_S, Pace
 from desirepath.study.plan.counterbalancing import design_of
 from desirepath.study.protocol.freezing import FrozenProtocol
-from desirepath.study.protocol.numbers_in_texts import filled
+from desirepath.study.protocol.numbers_in_texts import fill_in
 from desirepath.study.protocol.planning import example_queries, make_plan
 from desirepath.study.protocol.schema import Protocol
 from desirepath.study.protocol.stages import StageEntry, stage_keys
@@ -46,7 +46,7 @@ def _summary(key: str, entry: StageEntry, protocol: Protocol, files: dict[str, s
     if entry.when is not None:
         data["when"] = entry.when.model_dump(mode="json", by_alias=True, exclude_none=True)
     texts = [
-        (language, filled(files.get(variant(name, language), files.get(name, "")), protocol))
+        (language, fill_in(files.get(variant(name, language), files.get(name, "")), protocol))
         for name in dict.fromkeys(name for name, _ in entry.stage.texts())
         for language in protocol.languages
     ]

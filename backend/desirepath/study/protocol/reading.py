@@ -39,7 +39,7 @@ Read = Callable[[str], str | None]
 """Content of a file named relative to the protocol, None if there is none. Raises NotUtf8Error."""
 
 
-def checked_size(source: Source) -> Source:
+def check_size(source: Source) -> Source:
     """The file itself, where it has no more stages than can be checked while somebody waits. Raises ProtocolError."""
     stages = source.value(("stages",))
     if isinstance(stages, list) and len(stages) > MOST_STAGES:
@@ -118,7 +118,7 @@ class Reader:
     """Reads what one protocol names. `files` collects the content of all that was read, by name."""
 
     def __init__(self, protocol: Protocol, source: Source, read: Read, *, strict: bool = True) -> None:
-        """strict: as `parsed` has it."""
+        """strict: as `parse` has it."""
         self.protocol, self.source, self.files = protocol, source, {}
         self.unreadable: dict[str, Problem] = {}  # files that are there and are no text
         self._given, self._strict = read, strict

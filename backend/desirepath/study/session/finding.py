@@ -13,7 +13,7 @@ from desirepath.store.database import Database
 from desirepath.store.events import log_event
 from desirepath.store.models import Session
 from desirepath.store.worker_signals import Signal, signal_workers
-from desirepath.study.links import as_issued, token_hash
+from desirepath.study.links import normalise_token, token_hash
 from desirepath.study.personalising import alignment_jobs
 from desirepath.study.refusals import Refused, log_refusal
 from desirepath.study.session import states
@@ -28,7 +28,7 @@ def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = 
     the next request that may write. The transaction remembers the link (`s.info["token"]`), from which the next
     appointment's is made.
     """
-    s.info["token"] = as_issued(token)
+    s.info["token"] = normalise_token(token)
     session = s.scalars(
         select(Session)
         .where(Session.token_hash == token_hash(token))

@@ -15,7 +15,7 @@ from desirepath.study.personalising import alignment_jobs
 from desirepath.study.session import states
 from desirepath.study.session.versions import protocol_of
 from desirepath.study.session.view import refused, require_active, step_of
-from desirepath.study.session.watching import interrupted
+from desirepath.study.session.watching import interrupt
 
 LONGEST_PROBLEM = 4000  # characters of a problem report; ours
 
@@ -25,7 +25,7 @@ def pause(s: DatabaseSession, session: Session, *, now: datetime) -> None:
     if session.state == "paused":
         return
     require_active(session, now)
-    interrupted(s, session, reason="paused", now=now)
+    interrupt(s, session, reason="paused", now=now)
     states.change(session, "pause", "participant")
     log_event(s, "paused", session_id=session.id)
 

@@ -45,7 +45,7 @@ from desirepath.study.session.view import (
     trial_of,
 )
 from desirepath.study.session.watching import (
-    interrupted,
+    interrupt,
     restart_trajectory,
     start_trial,
     trajectory_seen,
@@ -63,7 +63,7 @@ __all__ = [
     "current",
     "find_session",
     "has_declined",
-    "interrupted",
+    "interrupt",
     "pause",
     "playing",
     "report_problem",

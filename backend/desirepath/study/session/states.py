@@ -147,7 +147,7 @@ def compare_and_set(s: DatabaseSession, row: Session | Trial, statement: Any) ->
         raise Refused(409, "moved", "The session went on in the meantime.", session_id=session_id)
 
 
-def drawn() -> str:
+def draw_diagrams() -> str:
     """Both tables as the diagrams of docs/architecture.md (Mermaid)."""
     lines = []
     for title, table, first in (("session", SESSION, "active"), ("trial", TRIAL, "ready")):
@@ -157,4 +157,4 @@ def drawn() -> str:
 
 
 if __name__ == "__main__":
-    print(drawn(), end="")
+    print(draw_diagrams(), end="")

@@ -116,7 +116,7 @@ def restart_trajectory(s: DatabaseSession, session: Session, *, reason: str, now
     return _interrupt(s, session, reason, now, keep_seen=True)
 
 
-def interrupted(s: DatabaseSession, session: Session, *, reason: str, now: datetime) -> bool:
+def interrupt(s: DatabaseSession, session: Session, *, reason: str, now: datetime) -> bool:
     """The checkpoint rule: an unfinished trial whose trajectories were not both seen starts over, every time.
 
     For reloads, lost connections, another tab, a server that came back. In the phase `choosing` both were seen

@@ -25,13 +25,13 @@ from desirepath.store.events import log_event
 from desirepath.store.models import Artefact, ArtefactParent, Job, Participant, Study
 from desirepath.store.models import Response as Answered
 from desirepath.store.models import Session as SessionRow
-from desirepath.store.snapshots import Snapshot, SnapshotError, TooFewAnswers, checked_whose, take_snapshot
+from desirepath.store.snapshots import Snapshot, SnapshotError, TooFewAnswers, check_whose, take_snapshot
 from desirepath.store.who_counts import Whose
 from desirepath.web.analyst.csv_files import csv_response
-from desirepath.web.analyst.job_pages import posted
+from desirepath.web.analyst.job_pages import read_form
 from desirepath.web.core import svg_figures
 from desirepath.web.core.auditing import audit_details
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.contract import form_of
 from desirepath.web.core.dependencies import Db, Files, TheServices, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
@@ -40,7 +40,7 @@ from desirepath.web.core.permits import in_studies, may_with, seen_artefacts
 from desirepath.web.core.roles import Right
 
 DRIVING = ANY_POLICY.split("|")
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 LINK_S = 300  # ours: how long a signed link to the store of files is good for
 
 
@@ -52,7 +52,7 @@ def snapshots(request: Request, database: Db, archived: bool = False) -> Respons
 
 @router.post("/lab/snapshots", openapi_extra=form_of(("study", "participant", "answers")))
 def take(
-    request: Request, database: Db, files: Files, user: CheckedCsrf, form: Annotated[FormData, Depends(posted)]
+    request: Request, database: Db, files: Files, user: CheckedCsrf, form: Annotated[FormData, Depends(read_form)]
 ) -> Response:
     """Freeze the answers of a study's people, of simulated participants or of one of them; 422 if there are too few."""
     study_id, code = str(form.get("study") or ""), str(form.get("participant") or "").strip()
@@ -69,7 +69,7 @@ def take(
                 chosen = list(s.scalars(wanted))
                 if not chosen:
                     raise LabRefusal(422, "no_participant", code=code)
-            taken = take_snapshot(s, files, study_id=study_id, participant_ids=chosen, whose=checked_whose(whose))
+            taken = take_snapshot(s, files, study_id=study_id, participant_ids=chosen, whose=check_whose(whose))
             log_event(s, "snapshot_taken", study_id=study_id, snapshot=taken.id, whose=whose, by=user.name)
     except SnapshotError as problem:
         with database.session() as s:

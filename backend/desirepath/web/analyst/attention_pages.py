@@ -17,9 +17,9 @@ from desirepath.explain.shown_explanation import ShownAttention, ShownExplanatio
 from desirepath.grammar.words import View
 from desirepath.store.artefact_upkeep import offered
 from desirepath.store.models import Artefact
-from desirepath.store.shipped_policies import artefact_called
+from desirepath.store.shipped_policies import find_artefact
 from desirepath.web.analyst.chosen_policies import Undrawable, first_scene, problem_of
-from desirepath.web.core.auth import checked_csrf
+from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
 from desirepath.web.core.permits import may_with, seen_artefacts
@@ -30,7 +30,7 @@ from desirepath_stage.views import VIEWS
 if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
     from desirepath.simulation.trajectory import Trajectory
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 KIND = "attention_policy"
 
 
@@ -54,7 +54,7 @@ def attention(
         rights = rights_in(request)
         rows = select(Artefact).where(Artefact.kind == KIND, offered(), seen_artefacts(rights))
         choices = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
-        chosen = artefact_called(s, policy) if policy else None
+        chosen = find_artefact(s, policy) if policy else None
         if policy and (chosen is None or chosen.kind != KIND or not may_with(s, rights, Right.LOOK, chosen)):
             raise LabRefusal(404, "no_artefact")
     if chosen is not None and chosen.quarantined_at is not None:
@@ -66,7 +66,7 @@ def attention(
         wrong = Undrawable("scene", value=seed, largest=str(LARGEST_SEED))
         problem = problem_of(services.texts.get(lab_language(request)), wrong)
     elif chosen is not None:
-        trajectory, shown = rolled_out(files.get(chosen.id), where, int(seed))
+        trajectory, shown = roll_out(files.get(chosen.id), where, int(seed))
         explained = None if plain else explanation_of(trajectory, shown)
         token = services.replays.grant(Replay((trajectory,), (chosen.name,), explained=explained, view=seen))
         outcome = trajectory.outcome.name.lower()
@@ -90,15 +90,15 @@ def attention(
 
 
 @lru_cache(maxsize=16)
-def rolled_out(content: bytes, setup: str, seed: int) -> tuple[Trajectory, ShownAttention]:
+def roll_out(content: bytes, setup: str, seed: int) -> tuple[Trajectory, ShownAttention]:
     """The policy in that scene among two who walk, with what it attended to."""
-    from desirepath.learning.pedestrians.attended import as_trajectory, attended
+    from desirepath.learning.pedestrians.attended import as_trajectory, measure_attention
     from desirepath.learning.policies.attention import AttentionPolicy
     from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, draw_crowd_scene
 
     policy = AttentionPolicy.from_bytes(content)
     found = policy.rolled_out(draw_crowd_scene(setup, seed, PUBLISHED))
-    return as_trajectory(found), ShownAttention(*attended(policy.actor(), found))
+    return as_trajectory(found), ShownAttention(*measure_attention(policy.actor(), found))
 
 
 def explanation_of(trajectory: Trajectory, attention: ShownAttention) -> ShownExplanation:

@@ -22,7 +22,7 @@ from desirepath.store.artefact_upkeep import offered
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.models import Artefact
-from desirepath.store.shipped_policies import artefact_called, shipped_as
+from desirepath.store.shipped_policies import find_artefact, shipped_name
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.figure_process import FigureError
 from desirepath.web.core.lab_frame import LabRefusal, rights_in
@@ -57,7 +57,7 @@ class Side:
     @property
     def reference(self) -> str:
         """How the command line names it."""
-        named = shipped_as(self.artefact.id) or self.artefact.id
+        named = shipped_name(self.artefact.id) or self.artefact.id
         return f"{named}@{self.weights_in_words}" if self.weights_in_words else named
 
     def policy(self, files: ArtefactStore) -> DrivingPolicy:
@@ -173,7 +173,7 @@ def given_by_id(s: DatabaseSession, params: Mapping[str, str]) -> dict[str, str]
     given = dict(params)
     for side in SIDES:
         called, _, weights = given.get(f"policy_{side}", "").partition("@")
-        if (artefact := artefact_called(s, called)) is not None:
+        if (artefact := find_artefact(s, called)) is not None:
             pairs = (one.partition("=") for one in weights.split(",") if one)
             own = {f"{side}_{name.strip()}": weight.strip() for name, _, weight in pairs}
             given = {**own, **given, f"policy_{side}": artefact.id}

@@ -20,29 +20,29 @@ from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore, lineage
 from desirepath.store.database import Database
 from desirepath.store.models import Artefact, Job
-from desirepath.store.shipped_policies import artefact_called
+from desirepath.store.shipped_policies import find_artefact
 from desirepath.web.analyst.artefact_pages import is_comparison, without_archived
 from desirepath.web.analyst.compared_scenes import (
     SIDES,
     bins_of,
-    chosen_scenes,
-    compared_scene,
+    choose_scenes,
+    compare_scene,
     paired,
     rollouts_in,
 )
 from desirepath.web.analyst.csv_files import csv_response
 from desirepath.web.analyst.job_forms import form_fields
 from desirepath.web.core import svg_figures
-from desirepath.web.core.auth import checked_csrf
+from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
 from desirepath.web.core.permits import seen_artefacts
-from desirepath.web.lab.study_rows import cut
+from desirepath.web.lab.study_rows import slice_page
 from desirepath.web.stage.camera_views import camera_views
 from desirepath.web.stage.replay_stages import Replay
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 
 RATES = ("success_rate", "collision_rate", "timeout_rate")
 MEASURES = {  # name in results -> digits that are shown
@@ -97,7 +97,7 @@ def compare(
     with database.session() as s:
         for name in ("policy_a", "policy_b"):
             called, _, weights = said[name].partition("@")
-            if (artefact := artefact_called(s, called)) is not None:
+            if (artefact := find_artefact(s, called)) is not None:
                 said |= {name: artefact.id, f"weights_{name[-1]}": said[f"weights_{name[-1]}"] or weights}
         given = {name: value for name, value in said.items() if value}
         rights = rights_in(request)
@@ -134,10 +134,10 @@ def comparison(
     with database.session() as s:
         artefact, content = _comparison(s, files, artefact_id)
         measure = _measure(content, measure)
-        numbers = chosen_scenes(content, only, measure)
+        numbers = choose_scenes(content, only, measure)
         if numbers is None:
             raise LabRefusal(404, "no_figure")
-        listed = cut(numbers.tolist(), page)
+        listed = slice_page(numbers.tolist(), page)
         seeds = content["scenes"]["scene_seed"]
         number = scene if scene is not None else next(iter(listed.rows), 0)
         number = min(max(0, number), len(seeds) - 1)
@@ -169,8 +169,8 @@ def comparison(
         filter_words=_filter_words(t, content, only, measure, len(numbers)),
         filters=_filters(content),
         listed=listed,
-        scenes=[compared_scene(content, one, measure) for one in listed.rows],
-        shown=compared_scene(content, number, measure),
+        scenes=[compare_scene(content, one, measure) for one in listed.rows],
+        shown=compare_scene(content, number, measure),
         kept=len(content["replays"]),
         pair=pair,
         plan=plan,
@@ -186,7 +186,7 @@ def _names(content: dict[str, Any]) -> list[str]:
 def _filters(content: dict[str, Any]) -> dict[str, int]:
     """Which scenes can be asked for beside the bars -> how many there are; only those that there are."""
     names = ["", "apart", *(f"{side}-{outcome}" for side in SIDES for outcome in ("collision", "timeout"))]
-    found = {name: chosen_scenes(content, name, "") for name in names}
+    found = {name: choose_scenes(content, name, "") for name in names}
     return {name: len(numbers) for name, numbers in found.items() if numbers is not None and (len(numbers) or not name)}
 
 

@@ -57,7 +57,7 @@ def bins_of(content: Mapping[str, Any], measure: str) -> tuple[DifferenceBins, t
     return DifferenceBins.of(b - a, mean), mean
 
 
-def chosen_scenes(content: Mapping[str, Any], only: str, measure: str) -> NDArray[np.intp] | None:
+def choose_scenes(content: Mapping[str, Any], only: str, measure: str) -> NDArray[np.intp] | None:
     """Numbers of the scenes behind a number or a bar; None for a filter that does not exist.
 
     only: empty for all; `a-collision` and so on for an outcome of one policy; `apart` where the outcomes differ;
@@ -78,7 +78,7 @@ def chosen_scenes(content: Mapping[str, Any], only: str, measure: str) -> NDArra
     return None
 
 
-def compared_scene(content: Mapping[str, Any], number: int, measure: str) -> ComparedScene:
+def compare_scene(content: Mapping[str, Any], number: int, measure: str) -> ComparedScene:
     a, b = content["scenes"]["policies"]
     return ComparedScene(
         number,

@@ -42,7 +42,7 @@ from desirepath.web.analyst.path_rows import (
 )
 from desirepath.web.core import svg_figures
 from desirepath.web.core.auditing import audit_details
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language
@@ -51,7 +51,7 @@ from desirepath.web.stage.camera_views import camera_views
 from desirepath.web.stage.replay_stages import Replay
 from desirepath_stage.beside import Beside
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 LONGEST_REASON = 500
 EVERYBODY, EACH = "", "each"  # of the form that starts a training, beside a participant's code
 MOST_AT_ONCE = 150  # paths on one page; more take seconds to read, and nobody looks at them all

@@ -15,7 +15,7 @@ from fastapi import APIRouter, Depends, Request
 from starlette.responses import Response
 
 from desirepath.explain.flow_words import ExplanationWords
-from desirepath.explain.methods import COMMANDS, METHODS, AttributionError, Command, Method, checked
+from desirepath.explain.methods import COMMANDS, METHODS, AttributionError, Command, Method, check_method
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.web.analyst.chosen_policies import (
     NOT_DRAWN,
@@ -28,18 +28,25 @@ from desirepath.web.analyst.chosen_policies import (
     problem_of,
 )
 from desirepath.web.analyst.flow_pages import SHOWN
-from desirepath.web.core.auth import checked_csrf
+from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.figure_process import ExplanationOrder
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
 from desirepath.web.core.media import FIGURE_ENDINGS, answers_with, figure_file
-from desirepath.web.core.moment_charts import MomentChart, ScoresOverTime, compared, lanes_of, moment_chart, scores_in
+from desirepath.web.core.moment_charts import (
+    MomentChart,
+    ScoresOverTime,
+    compare_charts,
+    lanes_of,
+    moment_chart,
+    scores_in,
+)
 
 if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
     from desirepath.explain.flow_files import FigureFiles
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 
 LONGEST_S = 1000.0  # no trajectory is longer; a later moment is a mistyped one
 
@@ -114,7 +121,7 @@ def explanation(request: Request, database: Db, files: Files) -> Response:
         shown=shown,
         thing=thing,
         charts=[one.chart(t, thing) for one in shown],
-        looked_at=compared(*(one.over_time for one in shown)) if len(shown) == len(SIDES) else [],
+        looked_at=compare_charts(*(one.over_time for one in shown)) if len(shown) == len(SIDES) else [],
         command_line=command_line,
     )
 
@@ -141,7 +148,7 @@ def explanation_file(request: Request, letter: str, name: str, database: Db, fil
 
 def _options(given: Mapping[str, str]) -> Options:
     """Raises AttributionError for an unknown method or command, or a moment that is no number of seconds."""
-    method, command = checked(given.get("method") or METHODS[0], given.get("command") or COMMANDS[0])
+    method, command = check_method(given.get("method") or METHODS[0], given.get("command") or COMMANDS[0])
     said = given.get("at", "").strip().replace(",", ".")
     if not said:
         return Options(method, command, None)

@@ -23,7 +23,7 @@ from desirepath.web.analyst.chosen_policies import (
     problem_of,
     query_of,
 )
-from desirepath.web.core.auth import checked_csrf
+from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.figure_process import FlowOrder
@@ -35,7 +35,7 @@ if TYPE_CHECKING:  # the simulator comes with these; a server that starts need n
     from desirepath.explain.flow_files import FigureFiles
     from desirepath.learning.policies.policy import DrivingPolicy
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 
 SHOWN = ("png",)
 

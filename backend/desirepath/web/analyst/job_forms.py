@@ -71,7 +71,7 @@ def form_fields(
     ]
 
 
-def typed_values(kind: Kind, form: FormData) -> dict[str, Any]:
+def read_values(kind: Kind, form: FormData) -> dict[str, Any]:
     """What was typed, blank fields left out, so that their defaults hold."""
     values: dict[str, Any] = {}
     algorithm = {RECIPE: str(form[RECIPE])} if form.get(RECIPE) else {}

@@ -26,19 +26,19 @@ from desirepath.store.job_results import JobResult
 from desirepath.store.models import Artefact, Job, JobAttempt, Study, utc_now
 from desirepath.store.outbox import cancel_job, enqueue_job
 from desirepath.web.analyst.job_curves import drawn_curves, seconds_to_go
-from desirepath.web.analyst.job_forms import form_fields, typed_values
-from desirepath.web.analyst.job_rows import line_of, of_participant, ordered, params_of
+from desirepath.web.analyst.job_forms import form_fields, read_values
+from desirepath.web.analyst.job_rows import line_of, of_participant, order_jobs, params_of
 from desirepath.web.core.auditing import audit_details
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.contract import form_of, reply_of
 from desirepath.web.core.dependencies import Db, TheServices, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
 from desirepath.web.core.permits import in_studies, may_with, seen_jobs
 from desirepath.web.core.roles import Right, Rights
 from desirepath.web.lab.lab_data import JobData
-from desirepath.web.lab.study_rows import found_page
+from desirepath.web.lab.study_rows import find_page
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 
 ROWS_PER_PAGE = 50
 LOG_TAIL_BYTES = 6_000
@@ -68,7 +68,7 @@ def jobs(
     if "participant" in where:
         chosen = chosen.where(of_participant(where["participant"]))
     with database.session() as s:
-        listed = found_page(s, ordered(chosen, sort), page, ROWS_PER_PAGE)
+        listed = find_page(s, order_jobs(chosen, sort), page, ROWS_PER_PAGE)
         lines = [line_of(s, job) for (job,) in listed.rows]
         used_kinds = sorted(s.scalars(select(Job.kind).where(seen_jobs(rights)).distinct()))
     template = "analyst/jobs_part.html" if request.headers.get("X-Fragment") else "analyst/jobs.html"
@@ -107,18 +107,18 @@ def new_job(request: Request, kind_name: str, database: Db, again: str = "", stu
 ASKED = sorted({name for kind in KINDS.values() for variant in kind.variants.values() for name in variant.model_fields})
 
 
-async def posted(request: Request) -> FormData:
+async def read_form(request: Request) -> FormData:
     """The fields of the form that was sent, for routes that work in a thread."""
     return await request.form()
 
 
 @router.post("/lab/jobs/new/{kind_name}", openapi_extra=form_of(ASKED))
 def launch(
-    request: Request, kind_name: str, database: Db, user: CheckedCsrf, form: Annotated[FormData, Depends(posted)]
+    request: Request, kind_name: str, database: Db, user: CheckedCsrf, form: Annotated[FormData, Depends(read_form)]
 ) -> Response:
     """Start a job; 422 with what is wrong at which field."""
     kind = _kind(kind_name)
-    values = typed_values(kind, form)
+    values = read_values(kind, form)
     study = str(form.get("study") or "")
     with database.transaction() as s:
         try:

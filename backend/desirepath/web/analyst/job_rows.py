@@ -90,7 +90,7 @@ def of_participant(code: str) -> Any:
     return or_(Job.session_id.in_(sessions), Job.params["snapshot"].as_string().in_(learned))
 
 
-def ordered(jobs: Select[Any], sort: str) -> Select[Any]:
+def order_jobs(jobs: Select[Any], sort: str) -> Select[Any]:
     """One of SORTS, with `-` the other way round; else newest first."""
     name = sort.removeprefix("-")
     by: Any = {"kind": Job.kind, "state": Job.state, "created": Job.created_at}.get(name)

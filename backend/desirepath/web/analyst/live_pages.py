@@ -16,7 +16,7 @@ from starlette.responses import JSONResponse, Response
 from desirepath.grammar.words import View
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore
-from desirepath.store.shipped_policies import shipped_as
+from desirepath.store.shipped_policies import shipped_name
 from desirepath.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, PERSON_SETUPS, in_triangle, three_corners
 from desirepath.web.analyst.chosen_policies import (
     ADAPTABLE,
@@ -29,7 +29,7 @@ from desirepath.web.analyst.chosen_policies import (
     objectives_of,
     problem_of,
 )
-from desirepath.web.core.auth import checked_csrf
+from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from desirepath.store.models import Artefact
     from desirepath_stage.stage import Stage
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 HERE = "/lab/live"
 
 
@@ -117,7 +117,7 @@ def paths(
 ) -> Response:
     """The way that the policy takes at the weights of the address, from the scene's start or from that pose."""
     from desirepath.simulation.scene import SceneError
-    from desirepath.study.personalising.live_rollouts import path_of, rolled_out
+    from desirepath.study.personalising.live_rollouts import path_of, roll_out
 
     try:
         asked = _asked(request, database)
@@ -127,7 +127,7 @@ def paths(
         conditioned = _read(files, side.artefact)
         pose = (x, y, yaw) if x is not None and y is not None and yaw is not None else None
         scene = _scene(conditioned.setup, asked.scene_seed)
-        found = path_of(rolled_out(conditioned.weighed(side.weights), scene, pose))
+        found = path_of(roll_out(conditioned.weighed(side.weights), scene, pose))
     except SceneError:
         return JSONResponse({"error": {"code": "pose", "message": "no robot can go on from there"}}, 422)
     except NOT_DRAWN as wrong:
@@ -176,7 +176,7 @@ def _reference(asked: Asked | None) -> str:
     if asked is None:
         return ""
     artefact = asked.sides[0].artefact
-    return shipped_as(artefact.id) or artefact.id
+    return shipped_name(artefact.id) or artefact.id
 
 
 def _read(files: ArtefactStore, artefact: Artefact) -> ConditionedPolicy | AdaptablePolicy:
@@ -201,9 +201,9 @@ def _scene(setup: str, seed: int) -> Any:
 
 def _beside(conditioned: ConditionedPolicy | AdaptablePolicy, scene: Scene) -> tuple[Trajectory, ...]:
     """What the robot may do, so that the view from above is wide enough where there are no walls."""
-    from desirepath.study.personalising.live_rollouts import rolled_out
+    from desirepath.study.personalising.live_rollouts import roll_out
 
     if scene.room is not None:
         return ()
     alone = [{}, *({name: 1.0} for name in conditioned.objectives)]
-    return tuple(rolled_out(conditioned.weighed(weights), scene) for weights in alone)
+    return tuple(roll_out(conditioned.weighed(weights), scene) for weights in alone)

@@ -18,7 +18,7 @@ from desirepath.store.artefacts import ArtefactStore, load_trajectory
 from desirepath.store.demonstration_snapshots import KEPT, read_demonstrations
 from desirepath.store.job_results import DemonstrationsResult
 from desirepath.store.models import Artefact, Job, Participant, Session, StrokeRow, Study
-from desirepath.store.who_counts import asked_for, not_withdrawn, reason_not_to_learn
+from desirepath.store.who_counts import not_withdrawn, participants_condition, reason_not_to_learn
 from desirepath.study.personalising.alignment_jobs import PATHS_JOB
 
 if TYPE_CHECKING:  # the simulator comes with these; a server that starts need not wait for it
@@ -118,7 +118,7 @@ def _kept(
             Session.study_id == study.id,
             StrokeRow.state == KEPT,
             not_withdrawn(),
-            asked_for(who),
+            participants_condition(who),
         )
     )
     return found if person is None else found.where(Participant.id == person.id)
@@ -157,7 +157,7 @@ def attempts_of(s: DatabaseSession, study: Study, who: Who) -> list[dict[str, An
         .where(
             Participant.study_id == study.id,
             not_withdrawn(),
-            asked_for(who),
+            participants_condition(who),
         )
         .order_by(Participant.code)
     )

@@ -11,15 +11,15 @@ from fastapi import APIRouter, Depends, File, Form, Request, UploadFile
 from starlette.responses import RedirectResponse, Response
 
 from desirepath.learning.errors import LearningError
-from desirepath.learning.people.reward_manifest import MANIFEST_BYTES, kept_together, read_manifest
+from desirepath.learning.people.reward_manifest import MANIFEST_BYTES, pack, read_manifest
 from desirepath.store.artefacts import save_artefact
 from desirepath.web.analyst.job_pages import study_of_new
 from desirepath.web.core.auditing import audit_details
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import Db, Files
 from desirepath.web.core.lab_frame import LabRefusal, rights_in
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 LARGEST_NETWORK = 2_000_000  # bytes: a little less than any body that is taken in
 
 
@@ -41,7 +41,7 @@ def take_in(
         raise LabRefusal(422, "reward_too_large", kb=LARGEST_NETWORK // 1000)
     try:
         said = read_manifest(described, manifest.filename)
-        kept = kept_together(said, content)
+        kept = pack(said, content)
     except LearningError as problem:
         raise LabRefusal(422, "no_reward_file", problem=str(problem)) from None
     if said.file != network.filename:

@@ -23,13 +23,13 @@ from desirepath.store.artefacts import ArtefactError, lineage
 from desirepath.store.models import Artefact, utc_now
 from desirepath.web.analyst.artefact_pages import artefact_href
 from desirepath.web.core.auditing import audit_details
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import Db, Files
 from desirepath.web.core.lab_frame import LabRefusal, lab_page, rights_in
 from desirepath.web.core.permits import may_with
 from desirepath.web.core.roles import Right
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["analyst"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 
 
 @router.get("/lab/artefacts/{artefact_id}/upkeep")

@@ -26,7 +26,7 @@ INVITED_ROLES = tuple(role for role in ROLES if role != "owner")
 ADMITTED_ROLE = "member"  # of who comes in by their address alone: sees nothing until a role is given
 
 
-def admitted(email: str, allowed: Collection[str]) -> bool:
+def is_admitted(email: str, allowed: Collection[str]) -> bool:
     """Whether an address is one of the allowed ones, or of an allowed domain (`uni.example`, not what ends like it)."""
     if not EMAIL.fullmatch(email):
         return False
@@ -50,7 +50,7 @@ def new_account(s: DatabaseSession, someone: Someone, allowed: Collection[str]) 
     if invitation is not None:
         role = invitation.role if invitation.role in INVITED_ROLES else ADMITTED_ROLE
         s.delete(invitation)
-    elif admitted(someone.email, allowed):
+    elif is_admitted(someone.email, allowed):
         role = ADMITTED_ROLE
     else:
         return None

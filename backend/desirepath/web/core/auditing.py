@@ -1,6 +1,6 @@
 """Notes what a signed-in request does and writes it to the audit log once it is done. The log is `store/audit.py`.
 
-One place for all routes: `auth.checked_csrf` notes the action that `roles.py` names, a route may add details with
+One place for all routes: `auth.check_csrf` notes the action that `roles.py` names, a route may add details with
 `audit_details`, the guard writes the entry after the change is committed and before the browser hears of it.
 """
 
@@ -34,7 +34,7 @@ class _Noted:
     data: dict[str, Any] = field(default_factory=dict)
 
 
-def audited(request: Request, action: str, *, by: str, role: str | None = None, outcome: str = "done") -> None:
+def note_in_audit(request: Request, action: str, *, by: str, role: str | None = None, outcome: str = "done") -> None:
     """Note what this request is about to do; the path's parameters are written with it."""
     request.state.audit = _Noted(action, by, role, outcome)
 

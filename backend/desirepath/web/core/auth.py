@@ -25,13 +25,13 @@ from starlette.responses import JSONResponse, RedirectResponse, Response
 from desirepath.store.database import Database
 from desirepath.store.models import SignIn, StudyRole, User, utc_now
 from desirepath.web.core.addresses import public_url
-from desirepath.web.core.auditing import audited
+from desirepath.web.core.auditing import note_in_audit
 from desirepath.web.core.dependencies import Db, route_of, services_of
 from desirepath.web.core.lab_frame import LabRefusal, SignInState, lab_refusal
 from desirepath.web.core.permits import allows
 from desirepath.web.core.roles import ROLES, rights_of, rule_of
 from desirepath.web.core.second_factor import has_second_factor, is_asked_for
-from desirepath.web.core.sign_ins import COOKIE, end_all, hashed, noticed
+from desirepath.web.core.sign_ins import COOKIE, end_all, hashed, note_seen
 
 SECOND_FACTOR = "/lab/account/second-factor"
 FIRST_USER = "experimenter"
@@ -139,7 +139,7 @@ def change_password(database: Database, user_id: str, current: str, new: str, *,
     """
     with database.session() as s:
         user = s.get(User, user_id)
-        if user is None or not verified(user.password_hash, current):
+        if user is None or not verify_password(user.password_hash, current):
             raise AccountError("current_wrong")
         checked = user.password_hash
     if not SHORTEST_PASSWORD <= len(new) <= LONGEST_PASSWORD:
@@ -192,7 +192,7 @@ def signed_in(request: Request, database: Db) -> User:
         s.expunge(user)
         seen_at, token_hash = sign_in.seen_at or sign_in.created_at, sign_in.token_hash
         csrf = sign_in.csrf
-    noticed(database, token_hash, seen_at)
+    note_seen(database, token_hash, seen_at)
     request.state.sign_in = SignInState(user.name, user.role, csrf, user.must_change_password or missing, rights)
     path = request.url.path
     if user.must_change_password and path not in ("/lab/password", "/lab/sign-out"):
@@ -205,7 +205,7 @@ def signed_in(request: Request, database: Db) -> User:
 SignedIn = Annotated[User, Depends(signed_in)]
 
 
-async def checked_csrf(request: Request, user: SignedIn) -> User:
+async def check_csrf(request: Request, user: SignedIn) -> User:
     """Refuse what the role does not allow, and any changing request without this sign-in's CSRF token or from another
     origin. Returns the user."""
     rule = rule_of(request.method, route_of(request))
@@ -216,7 +216,7 @@ async def checked_csrf(request: Request, user: SignedIn) -> User:
         or await run_in_threadpool(allows, services_of(request).database, rights, rule.right, request.path_params)
     )
     if rule is not None and rule.action:
-        audited(request, rule.action, by=user.name, role=user.role, outcome="done" if allowed else "refused")
+        note_in_audit(request, rule.action, by=user.name, role=user.role, outcome="done" if allowed else "refused")
     if not allowed:
         raise LabRefusal(403, "role", role=user.role)
     if request.method in ("GET", "HEAD", "OPTIONS"):
@@ -231,7 +231,7 @@ async def checked_csrf(request: Request, user: SignedIn) -> User:
     return user
 
 
-CheckedCsrf = Annotated[User, Depends(checked_csrf)]
+CheckedCsrf = Annotated[User, Depends(check_csrf)]
 
 
 def known_hash(user: User | None) -> str:
@@ -239,12 +239,12 @@ def known_hash(user: User | None) -> str:
     return user.password_hash if user is not None and user.password_hash else _nobody()
 
 
-def renewed_hash(known: str, password: str) -> str | None:
+def renew_hash(known: str, password: str) -> str | None:
     """The password hashed as it is done today, where the known hash is older; None where it is as good."""
     return _hasher.hash(password) if _hasher.check_needs_rehash(known) else None
 
 
-def verified(password_hash: str, password: str) -> bool:
+def verify_password(password_hash: str, password: str) -> bool:
     """Whether the password is the one that was hashed."""
     try:
         return _hasher.verify(password_hash, password)
@@ -252,7 +252,7 @@ def verified(password_hash: str, password: str) -> bool:
         return False
 
 
-def served_securely(request: Request) -> bool:
+def is_served_securely(request: Request) -> bool:
     """Whether the cookie may insist on TLS: always at a public https address, save for maintenance on this machine."""
     if request.url.scheme == "https":
         return True

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, model_validator
 from starlette.responses import Response
 
-from desirepath.grammar.error_words import wanted_in_json
+from desirepath.grammar.error_words import describe_expected_json
 
 DEEPEST = 16  # arrays and objects inside each other (ours); answers need three, flow charts and bots' scenes eight
 MOST_CONTAINERS = 4_200  # arrays and objects of a body (ours); the longest stroke or walk has 4 000 points
@@ -151,5 +151,5 @@ def trouble_in(errors: Sequence[Any]) -> Trouble:
         code="bad_value",
         field=".".join(where)[:SHOWN],
         value=storable(shown) if isinstance(shown, str | int | float | bool) else None,
-        message=wanted_in_json(wrong),
+        message=describe_expected_json(wrong),
     )

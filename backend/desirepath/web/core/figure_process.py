@@ -188,13 +188,13 @@ def _flow(asked: dict[str, Any]) -> FigureFiles:
 def _explained(asked: dict[str, Any]) -> FigureFiles:
     from desirepath.explain.explanation_files import explanation_files
     from desirepath.explain.flow_words import ExplanationWords
-    from desirepath.explain.methods import checked
+    from desirepath.explain.methods import check_method
     from desirepath.learning.policies.policy import Policy
     from desirepath.learning.policies.torch_actor import actor_of
     from desirepath.simulation.scenes import draw_scene
 
     policy = Policy.from_bytes(base64.b64decode(asked["policy"]))
-    method, command = checked(asked["method"], asked["command"])
+    method, command = check_method(asked["method"], asked["command"])
     return explanation_files(
         actor_of(policy),
         policy.rollout_policy,

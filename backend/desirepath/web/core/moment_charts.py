@@ -142,7 +142,7 @@ class LookedAt:
         return self.first - self.second
 
 
-def compared(first: ScoresOverTime, second: ScoresOverTime) -> list[LookedAt]:
+def compare_charts(first: ScoresOverTime, second: ScoresOverTime) -> list[LookedAt]:
     """Thing by thing, the greatest difference first: what one looks at that the other does not."""
     a, b = first.means, second.means
     both = [LookedAt(thing, a[thing], b.get(thing, 0.0)) for thing in a if max(a[thing], b.get(thing, 0.0)) > LEAST]

@@ -50,7 +50,7 @@ def begin(s: DatabaseSession, user_id: str) -> str:
     return secret
 
 
-def begun(s: DatabaseSession, user_id: str) -> str | None:
+def pending_secret(s: DatabaseSession, user_id: str) -> str | None:
     """The secret that waits for its first code."""
     waiting = select(SecondFactor.secret).where(SecondFactor.user_id == user_id, SecondFactor.confirmed_at.is_(None))
     return s.scalar(waiting)
@@ -68,7 +68,7 @@ def confirm(s: DatabaseSession, user_id: str, code: str) -> list[str] | None:
     return new_recovery_codes(s, user_id)
 
 
-def passed(s: DatabaseSession, user_id: str, code: str) -> Passed | None:
+def use_code(s: DatabaseSession, user_id: str, code: str) -> Passed | None:
     """Whether this is a code that was not used yet; it is used up by that. None: it is not."""
     typed = plain(code)
     if re.fullmatch(r"[0-9]{6}", typed):

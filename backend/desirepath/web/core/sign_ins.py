@@ -83,7 +83,7 @@ def keep_cookie(response: Response, token: str, *, secure: bool) -> None:
     response.set_cookie(COOKIE, token, max_age=seconds, httponly=True, samesite="lax", secure=secure, path="/")
 
 
-def noticed(database: Database, token_hash: bytes, seen_at: datetime) -> None:
+def note_seen(database: Database, token_hash: bytes, seen_at: datetime) -> None:
     """Write down that the browser was here, where that was last done some minutes ago. Never fails a request."""
     now = utc_now()
     if now - seen_at < SEEN_EVERY:
@@ -95,7 +95,7 @@ def noticed(database: Database, token_hash: bytes, seen_at: datetime) -> None:
         log.warning("a sign-in could not be noticed")
 
 
-def listed(database: Database, user_id: str, token: str) -> list[OpenSignIn]:
+def list_sign_ins(database: Database, user_id: str, token: str) -> list[OpenSignIn]:
     """The signed-in browsers of an account, the asking one first, then who was here last."""
     with database.session() as s:
         rows = s.scalars(select(SignIn).where(SignIn.user_id == user_id, SignIn.expires_at > utc_now())).all()

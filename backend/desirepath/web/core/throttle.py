@@ -53,7 +53,7 @@ def count(request: Request, limit: RateLimitItem, *key: str) -> bool:
     return services_of(request).limiter.hit(limit, *key)
 
 
-def exhausted(request: Request, limit: RateLimitItem, *key: str) -> bool:
+def is_exhausted(request: Request, limit: RateLimitItem, *key: str) -> bool:
     """Whether the next request would be one too many; counts nothing."""
     return not services_of(request).limiter.test(limit, *key)
 

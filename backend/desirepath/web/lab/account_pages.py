@@ -22,11 +22,11 @@ from desirepath.web.core.auth import (
     AccountError,
     CheckedCsrf,
     change_password,
-    verified,
+    verify_password,
 )
 from desirepath.web.core.dependencies import Db
 from desirepath.web.core.lab_frame import LabRefusal, lab_page
-from desirepath.web.core.sign_ins import COOKIE, end_all, end_one, hashed, listed
+from desirepath.web.core.sign_ins import COOKIE, end_all, end_one, hashed, list_sign_ins
 from desirepath.web.core.throttle import seconds_to_wait, wait_in_words
 
 PROOFS = parse("10 per 5 minutes")  # ours: passwords and codes that a signed-in browser types in here
@@ -103,7 +103,7 @@ def begin_second_factor(
     request: Request, database: Db, user: CheckedCsrf, password: Annotated[str, Form()] = ""
 ) -> Response:
     """Make a secret for the app. Needs the password where there is one: a browser left open is not enough."""
-    if user.password_hash and not verified(user.password_hash, password):
+    if user.password_hash and not verify_password(user.password_hash, password):
         return _second_factor_page(request, database, user, status=422, problem="password")
     with database.transaction() as s:
         if second_factor.has_second_factor(s, user.id):
@@ -132,7 +132,7 @@ def renew_recovery_codes(
 ) -> Response:
     """New recovery codes for a code; the ones before stop."""
     with database.transaction() as s:
-        codes = second_factor.new_recovery_codes(s, user.id) if second_factor.passed(s, user.id, code) else None
+        codes = second_factor.new_recovery_codes(s, user.id) if second_factor.use_code(s, user.id, code) else None
     if codes is None:
         return _second_factor_page(request, database, user, status=422, problem="code")
     return _second_factor_page(request, database, user, codes=codes)
@@ -144,7 +144,7 @@ def remove_second_factor(
 ) -> Response:
     """Sign in without one from now on; needs a code of it, or a recovery code."""
     with database.transaction() as s:
-        passed = second_factor.passed(s, user.id, code)
+        passed = second_factor.use_code(s, user.id, code)
         if passed is not None:
             second_factor.remove(s, user.id)
     if passed is None:
@@ -160,7 +160,7 @@ def _account_page(request: Request, database: Database, user: User, *, status: i
         request,
         "lab/account.html",
         status=status,
-        sign_ins=listed(database, user.id, request.cookies[COOKIE]),
+        sign_ins=list_sign_ins(database, user.id, request.cookies[COOKIE]),
         has_factor=factor,
         codes_left=left,
         has_password=bool(user.password_hash),
@@ -179,7 +179,7 @@ def _second_factor_page(
 ) -> Response:
     """codes: recovery codes to show this once."""
     with database.session() as s:
-        factor, waiting = second_factor.has_second_factor(s, user.id), second_factor.begun(s, user.id)
+        factor, waiting = second_factor.has_second_factor(s, user.id), second_factor.pending_secret(s, user.id)
         left = second_factor.recovery_codes_left(s, user.id)
     drawn = ""
     if waiting is not None:

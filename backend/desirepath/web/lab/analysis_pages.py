@@ -15,7 +15,7 @@ from starlette.responses import RedirectResponse, Response
 
 from desirepath.store.models import Participant, Session, Study
 from desirepath.store.who_counts import FINISHED, not_left_out, same_kind
-from desirepath.web.core.auth import checked_csrf
+from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.dependencies import Db, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_page, rights_in
 from desirepath.web.core.media import answers_with, figure_file
@@ -23,7 +23,7 @@ from desirepath.web.core.roles import Right
 from desirepath.web.lab.study_tabs import study_tab, the_study
 from desirepath.web.lab.whole_reports import MadeFrom, ReportFiles
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])
 
 WHO = ("people", "simulated")
 LINK_TO_ROWS = re.compile(rb'<a href="[^"]*[.]csv">CSV</a>,\s*')  # as `printed.html` has it; not for who only looks

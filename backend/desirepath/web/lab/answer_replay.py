@@ -28,7 +28,7 @@ from desirepath.study.kinds.demonstration import DemonstrationStep
 from desirepath.study.kinds.trial import viewing_in
 from desirepath.study.session.machine import StepView
 from desirepath.study.session.versions import protocol_of
-from desirepath.web.core.auth import checked_csrf
+from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, contact, page, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from desirepath_stage.stage import Stage
     from desirepath_stage.views import View
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])
 
 
 @dataclass(frozen=True)

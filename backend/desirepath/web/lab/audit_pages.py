@@ -7,12 +7,12 @@ from sqlalchemy import select
 from starlette.responses import Response
 
 from desirepath.store.models import Audit, Participant, Study
-from desirepath.web.core.auth import checked_csrf
+from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.dependencies import Db
 from desirepath.web.core.lab_frame import lab_page
-from desirepath.web.lab.study_rows import found_page
+from desirepath.web.lab.study_rows import find_page
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["settings"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["settings"])
 
 
 @router.get("/lab/audit")
@@ -34,7 +34,7 @@ def audit(
         return lab_page(
             request,
             "lab/audit.html",
-            listed=found_page(s, query.order_by(Audit.id.desc()), page),
+            listed=find_page(s, query.order_by(Audit.id.desc()), page),
             where=where,
             people=list(s.scalars(select(Audit.by).distinct().order_by(Audit.by))),
             actions=list(s.scalars(select(Audit.action).distinct().order_by(Audit.action))),

@@ -23,12 +23,12 @@ from desirepath.store.who_counts import GROUPS, Group, left_out_of_study, not_le
 from desirepath.study import coding
 from desirepath.study.coding import CodedAnswer, CodingError, OpenQuestion
 from desirepath.web.analyst.csv_files import csv_response
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import Db
 from desirepath.web.core.lab_frame import LabRefusal
 from desirepath.web.lab.study_tabs import study_tab, the_study
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])
 
 
 def _question(s: DatabaseSession, study: Study, item: str) -> OpenQuestion:
@@ -62,7 +62,7 @@ def questions(request: Request, study_id: str, database: Db, who: str = "") -> R
     with database.session() as s:
         study = the_study(s, study_id)
         group = _group(s, study, who)
-        coded = [coding.question_coded(s, study, one, group) for one in coding.open_questions(s, study)]
+        coded = [coding.summarise_question(s, study, one, group) for one in coding.open_questions(s, study)]
         return study_tab(request, study, "coding", who=group, groups=GROUPS, coded=coded, role_for=coding.role_for)
 
 
@@ -113,7 +113,7 @@ def _answer_page(
 
 
 @router.post("/lab/studies/{study_id}/coding/{item}/answers/{response_id}")
-def code_one(
+def code_answer(
     request: Request,
     study_id: str,
     item: str,

@@ -57,7 +57,7 @@ class Draft:
         """Add texts (`.md`) and questionnaires (`.yaml`), or replace those of the same name. Raises DraftError."""
         if len(texts) > MOST_FILES:
             raise DraftError("too_many_files", most=MOST_FILES)
-        kept = {_file_name(name): decoded(name, content) for name, content in texts.items()}
+        kept = {_file_name(name): decode_upload(name, content) for name, content in texts.items()}
         for name, text in kept.items():
             _write(self.folder / FOLDERS[Path(name).suffix] / name, text)
 
@@ -92,7 +92,7 @@ def draft_from_text(
     texts = texts or {}
     if len(texts) > MOST_FILES:
         raise DraftError("too_many_files", most=MOST_FILES)
-    sent = {_file_name(name): decoded(name, content) for name, content in texts.items()}
+    sent = {_file_name(name): decode_upload(name, content) for name, content in texts.items()}
     _sweep(data)
     draft_id = secrets.token_hex(8)
     draft = Draft(draft_id, data / "drafts" / draft_id)
@@ -132,10 +132,10 @@ def _file_name(name: str) -> str:
     return plain
 
 
-def decoded(name: str, content: bytes) -> str:
+def decode_upload(name: str, content: bytes) -> str:
     """An uploaded file's text. Raises DraftError."""
     try:
-        return _checked(name, text_files.decoded(content))
+        return _checked(name, text_files.decode_utf8(content))
     except NotUtf8Error as wrong:
         raise DraftError("not_text", name=name, encoding=wrong.encoding) from None
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import Response
 
-from desirepath.web.core.auth import checked_csrf
+from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.guides import GUIDES, guide
 from desirepath.web.core.lab_frame import LabRefusal, lab_page
 
-router = APIRouter(prefix="/lab/guides", dependencies=[Depends(checked_csrf)], tags=["guides"])
+router = APIRouter(prefix="/lab/guides", dependencies=[Depends(check_csrf)], tags=["guides"])
 
 
 @router.get("")

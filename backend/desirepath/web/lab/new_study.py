@@ -12,16 +12,16 @@ from desirepath.study.protocol.freezing import ProtocolError, freeze, shipped_pr
 from desirepath.study.protocol.outline import describe_stages, expected_minutes
 from desirepath.study.studies import StudyError, create_study
 from desirepath.web.core.auditing import audit_details
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import Db, Files, TheServices, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
 from desirepath.web.lab import drafts
-from desirepath.web.lab.drafts import Draft, DraftError, decoded
+from desirepath.web.lab.drafts import Draft, DraftError, decode_upload
 from desirepath.web.lab.preview import first_steps
 
 LONGEST_NAME = 200
 
-router = APIRouter(prefix="/lab/new", dependencies=[Depends(checked_csrf)], tags=["new study"])
+router = APIRouter(prefix="/lab/new", dependencies=[Depends(check_csrf)], tags=["new study"])
 
 
 def _draft(services: TheServices, draft_id: str) -> Draft:
@@ -65,7 +65,7 @@ def make_draft(
             if protocol is None or not protocol.filename:
                 raise DraftError("no_file")
             named = {one.filename: read_upload(one) for one in texts or [] if one.filename}
-            draft = drafts.draft_from_text(data, decoded(protocol.filename, read_upload(protocol)), named)
+            draft = drafts.draft_from_text(data, decode_upload(protocol.filename, read_upload(protocol)), named)
         elif source == "paste":
             draft = drafts.draft_from_text(data, yaml)
         else:

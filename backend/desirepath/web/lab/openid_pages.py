@@ -31,11 +31,11 @@ from desirepath.web.core.auth import (
     NotSignedIn,
     PasswordMustChange,
     SecondFactorMissing,
-    checked_csrf,
+    check_csrf,
+    is_served_securely,
     safe_next,
-    served_securely,
     signed_in,
-    verified,
+    verify_password,
 )
 from desirepath.web.core.dependencies import Db, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_page
@@ -50,7 +50,7 @@ RETURN = "/lab/sign-in/openid/return"
 BEGUN_PER_ADDRESS = parse("60 per 5 minutes")  # ours; each leaves a row for ten minutes
 log = structlog.get_logger("desirepath.web")
 router = APIRouter(tags=["accounts"])
-behind = APIRouter(dependencies=[Depends(checked_csrf)], tags=["accounts"])
+behind = APIRouter(dependencies=[Depends(check_csrf)], tags=["accounts"])
 
 
 @router.get("/lab/sign-in/openid")
@@ -110,7 +110,7 @@ def linking_page(request: Request, database: Db, user: CheckedCsrf) -> Response:
 def link_identity(request: Request, database: Db, user: CheckedCsrf, password: Annotated[str, Form()] = "") -> Response:
     """Link what the browser brought back. Needs the password where there is one: a browser left open shall not become
     a way in that stays. What opens another account already is refused."""
-    proven = not user.password_hash or verified(user.password_hash, password)
+    proven = not user.password_hash or verify_password(user.password_hash, password)
     with database.transaction() as s:
         found = _waiting(s, request, user)
         if found is None:
@@ -188,7 +188,7 @@ def _sent_there(request: Request, database: Database, data: dict[str, str], user
     with database.transaction() as s:
         begin_under_way(s, secret, "openid", {**data, **asked, "redirect": redirect}, user_id)
     response = RedirectResponse(address, status_code=303)
-    keep_under_way_cookie(response, secret, secure=served_securely(request))
+    keep_under_way_cookie(response, secret, secure=is_served_securely(request))
     return response
 
 
@@ -225,7 +225,7 @@ def _asked_to_link(request: Request, database: Database, user_id: str, found: So
     with database.transaction() as s:
         begin_under_way(s, secret, "link", claimed, user_id)
     response = RedirectResponse("/lab/account/identity", status_code=303)
-    keep_under_way_cookie(response, secret, secure=served_securely(request))
+    keep_under_way_cookie(response, secret, secure=is_served_securely(request))
     return response
 
 

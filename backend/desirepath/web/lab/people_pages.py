@@ -13,7 +13,7 @@ from desirepath.learning.preferences.predictive_power import CONVINCING
 from desirepath.store.erasure import erase_participant
 from desirepath.store.events import log_event
 from desirepath.store.models import Note, Participant, Session, Study, utc_now
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.lab_frame import LabRefusal
 from desirepath.web.lab import people_rows, study_rows
@@ -24,7 +24,7 @@ from desirepath.web.lab.study_tabs import study_tab, the_participant, the_study
 LONGEST_REASON = 1000  # characters of a reason for an exclusion
 LONGEST_NOTE = 4000
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])
 
 
 @router.get("/lab/studies/{study_id}/people/{code}")

@@ -20,7 +20,7 @@ from desirepath.study.personalising.clicking import PositionBias
 from desirepath.study.plan.assignment import OrderLine
 from desirepath.web.lab import monitoring
 from desirepath.web.lab.answer_rows import PAGES_READ
-from desirepath.web.lab.study_rows import counted
+from desirepath.web.lab.study_rows import count_by
 
 HERE = timedelta(seconds=90)  # (ours) an open page is heard of far more often
 SILENT = timedelta(minutes=30)  # (ours) silent for longer without pausing: counted as dropped out until they return
@@ -82,11 +82,11 @@ def people(s: DatabaseSession, study_id: str, now: datetime, *, only: str | None
     of_study = and_(Session.study_id == study_id, true() if only is None else Session.participant_id == only)
     whose = Session.participant_id
     given = select(whose, func.count()).select_from(Response).join(Session)
-    answers = counted(s, given.where(of_study, Response.kind.not_in(PAGES_READ)), whose)
-    restarts = counted(
+    answers = count_by(s, given.where(of_study, Response.kind.not_in(PAGES_READ)), whose)
+    restarts = count_by(
         s, select(whose, func.sum(Trial.restarts)).select_from(Trial).join(Session).where(of_study), whose
     )
-    problems = counted(s, select(whose, func.count()).select_from(ProblemReport).join(Session).where(of_study), whose)
+    problems = count_by(s, select(whose, func.count()).select_from(ProblemReport).join(Session).where(of_study), whose)
     signs = monitoring.signs(s, study_id, only=only)
     phases = {
         (session_id, key): phase
@@ -152,7 +152,7 @@ def people(s: DatabaseSession, study_id: str, now: datetime, *, only: str | None
     return rows
 
 
-def shown(everyone: Sequence[PersonRow], show: str) -> list[PersonRow]:
+def filter_people(everyone: Sequence[PersonRow], show: str) -> list[PersonRow]:
     """The people a filter names, several filters with commas: all, a presence, under_way, dropped, excluded, kept
     (neither excluded nor withdrawn), simulated, people, flagged, stage:NAME, dropped:STAGE, personalisation:OUTCOME,
     order:ORDER, flag:FLAG. An unknown one shows nobody."""
@@ -217,7 +217,8 @@ def stages_of(everyone: Sequence[PersonRow], plan_stages: Sequence[str]) -> list
     """(stage, under way in it, dropped out in it) in the protocol's order; stages nobody is in are kept."""
     order = list(dict.fromkeys([*plan_stages, *(p.stage for p in everyone)]))
     return [
-        (stage, len(shown(everyone, f"stage:{stage}")), len(shown(everyone, f"dropped:{stage}"))) for stage in order
+        (stage, len(filter_people(everyone, f"stage:{stage}")), len(filter_people(everyone, f"dropped:{stage}")))
+        for stage in order
     ]
 
 

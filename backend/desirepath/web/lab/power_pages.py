@@ -21,7 +21,7 @@ from desirepath.study.kinds.importance_ranking import ImportanceRankingStage
 from desirepath.study.kinds.rating import RATING, RatingStage
 from desirepath.study.protocol.freezing import FrozenProtocol, ProtocolError
 from desirepath.study.session.versions import newest_protocol
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import TheServices, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_page
 from desirepath.web.core.media import FIGURE_ENDINGS, answers_with, figure_file
@@ -30,7 +30,7 @@ from desirepath.web.lab.new_study import TheDraft
 from desirepath.web.lab.power_runs import NUMBERS, PowerAsked, PowerAskedError, TooManyError
 from desirepath.web.lab.study_tabs import the_study
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["power"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["power"])
 MORE = ("items_alike", "drop_out", "shown", "cohorts")  # fields that few will change
 
 

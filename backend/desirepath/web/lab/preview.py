@@ -27,7 +27,7 @@ from desirepath.study.protocol.planning import Step, example_queries, make_plan
 from desirepath.study.revising import query_sets_for
 from desirepath.study.session.machine import StepView
 from desirepath.study.session.versions import newest_protocol
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import Db, Services, TheServices, contact, page, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language
 from desirepath.web.core.roles import Right
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 EXAMPLE_CODE = "EXAMPLE"  # stands where a participant's own and completion code will
 
-router = APIRouter(prefix="/lab", dependencies=[Depends(checked_csrf)], tags=["preview"])
+router = APIRouter(prefix="/lab", dependencies=[Depends(check_csrf)], tags=["preview"])
 
 
 @dataclass(frozen=True)

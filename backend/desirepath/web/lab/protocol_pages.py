@@ -19,16 +19,16 @@ from desirepath.study.revising import query_sets_for, revise_study, revision_of,
 from desirepath.study.session.versions import newest_protocol
 from desirepath.study.studies import StudyError
 from desirepath.web.core.auditing import audit_details
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import Db, Files, TheServices
 from desirepath.web.core.roles import Right
 from desirepath.web.lab import drafts
-from desirepath.web.lab.drafts import Draft, DraftError, decoded
+from desirepath.web.lab.drafts import Draft, DraftError, decode_upload
 from desirepath.web.lab.new_study import TheDraft, keep_edits, read_upload
 from desirepath.web.lab.preview import first_steps
 from desirepath.web.lab.study_tabs import study_tab, the_study
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])
 VEIL = "•••"
 _VERSION = re.compile(r"""^(version:[ \t]*)(["']?)\d+\2""", re.MULTILINE)
 
@@ -113,7 +113,7 @@ def make_change(
     try:
         yaml = _VERSION.sub(rf"\g<1>{newest.protocol.version + 1}", newest.yaml, count=1)
         if protocol is not None and protocol.filename:
-            yaml = decoded(protocol.filename, read_upload(protocol))
+            yaml = decode_upload(protocol.filename, read_upload(protocol))
         named = {one.filename: read_upload(one) for one in texts or [] if one.filename}
         draft = drafts.draft_from_text(services.settings.data, yaml, named, newest.files)
     except DraftError as problem:

@@ -15,7 +15,7 @@ from fastapi import Request
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.explain.flow_words import ExplanationWords
-from desirepath.explain.methods import COMMANDS, AttributionError, Method, checked
+from desirepath.explain.methods import COMMANDS, AttributionError, Method, check_method
 from desirepath.explain.shown_explanation import ShownExplanation
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore
@@ -68,7 +68,7 @@ def reasons_of(
     if policy is None:
         raise LabRefusal(404, "no_artefact")
     try:
-        _, wanted = checked(METHOD, command or COMMANDS[0])
+        _, wanted = check_method(METHOD, command or COMMANDS[0])
     except AttributionError:
         raise LabRefusal(404, "no_figure") from None
     explained, charts_of = [], []

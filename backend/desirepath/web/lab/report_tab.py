@@ -101,8 +101,8 @@ class Report:
 
 def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> Report:
     """The report over `who`: people or simulated."""
-    everyone = people_rows.shown(people_rows.people(s, study.id, now), who)
-    kept = people_rows.shown(everyone, "kept")
+    everyone = people_rows.filter_people(people_rows.people(s, study.id, now), who)
+    kept = people_rows.filter_people(everyone, "kept")
 
     def given(**where: Any) -> list[Answer]:
         return answers(s, study.id, AnswerFilter(who=who, usable=True, **where))

@@ -31,8 +31,8 @@ from desirepath.web.core.auth import (
     AccountError,
     CheckedCsrf,
     add_user,
+    check_csrf,
     check_owner_left,
-    checked_csrf,
     reset_password,
     set_role,
 )
@@ -43,7 +43,7 @@ from desirepath.web.core.sign_ins import end_all
 
 LONGEST_CONTACT = 300
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["settings"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["settings"])
 
 
 @dataclass(frozen=True)

@@ -18,18 +18,18 @@ from desirepath.store.database import Database
 from desirepath.store.events import log_event
 from desirepath.store.models import SignIn, SignInUnderWay, User
 from desirepath.web.core import second_factor
-from desirepath.web.core.auditing import audit_details, audited
+from desirepath.web.core.auditing import audit_details, note_in_audit
 from desirepath.web.core.auth import (
     LONGEST_PASSWORD,
     NOBODY,
     CheckedCsrf,
     SignedIn,
+    is_served_securely,
     known_hash,
     refuse_foreign_origin,
-    renewed_hash,
+    renew_hash,
     safe_next,
-    served_securely,
-    verified,
+    verify_password,
 )
 from desirepath.web.core.dependencies import Db, services_of
 from desirepath.web.core.lab_frame import LANGUAGE_COOKIE, LANGUAGES, lab_page
@@ -111,13 +111,13 @@ def sign_in(
         refused = again(429, "too_many", wait=wait_in_words(seconds))
         refused.headers["Retry-After"] = str(seconds)
         return refused
-    if not verified(known, password[:LONGEST_PASSWORD]) or user is None or user_id is None:
+    if not verify_password(known, password[:LONGEST_PASSWORD]) or user is None or user_id is None:
         with database.transaction() as s:
             log_event(s, "sign_in_refused")
             record(s, "sign_in_refused", by=name if user_id else NOBODY, outcome="refused")
         return again(401, "wrong")
     services_of(request).limiter.clear(*windows[0])
-    if (renewed := renewed_hash(known, password)) is not None:
+    if (renewed := renew_hash(known, password)) is not None:
         with database.transaction() as s:
             s.get_one(User, user_id).password_hash = renewed
     return let_in(request, database, user, method="password", next=next)
@@ -133,7 +133,7 @@ def let_in(request: Request, database: Database, user: User, *, method: str, nex
     with database.transaction() as s:
         begin_under_way(s, secret, "code", {"next": safe_next(next), "method": method}, user.id)
     response = RedirectResponse("/lab/sign-in/code", status_code=303)
-    keep_under_way_cookie(response, secret, secure=served_securely(request))
+    keep_under_way_cookie(response, secret, secure=is_served_securely(request))
     return response
 
 
@@ -163,7 +163,7 @@ def enter_code(request: Request, database: Db, code: Annotated[str, Form()] = ""
         refused.headers["Retry-After"] = str(seconds)
         return refused
     with database.transaction() as s:
-        passed = second_factor.passed(s, user.id, code)
+        passed = second_factor.use_code(s, user.id, code)
         if passed is None:
             record(s, "code_refused", by=user.name, outcome="refused")
         else:
@@ -179,12 +179,12 @@ def enter_code(request: Request, database: Db, code: Annotated[str, Form()] = ""
 
 def _enter(request: Request, database: Database, user: User, *, method: str, next: str, **details: str) -> Response:
     """Sign this browser in."""
-    audited(request, "signed_in", by=user.name)
+    note_in_audit(request, "signed_in", by=user.name)
     audit_details(request, method=method, **details)
     with database.transaction() as s:
         token = open_sign_in(s, request, user.id, method)
         known = known_hash(s.get_one(User, user.id))  # which signing in may just have renewed
-    response, secure = RedirectResponse(safe_next(next), status_code=303), served_securely(request)
+    response, secure = RedirectResponse(safe_next(next), status_code=303), is_served_securely(request)
     keep_cookie(response, token, secure=secure)
     know_device(response, user.name, known, known_device(request, user.name, known), secure=secure)
     return response
@@ -207,5 +207,5 @@ def sign_out(request: Request, database: Db, user: CheckedCsrf) -> Response:
     with database.transaction() as s:
         s.execute(delete(SignIn).where(SignIn.token_hash == hashed(request.cookies[COOKIE])))
     response = RedirectResponse("/lab/sign-in", status_code=303)
-    response.delete_cookie(COOKIE, path="/", httponly=True, samesite="lax", secure=served_securely(request))
+    response.delete_cookie(COOKIE, path="/", httponly=True, samesite="lax", secure=is_served_securely(request))
     return response

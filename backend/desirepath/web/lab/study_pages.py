@@ -19,7 +19,7 @@ from starlette.responses import FileResponse, RedirectResponse, Response
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.events import log_event
 from desirepath.store.models import Event, Study, utc_now
-from desirepath.store.retention import checked_day, is_overdue
+from desirepath.store.retention import check_day, is_overdue
 from desirepath.store.who_counts import GROUPS
 from desirepath.study.kinds.debriefing import DebriefingStage
 from desirepath.study.plan.assignment import STANDINGS, assignment_table
@@ -29,7 +29,7 @@ from desirepath.study.session.platforms import PLATFORMS
 from desirepath.study.session.versions import newest_protocol
 from desirepath.web.core.addresses import public_url
 from desirepath.web.core.auditing import audit_details
-from desirepath.web.core.auth import CheckedCsrf, SignedIn, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, SignedIn, check_csrf
 from desirepath.web.core.contract import reply_of
 from desirepath.web.core.dependencies import Db, Files, contact
 from desirepath.web.core.lab_frame import LabRefusal, lab_page, rights_in
@@ -58,7 +58,7 @@ from desirepath.web.lab.lab_data import Monitor
 from desirepath.web.lab.report_tab import Report, study_report
 from desirepath.web.lab.study_tabs import study_tab, the_study
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])
 router.include_router(analysis_pages.router)
 router.include_router(answer_replay.router)
 router.include_router(audit_pages.router)
@@ -101,7 +101,7 @@ def now(request: Request, study_id: str, database: Db) -> Response:
             "now",
             template,
             everyone=everyone,
-            shown=people_rows.shown,
+            shown=people_rows.filter_people,
             stages=people_rows.stages_of(everyone, _stage_keys(s, study)),
             orders=assignment_table(s, study, newest_protocol(s, study)[1].protocol, now=utc_now()),
             standings=STANDINGS,
@@ -164,12 +164,12 @@ def people(
             "people",
             everyone=everyone,
             show=show,
-            count=people_rows.shown,
+            count=people_rows.filter_people,
             median_trial_s=people_rows.median_trial_s(everyone),
             q=q,
             sort=sort,
             flags=monitoring.RULES,
-            listed=study_rows.cut(people_rows.found(people_rows.shown(everyone, show), q, sort), page),
+            listed=study_rows.slice_page(people_rows.found(people_rows.filter_people(everyone, show), q, sort), page),
             erased=len(study_rows.tombstones(s, study.id)),
         )
 
@@ -274,7 +274,7 @@ def set_retention(
 ) -> Response:
     """Until when the data are to be kept, as promised to the participants; empty: no date was promised."""
     try:
-        day = checked_day(until.strip(), utc_now())
+        day = check_day(until.strip(), utc_now())
     except ValueError:
         raise LabRefusal(422, "bad_date", value=until[:20]) from None
     with database.transaction() as s:
@@ -294,9 +294,9 @@ def data(request: Request, study_id: str, database: Db) -> Response:
             study,
             "data",
             everyone=everyone,
-            pilots=len(people_rows.shown(everyone, "pilot")),
+            pilots=len(people_rows.filter_people(everyone, "pilot")),
             overdue=is_overdue(study, utc_now()),
-            shown=people_rows.shown,
+            shown=people_rows.filter_people,
             kinds=study_rows.answer_kinds(s, study.id),
             event_kinds=study_rows.event_kinds(s, study.id),
         )

@@ -70,8 +70,8 @@ def joined_of(s: DatabaseSession, study_id: str) -> dict[Group, int]:
 def study_lines(s: DatabaseSession, seen: ColumnElement[bool]) -> list[StudyLine]:
     """Every study that may be seen, newest first."""
     joined = select(Participant.study_id, func.count())
-    people = counted(s, joined.where(in_group("people")))
-    simulated = counted(s, joined.where(in_group("simulated")))
+    people = count_by(s, joined.where(in_group("people")))
+    simulated = count_by(s, joined.where(in_group("simulated")))
     newest = (
         select(Session.participant_id, func.max(Session.appointment).label("last"))
         .group_by(Session.participant_id)
@@ -82,8 +82,8 @@ def study_lines(s: DatabaseSession, seen: ColumnElement[bool]) -> list[StudyLine
         .join(newest, (newest.c.participant_id == Participant.id) & (newest.c.last == Session.appointment))
         .where(Session.state == FINISHED)
     )
-    completed = counted(s, finished.where(in_group("people")))
-    completed_simulated = counted(s, finished.where(in_group("simulated")))
+    completed = count_by(s, finished.where(in_group("people")))
+    completed_simulated = count_by(s, finished.where(in_group("simulated")))
     answers = {
         study: (count, last)
         for study, count, last in s.execute(
@@ -133,7 +133,7 @@ def events(
         query = query.where(Event.kind.in_(kind.split(",")))
     if participant:
         query = query.where(Participant.code == participant)
-    return found_page(s, query.order_by(Event.id.desc()), page)
+    return find_page(s, query.order_by(Event.id.desc()), page)
 
 
 def event_kinds(s: DatabaseSession, study_id: str) -> list[tuple[str, int]]:
@@ -172,14 +172,14 @@ def tombstones(s: DatabaseSession, study_id: str) -> list[Tombstone]:
     return list(s.scalars(select(Tombstone).where(Tombstone.study_id == study_id).order_by(Tombstone.erased_at.desc())))
 
 
-def found_page(s: DatabaseSession, query: Select[*tuple[Any, ...]], page: int, per_page: int = ROWS_PER_PAGE) -> Page:
+def find_page(s: DatabaseSession, query: Select[*tuple[Any, ...]], page: int, per_page: int = ROWS_PER_PAGE) -> Page:
     """One page of what an ordered query finds; the nearest one there is, where it has fewer."""
     total = s.scalar(select(func.count()).select_from(query.order_by(None).subquery())) or 0
     page, pages = page_of(page, total, per_page)
     return Page(s.execute(query.offset((page - 1) * per_page).limit(per_page)).all(), total, page, pages)
 
 
-def cut(rows: Sequence[Any], page: int) -> Page:
+def slice_page(rows: Sequence[Any], page: int) -> Page:
     """One page of rows that are in memory already."""
     page, pages = page_of(page, len(rows), ROWS_PER_PAGE)
     return Page(rows[(page - 1) * ROWS_PER_PAGE : page * ROWS_PER_PAGE], len(rows), page, pages)
@@ -191,6 +191,6 @@ def page_of(page: int, total: int, per_page: int) -> tuple[int, int]:
     return min(max(1, page), pages), pages
 
 
-def counted(s: DatabaseSession, query: Any, by: Any = Participant.study_id) -> dict[str, int]:
+def count_by(s: DatabaseSession, query: Any, by: Any = Participant.study_id) -> dict[str, int]:
     """What a query for (key, number) finds, one entry for each value of `by`."""
     return {key: int(count or 0) for key, count in s.execute(query.group_by(by))}

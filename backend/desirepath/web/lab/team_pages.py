@@ -12,13 +12,13 @@ from starlette.responses import RedirectResponse, Response
 
 from desirepath.store.models import StudyRole, User
 from desirepath.web.core.auditing import audit_details
-from desirepath.web.core.auth import CheckedCsrf, checked_csrf
+from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import Db
 from desirepath.web.core.lab_frame import LabRefusal
 from desirepath.web.core.roles import ROLES, STUDY_ROLES, Right
 from desirepath.web.lab.study_tabs import study_tab, the_study
 
-router = APIRouter(dependencies=[Depends(checked_csrf)], tags=["experimenter"])
+router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from starlette.responses import Response
 from desirepath.store.models import Session, utc_now
 from desirepath.study.kinds import kind_of
 from desirepath.study.kinds.base import Moment
-from desirepath.study.kinds.live import LiveKind, LiveStep, cleaned
+from desirepath.study.kinds.live import LiveKind, LiveStep, clean_weights
 from desirepath.study.kinds.wire import BadValue
-from desirepath.study.kinds.words import MEANT, MOST_QUESTIONS, WordsStep, language_of, marked, understood
+from desirepath.study.kinds.words import MEANT, MOST_QUESTIONS, WordsStep, language_of, mark_stretches, understood
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
 from desirepath.study.session.versions import protocol_of
@@ -44,7 +44,7 @@ def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Respo
             step,
             Moment(s, session, protocol_of(s, session), utc_now()),
             services.files,
-            cleaned(body.weights, step.named, "weights") if body.weights is not None else None,
+            clean_weights(body.weights, step.named, "weights") if body.weights is not None else None,
         )
     scene = live.scenes_of(step.setup)[place]  # outside the transaction: it computes
     poses: list[list[float] | None] = list(body.poses) if body.poses else [None] * len(policies)
@@ -54,7 +54,7 @@ def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Respo
             raise BadValue(field, len(given), f"must be one per robot, which are {len(policies)}")
     try:
         trajectories = [
-            live.rolled_out(policy, scene, pose, seconds)
+            live.roll_out(policy, scene, pose, seconds)
             for policy, pose, seconds in zip(policies, poses, since, strict=True)
         ]
     except SceneError as wrong:  # it has arrived, or brushes past something between two steps
@@ -89,7 +89,7 @@ def words(token: str, key: str, services: TheServices, body: WordsRead) -> Respo
         {"text": body.sentence[one.start : one.end], "offered": list(one.offered), "about": one.about}
         for one in got.questions[:MOST_QUESTIONS]
     ]
-    parts = marked(body.sentence, got)
+    parts = mark_stretches(body.sentence, got)
     said = {"parts": parts, "weights": got.weights, "questions": questions, "meant_weight": MEANT}
     said |= {"language": got.language} if got.language != language else {}
     return reply_of(WordsUnderstood, said)

@@ -20,7 +20,7 @@ from starlette.responses import RedirectResponse, Response
 from desirepath.grammar.texts import local
 from desirepath.store.models import RecruitingId, Session, Study, utc_now
 from desirepath.study.kinds import kind_of
-from desirepath.study.links import as_issued, token_hash
+from desirepath.study.links import normalise_token, token_hash
 from desirepath.study.protocol.stages import STAGES
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine, states
@@ -186,7 +186,7 @@ def code_page(request: Request) -> Response:
 @router.post("/back")
 def go_back(code: Annotated[str, Form()] = "") -> Response:
     """To the session behind the code; a wrong one is told there as a wrong link is."""
-    return RedirectResponse(f"/p/{quote(as_issued(code.strip()), safe='')}", status_code=303)
+    return RedirectResponse(f"/p/{quote(normalise_token(code.strip()), safe='')}", status_code=303)
 
 
 def _is_lead(kind: str) -> bool:

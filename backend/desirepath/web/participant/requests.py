@@ -17,7 +17,7 @@ from desirepath.study.session.finding import find_session
 from desirepath.study.studies import study_by_link
 from desirepath.web.core.contract import is_json
 from desirepath.web.core.dependencies import contact, page, services_of
-from desirepath.web.core.throttle import CHANGES_PER_SESSION, REFUSALS_PER_ADDRESS, count, exhausted, network_of
+from desirepath.web.core.throttle import CHANGES_PER_SESSION, REFUSALS_PER_ADDRESS, count, is_exhausted, network_of
 
 
 async def not_too_often(request: Request) -> None:
@@ -40,7 +40,7 @@ def _counted(request: Request) -> bool:
     token = request.path_params.get("token")
     if token and request.method == "POST" and not count(request, CHANGES_PER_SESSION, "change", token_hash(token)):
         raise too_many()
-    return exhausted(request, REFUSALS_PER_ADDRESS, "refused", network_of(request))
+    return is_exhausted(request, REFUSALS_PER_ADDRESS, "refused", network_of(request))
 
 
 def _check_link(request: Request) -> None:

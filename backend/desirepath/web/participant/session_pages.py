@@ -52,7 +52,7 @@ def session_page(token: str, request: Request) -> Response:
     with acting(services.database, token, request="page", now=now) as (s, session):
         if device_check.is_wanted(s, request, session):
             return device_check.check_page(request, s, session, token)
-        reloaded = machine.interrupted(s, session, reason="page_loaded", now=now)
+        reloaded = machine.interrupt(s, session, reason="page_loaded", now=now)
         machine.settle(s, services.files, session, now=now)
         name, value = stage_cookie(session)
         context = page_context(request, s, session, token)

@@ -79,7 +79,7 @@ def rollout_seen(token: str, key: str, request: Request, body: RolloutSeen) -> R
     walked = _walked(services, token, key, body.walk.model_dump()) if body.walk is not None else None
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
-        return strokes.watched(s, services.files, session, _step(session, key), playback, walked, now=utc_now())
+        return strokes.mark_watched(s, services.files, session, _step(session, key), playback, walked, now=utc_now())
 
     return _on_drawing(request, token, key, "rollout_seen", act)
 
@@ -92,7 +92,7 @@ def _walked(services: Services, token: str, key: str, given: object) -> Walked |
         if stroke is None or not paths.is_walked(step, stroke):
             return None
         drawn, beside, simulated = stroke.drawn, stroke.trajectory, session.simulated
-    return walks.walked_beside(step, paths.scene_of(step), drawn, beside, given, simulated=simulated)
+    return walks.combine_with_walk(step, paths.scene_of(step), drawn, beside, given, simulated=simulated)
 
 
 @changing("/api/session/{token}/drawing/{key}/walk")
@@ -110,7 +110,7 @@ def interrupted(token: str, key: str, request: Request, body: Interrupted) -> Re
     """The rollout could not be watched to its end; the path stays, and can be driven again."""
 
     def act(s: DatabaseSession, session: Session) -> None:
-        strokes.interrupted(s, session, _step(session, key), reason=body.reason)
+        strokes.interrupt(s, session, _step(session, key), reason=body.reason)
 
     return _on_drawing(request, token, key, "interrupted", act, afresh=True)
 
@@ -161,7 +161,7 @@ def _on_drawing(
             reply["problem"] = row.problem if row.state == "refused" else None
     if shown is not None:
         services.presenter.play_stroke(session.id, shown)
-    elif afresh or paths.met(row):
+    elif afresh or paths.has_met_person(row):
         services.presenter.show(session.id)
     services.listeners.changed(session.id)
     return reply_of(DrawingReply, reply)

@@ -66,7 +66,7 @@ def interrupted(token: str, key: str, request: Request, body: Interrupted) -> Re
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> None:
         if machine.step_of(session).key == key:
-            again = machine.restart_trajectory if body.reason == "hidden" else machine.interrupted
+            again = machine.restart_trajectory if body.reason == "hidden" else machine.interrupt
             again(s, session, reason=body.reason, now=now)
 
     return _on_trial(request, token, "interrupted", act, afresh=True)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def present(database: Database, stage: Stage, session_id: str, place: int = 0) -> None:
     """Show that place, unless the session went on meanwhile."""
-    from desirepath.study.personalising.live_rollouts import scenes_of, typical_rollouts, warmed_up
+    from desirepath.study.personalising.live_rollouts import scenes_of, typical_rollouts, warm_up
 
     with database.session() as s:
         session = s.get_one(Session, session_id)
@@ -32,4 +32,4 @@ def present(database: Database, stage: Stage, session_id: str, place: int = 0) -
     beside = typical_rollouts(step.setup, place) if scene.room is None else ()
     stage.detail = "light" if light else "full"
     stage.live(scene, step.view, trajectories=beside, robots=kind.robots_in(step))
-    warmed_up(step.setup)  # while the browser builds the room, so that the first path is not waited for
+    warm_up(step.setup)  # while the browser builds the room, so that the first path is not waited for

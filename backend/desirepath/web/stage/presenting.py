@@ -112,7 +112,7 @@ class Presenter:
                     session = s.get(Session, session_id, with_for_update=True)
                     if session is None:
                         return None
-                    return machine.interrupted(s, session, reason=reason, now=utc_now())
+                    return machine.interrupt(s, session, reason=reason, now=utc_now())
             except DatabaseBusy:
                 log.warning("a stage waits for the database")
 

@@ -14,14 +14,14 @@ from desirepath.analysis.metrics import collision_rate, success_rate, timeout_ra
 from desirepath.demonstrations.demonstrators import demonstrate
 from desirepath.learning.adaptable.objectives import NAMES, thesis_vectors
 from desirepath.learning.policies.adaptable import AdaptablePolicy
-from desirepath.learning.policies.cloning import CloningConfig, cloned
+from desirepath.learning.policies.cloning import CloningConfig, clone_policy
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.rewards.ranked_rollouts import (
     RankedConfig,
     RankedRewardModel,
     RankedRollouts,
     fit_ranked,
-    noise_ranked,
+    rank_by_noise,
 )
 from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
@@ -75,11 +75,11 @@ def demonstration(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRe
         held_out = [one.scene for one in demonstrated(fresh)][:HELD_OUT]
         way = demonstrated_paths(held_out)
     hide = without_person if params["without_person"] else (lambda seen: seen)
-    clone = cloned(_hidden(given, hide), CloningConfig(seed, params["cloning_updates"]))
-    ranked = noise_ranked(lambda seen: clone.act(hide(seen)), scenes, seed=seed)
+    clone = clone_policy(_hidden(given, hide), CloningConfig(seed, params["cloning_updates"]))
+    ranked = rank_by_noise(lambda seen: clone.act(hide(seen)), scenes, seed=seed)
     shown = RankedRollouts(_hidden(ranked.trajectories, hide), ranked.levels)
     reward = fit_ranked(shown, RankedConfig(seed, params["reward_updates"]))
-    other = noise_ranked(lambda seen: clone.act(hide(seen)), held_out, seed=seed + HELD_OUT_SEED)
+    other = rank_by_noise(lambda seen: clone.act(hide(seen)), held_out, seed=seed + HELD_OUT_SEED)
     unseen = RankedRollouts(_hidden(other.trajectories, hide), other.levels)
     first = other.trajectories[: len(held_out)]
     apart = [

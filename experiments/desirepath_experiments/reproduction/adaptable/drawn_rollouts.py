@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.demonstrations.demonstration import Demonstration, augmented
+from desirepath.demonstrations.demonstration import Demonstration, augment
 from desirepath.simulation import kernels as k
 from desirepath.simulation.scene import Pose, Scene, SceneError
 from desirepath.simulation.scenes import check_scene
@@ -24,7 +24,7 @@ TRIES = 20
 
 def augmented_all(demonstrations: Sequence[Demonstration]) -> list[Trajectory]:
     """Every drawn path's rollouts from starts along it (chapter 2, step 7)."""
-    return [one for demonstration in demonstrations for one in augmented(demonstration)]
+    return [one for demonstration in demonstrations for one in augment(demonstration)]
 
 
 def scenes_beside(

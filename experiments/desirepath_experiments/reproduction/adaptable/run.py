@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from desirepath.explain.printed import Section, Table, shown_picture
+from desirepath.explain.printed import Section, Table, embed_picture
 from desirepath_experiments.reproduction.adaptable.computing import FUNCTIONS
 from desirepath_experiments.reproduction.adaptable.departures import DEPARTURES
 from desirepath_experiments.reproduction.adaptable.plan import AdaptableBudget, AdaptablePlan, make_plan
@@ -131,7 +131,7 @@ def _sections(
             "Over the edges of the preference triangle",
             ["Spearman of each measure and its weight, +1: as it should be."],
             [Table("Rank correlation along the edges", ["objective", *seeds], followed)],
-            pictures=[shown_picture(one, folder) for one in drawn],
+            pictures=[embed_picture(one, folder) for one in drawn],
         ),
         Section(
             "Where nothing was trained",

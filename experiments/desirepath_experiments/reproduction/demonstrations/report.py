@@ -11,7 +11,7 @@ from desirepath.demonstrations.controllers import BASELINES
 from desirepath.demonstrations.judging import KINDS
 from desirepath.demonstrations.td3_bc.configuration import DEPARTURES
 from desirepath.explain.pictures import Picture
-from desirepath.explain.printed import Section, Shown, Table, shown_picture
+from desirepath.explain.printed import Section, Shown, Table, embed_picture
 from desirepath_experiments.reproduction.chapter_report import seeds_words, write_report
 from desirepath_experiments.reproduction.demonstrations.plan import (
     CONTROLLERS,
@@ -135,7 +135,7 @@ def sections(
     """The report's parts in order."""
 
     def shown(*beginnings: str) -> list[Shown]:
-        return [shown_picture(one, folder) for one in drawn if one.name.startswith(beginnings)]
+        return [embed_picture(one, folder) for one in drawn if one.name.startswith(beginnings)]
 
     main = [row for row in rows if row.controller in (*CONTROLLERS, WITHOUT)]
     whole = (plan.budget.environments[0], plan.budget.ablated)

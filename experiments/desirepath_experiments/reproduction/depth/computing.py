@@ -15,7 +15,7 @@ from desirepath.analysis.frechet import Deviation
 from desirepath.demonstrations.demonstration import Demonstration
 from desirepath.demonstrations.depth.controller import DepthController
 from desirepath.demonstrations.depth.episodes import MODES, YAW_STD, Episodes, home_episodes
-from desirepath.demonstrations.depth.judging import REMOVALS, followed, roll_out_depth, without
+from desirepath.demonstrations.depth.judging import REMOVALS, judge_followed, roll_out_depth, without
 from desirepath.demonstrations.depth.states import CONFIGURATIONS
 from desirepath.demonstrations.depth.training import DepthTrainingConfig, senses_of, train_depth_controller
 from desirepath.learning.policies.policy import Policy
@@ -161,7 +161,7 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     }
     for removed in REMOVALS:
         rollouts = roll_out_depth(policy, make, without(replayed, removed))
-        found = followed(rollouts, paths)
+        found = judge_followed(rollouts, paths)
         measured["demonstrated"][removed] = rollouts.rates() | {
             **_followed(found),
             "per_scene": [list(_followed(found[i :: len(shown)]).values()) for i in range(len(shown))],

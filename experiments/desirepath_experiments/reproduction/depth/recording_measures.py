@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.demonstrations.depth.states import bearings, detected
+from desirepath.demonstrations.depth.states import bearings, detect_person
 from desirepath.perception.beta_vae import DepthEncoder
 from desirepath.perception.predictor import STEPS, PersonPredictor
 from desirepath.simulation.depth_camera import DEPTH_CAMERA, CameraNoise
@@ -34,7 +34,7 @@ def prediction_set(recording: Recording, encoder: DepthEncoder) -> tuple[Floats,
     times, robots = recording.episodes.shape
     latents = _latents(recording, encoder, np.random.default_rng(3)).reshape(times, robots, -1)
     flat = recording.poses.reshape(-1, 3), recording.people.reshape(-1, 4)
-    person = detected(DEPTH_CAMERA, *flat).reshape(times, robots, 3)
+    person = detect_person(DEPTH_CAMERA, *flat).reshape(times, robots, 3)
     step = np.concatenate([person[:, :, 1:], recording.actions, latents], axis=2)
     windows, after = [], []
     for t in range(STEPS, times):

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from desirepath.explain.pictures import Picture
-from desirepath.explain.printed import Section, Shown, shown_picture
+from desirepath.explain.printed import Section, Shown, embed_picture
 from desirepath.learning.cards import DEPARTURES
 from desirepath_experiments.reproduction.chapter_report import write_report
 from desirepath_experiments.reproduction.enquery import published_numbers as thesis
@@ -67,7 +67,7 @@ def sections(plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Pict
     """The report's parts in order."""
 
     def shown(*beginnings: str) -> list[Shown]:
-        return [shown_picture(one, folder) for one in pictures if one.name.startswith(beginnings)]
+        return [embed_picture(one, folder) for one in pictures if one.name.startswith(beginnings)]
 
     tables = results.tables
     return [

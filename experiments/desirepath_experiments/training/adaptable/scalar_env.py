@@ -19,8 +19,8 @@ from desirepath.learning.adaptable.objectives import (
     SIZE,
     DemonstrationReward,
     objective_rewards,
-    sampled,
-    scalarised,
+    sample_preferences,
+    scalarise,
 )
 from desirepath.simulation.environments import action_space
 from desirepath.simulation.fast import FastEngine
@@ -49,7 +49,7 @@ class ScalarVecEnv(VecEnv):
         self.render_mode = None
         self._demonstration, self._scale = demonstration, scale
         self._random = np.random.default_rng([seed, 56])
-        self._preferences = sampled(n_envs, self._random)
+        self._preferences = sample_preferences(n_envs, self._random)
         self._actions: Floats = np.zeros((n_envs, 2), dtype=np.float32)
         super().__init__(n_envs, conditioned_observation_space(), action_space())
 
@@ -69,7 +69,7 @@ class ScalarVecEnv(VecEnv):
         rewards = np.empty((len(actions), len(REWARDS)), dtype=np.float32)
         rewards[:, 0] = engine.rewards
         rewards[:, 1:] = objective_rewards(before, actions, engine.next_observations, self._demonstration)
-        scalar = scalarised(rewards, self._preferences) * np.float32(self._scale)
+        scalar = scalarise(rewards, self._preferences) * np.float32(self._scale)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         ended = np.flatnonzero(engine.dones)
         for i in ended:
@@ -77,7 +77,7 @@ class ScalarVecEnv(VecEnv):
             outcome = Outcome(int(engine.outcomes[i])).name.lower()
             infos[i] = {"terminal_observation": terminal, "TimeLimit.truncated": False, "outcome": outcome}
         if len(ended):
-            self._preferences[ended] = sampled(len(ended), self._random)
+            self._preferences[ended] = sample_preferences(len(ended), self._random)
         return self._observed(engine.observations), scalar, engine.dones.copy(), infos
 
     def close(self) -> None:

@@ -22,8 +22,8 @@ from desirepath.learning.adaptable.objectives import (
     SIZE,
     DemonstrationReward,
     objective_rewards,
-    sampled_in,
-    scalarised,
+    sample_preferences_in,
+    scalarise,
 )
 from desirepath.learning.cards import stored_config
 from desirepath.learning.errors import LearningError
@@ -148,7 +148,7 @@ class AdaptableTraining:
         """Preferences of new episodes (n, 3): of their thirds of the triangle, or the only one there is."""
         if self.config.alone:
             return np.tile(np.eye(SIZE, dtype=np.float32)[NAMES.index(self.config.alone)], (len(parts), 1))
-        return sampled_in(parts, self._random)
+        return sample_preferences_in(parts, self._random)
 
     def _begin_with(self, clone: ActFunction | None) -> None:
         """Random transitions, and the clone's with up to twice the exploration noise."""
@@ -226,7 +226,7 @@ class AdaptableTraining:
     def look_at_solutions(self) -> None:
         """Roll out each objective alone; what is better than ever before becomes that objective's solution."""
         found = self.rolled_out(self.averaged(), np.eye(SIZE, dtype=np.float32), self.config.solution_scenes)
-        scalar = scalarised(found.returns, found.preferences).reshape(SIZE, -1).mean(axis=1)
+        scalar = scalarise(found.returns, found.preferences).reshape(SIZE, -1).mean(axis=1)
         per_m = found.returns[:, 1:] / found.start_m[:, None] * self.config.reward_scale
         better = scalar > self._best
         self._best[better] = scalar[better]
@@ -298,7 +298,7 @@ def _trained(training: AdaptableTraining, on_progress: OnProgress, *, gives_up: 
     for updates in checkpoints(training.vector_step, [*early, *marks], tell):
         policy = training.averaged()
         found = training.rolled_out(policy, preferences, config.selection_scenes)
-        utility = float(scalarised(found.returns, found.preferences).mean())
+        utility = float(scalarise(found.returns, found.preferences).mean())
         point = {"updates": float(updates), "success": float(found.success.mean()), "utility": utility}
         history.append(point | training.agent.losses | _alone(found, ways))
         on_progress(updates / config.updates, history[-1])

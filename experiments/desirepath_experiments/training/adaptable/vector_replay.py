@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.learning.adaptable.objectives import REWARDS, SIZE, sampled
+from desirepath.learning.adaptable.objectives import REWARDS, SIZE, sample_preferences
 from desirepath_experiments.training.adaptable.vector_td3 import VectorBatch
 
 Floats = NDArray[np.float32]
@@ -54,5 +54,5 @@ def relabelled(batch: VectorBatch, share: float, random: np.random.Generator) ->
     nothing else changes, and what a trajectory returns under the new preference is what it would have returned."""
     count = int(len(batch.actions) * share)
     preferences = batch.preferences.copy()
-    preferences[:count] = sampled(count, random)
+    preferences[:count] = sample_preferences(count, random)
     return batch._replace(preferences=preferences)

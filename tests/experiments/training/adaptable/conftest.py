@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from desirepath.learning.policies.cloning import CloningConfig, cloned
+from desirepath.learning.policies.cloning import CloningConfig, clone_policy
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.rewards.ranked_rollouts import RankedConfig, RankedRewardModel, fit_ranked, noise_ranked
+from desirepath.learning.rewards.ranked_rollouts import RankedConfig, RankedRewardModel, fit_ranked, rank_by_noise
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import get_setup
@@ -23,10 +23,10 @@ def free_scenes() -> list[Scene]:
 
 @pytest.fixture(scope="session")
 def clone(free_scenes: list[Scene]) -> Policy:
-    return cloned(demonstrated(free_scenes[:30], disturbed=0.15), CloningConfig(updates=1_500, heads=(64, 64)))
+    return clone_policy(demonstrated(free_scenes[:30], disturbed=0.15), CloningConfig(updates=1_500, heads=(64, 64)))
 
 
 @pytest.fixture(scope="session")
 def reward(clone: Policy, free_scenes: list[Scene]) -> RankedRewardModel:
-    ranked = noise_ranked(clone.act, free_scenes[:20], seed=0)
+    ranked = rank_by_noise(clone.act, free_scenes[:20], seed=0)
     return fit_ranked(ranked, RankedConfig(updates=500, pairs=16, heads=(64, 64)))

@@ -11,7 +11,7 @@ import desirepath.gymnasium_envs
 from desirepath.learning.adaptable.objectives import NAMES, check_preference, objective_rewards, thesis_vectors
 from desirepath.learning.adaptable.vector_env import AdaptableEnv
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.adaptable import AdaptablePolicy, parsed_preference
+from desirepath.learning.policies.adaptable import AdaptablePolicy, parse_preference
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.rewards.ranked_rollouts import RankedRewardModel
 from desirepath.simulation.scenes import draw_scene, draw_scenes
@@ -86,10 +86,10 @@ def test_what_is_no_preference_is_refused(wrong: list[float]) -> None:
 
 
 def test_preferences_are_read_as_people_write_them() -> None:
-    np.testing.assert_allclose(parsed_preference("distance=0.5,efficiency=0.5"), [0, 0.5, 0.5])
-    np.testing.assert_allclose(parsed_preference(""), 1 / 3)
+    np.testing.assert_allclose(parse_preference("distance=0.5,efficiency=0.5"), [0, 0.5, 0.5])
+    np.testing.assert_allclose(parse_preference(""), 1 / 3)
     with pytest.raises(LearningError, match="speed"):
-        parsed_preference("speed=1")
+        parse_preference("speed=1")
 
 
 def test_the_distance_objective_is_equation_5_2() -> None:

@@ -16,7 +16,7 @@ from desirepath.learning.rewards.ranked_rollouts import (
     RankedRollouts,
     drawn_pairs,
     fit_ranked,
-    noise_ranked,
+    rank_by_noise,
 )
 from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.simulation.acting import begin
@@ -72,7 +72,7 @@ def test_the_reward_ranks_rollouts_in_scenes_it_has_not_seen(
     clone: Policy, reward: RankedRewardModel, free_scenes: list[Scene]
 ) -> None:
     held_out = free_scenes[30:]
-    ranked = noise_ranked(clone.act, held_out, seed=9)
+    ranked = rank_by_noise(clone.act, held_out, seed=9)
     found = judged(reward, ranked, demonstrated_paths(held_out))
     assert found.accuracy > 0.7
     assert [level.level for level in found.levels] == pytest.approx(LEVELS)

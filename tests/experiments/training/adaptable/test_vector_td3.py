@@ -11,9 +11,9 @@ from desirepath.learning.adaptable.objectives import (
     KEY_PREFERENCES,
     NAMES,
     part_of,
-    sampled,
-    sampled_in,
-    scalarised,
+    sample_preferences,
+    sample_preferences_in,
+    scalarise,
     thesis_vectors,
 )
 from desirepath_experiments.training.adaptable import vector_td3
@@ -49,7 +49,7 @@ def random_batch(n: int = N) -> VectorBatch:
     observations[:, 0] = np.abs(observations[:, 0])
     return VectorBatch(
         observations, floats(n, 2), floats(n, 4), floats(n, OBSERVED), (random.random(n) > 0.3).astype(np.float32),
-        sampled(n, random),
+        sample_preferences(n, random),
     )  # fmt: skip
 
 
@@ -154,15 +154,15 @@ def test_hindsight_changes_whose_preference_it_was_and_nothing_that_happened() -
         assert getattr(seen, name) is getattr(trajectory, name)
     # The return under a preference is that preference of the vector of returns, however it is added up.
     other = seen.preferences[:1]
-    stepwise = scalarised(seen.rewards, np.repeat(other, 50, axis=0)).sum()
-    assert stepwise == pytest.approx(scalarised(seen.rewards.sum(axis=0, keepdims=True), other)[0], abs=1e-4)
+    stepwise = scalarise(seen.rewards, np.repeat(other, 50, axis=0)).sum()
+    assert stepwise == pytest.approx(scalarise(seen.rewards.sum(axis=0, keepdims=True), other)[0], abs=1e-4)
 
 
 def test_the_interpolator_is_exact_at_its_nodes_and_unit_long_between() -> None:
     at_nodes = INTERPOLATOR(np.eye(3, dtype=np.float32))
     normalised = (SOLUTIONS - SOLUTIONS.min(axis=0)) / np.ptp(SOLUTIONS, axis=0)
     np.testing.assert_allclose(at_nodes, normalised / np.linalg.norm(normalised, axis=1, keepdims=True), atol=1e-6)
-    between = INTERPOLATOR(sampled(100, np.random.default_rng(2)))
+    between = INTERPOLATOR(sample_preferences(100, np.random.default_rng(2)))
     np.testing.assert_allclose(np.linalg.norm(between, axis=1), 1, atol=1e-5)
     plain, expected = without_solutions()(KEY_PREFERENCES), unit(KEY_PREFERENCES)
     np.testing.assert_allclose(plain, expected, atol=1e-6)
@@ -170,7 +170,7 @@ def test_the_interpolator_is_exact_at_its_nodes_and_unit_long_between() -> None:
 
 def test_three_groups_explore_three_thirds_of_the_triangle() -> None:
     parts = np.arange(3_000) % 3
-    found = sampled_in(parts, np.random.default_rng(1))
+    found = sample_preferences_in(parts, np.random.default_rng(1))
     assert (part_of(found) == parts).all()
     np.testing.assert_allclose(found.sum(axis=1), 1, atol=1e-6)
     np.testing.assert_allclose(found.mean(axis=0), 1 / 3, atol=0.02)

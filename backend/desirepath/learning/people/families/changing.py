@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from desirepath.learning.people.families.base import Doubles, Family, FamilyMember
-from desirepath.learning.people.families.mixture import mixed
+from desirepath.learning.people.families.mixture import mix_members
 from desirepath.learning.people.families.network import NetworkFamily
 from desirepath.simulation.trajectory import Trajectory
 
@@ -37,5 +37,5 @@ class ChangingFamily(Family):
 
     def draw(self, setup: str, random: np.random.Generator) -> ChangingMember:
         first, other = self.network.draw(setup, random), self.network.draw(setup, random)
-        then = mixed(setup, (first, self.kept), (other, 1 - self.kept))
+        then = mix_members(setup, (first, self.kept), (other, 1 - self.kept))
         return ChangingMember(first, then, int(random.integers(self.after[0], self.after[1] + 1)))

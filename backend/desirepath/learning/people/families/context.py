@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from desirepath.learning.measures.steps import WORDS, SeenSteps, scaled_words
+from desirepath.learning.measures.steps import WORDS, SeenSteps, scale_words
 from desirepath.learning.people.families.base import Doubles, Family, StepFamilyMember
 
 
@@ -25,7 +25,7 @@ class ContextMember(StepFamilyMember):
     def step_scores(self, steps: SeenSteps) -> Doubles:
         values = steps.words["person_m"] if self.by == "distance" else steps.place
         first = 1 / (1 + np.exp(np.clip((values - self.turning_point) / self.blur, -50, 50)))
-        one, other = (scaled_words(steps, list(wish)) @ np.array(list(wish.values())) for wish in self.wishes)
+        one, other = (scale_words(steps, list(wish)) @ np.array(list(wish.values())) for wish in self.wishes)
         found: Doubles = first * one + (1 - first) * other
         return found
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from desirepath.learning.measures.remembered import remembered
+from desirepath.learning.measures.remembered import remember_last
 from desirepath.learning.people.families.base import Doubles, Family, FamilyMember, Span
 from desirepath.learning.people.families.network import NetworkFamily
 from desirepath.learning.preferences.measures import measures, typical_differences
 from desirepath.learning.preferences.objectives import NAMES, gains
 from desirepath.simulation.trajectory import Trajectory
 
-measures_once = remembered(measures)
+measures_once = remember_last(measures)
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class MixedMember(FamilyMember):
         return found
 
 
-def mixed(setup: str, *parts: tuple[FamilyMember, float]) -> MixedMember:
+def mix_members(setup: str, *parts: tuple[FamilyMember, float]) -> MixedMember:
     """Members by shares: how much a typical pair of each weighs."""
     return MixedMember(tuple((member, share / member.unit(setup)) for member, share in parts))
 
@@ -53,4 +53,4 @@ class MixtureFamily(Family):
     def draw(self, setup: str, random: np.random.Generator) -> MixedMember:
         objective = ObjectiveMember(NAMES[int(random.integers(len(NAMES)))])
         share = float(random.uniform(*self.share))
-        return mixed(setup, (objective, share), (self.network.draw(setup, random), 1 - share))
+        return mix_members(setup, (objective, share), (self.network.draw(setup, random), 1 - share))
