@@ -15,7 +15,7 @@ from desirepath.demonstrations.social_cost import SocialCost
 from desirepath.learning.policies.shipped import load_policy
 from desirepath.learning.preferences.oracles import ORACLE_PREFERENCES, min_human_distance_m
 from desirepath.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scene import Person, Pose
 from desirepath.simulation.setups import DEMONSTRATION_SETUPS, SetupError, get_setup
 from desirepath.simulation.trajectory import Outcome
@@ -44,9 +44,9 @@ def test_social_cost_keeps_more_distance_than_the_window_that_knows_no_person() 
 def test_the_window_reads_goal_velocity_and_every_beam() -> None:
     setup = lidar_setup(ROOM)
     scene = demonstration_scene("room", 0)
-    seen = FastEngine(setup, 1, scenes=[scene]).observations[0]
+    seen = make_engine(setup, 1, scenes=[scene]).observations[0]
     assert len(seen) == 6 + 360
-    turned = FastEngine(setup, 1, scenes=[replace(scene, person=replace(scene.person, pose=Pose(-0.1, 0.0, 1.0)))])
+    turned = make_engine(setup, 1, scenes=[replace(scene, person=replace(scene.person, pose=Pose(-0.1, 0.0, 1.0)))])
     assert (turned.observations[0] == seen).all()  # it cannot tell where the person looks
 
 
@@ -54,7 +54,7 @@ def test_social_cost_finds_itself_by_the_walls_and_plans_around_who_walks() -> N
     scene = demonstration_scene("room", 3)
     controller = SocialCost(scene)
     for x, y, yaw in ((-2.0, 1.0, 0.3), (1.0, -0.5, -2.8), (0.5, 1.7, 3.1)):
-        seen = FastEngine(ROOM, 1, scenes=[replace(scene, start=Pose(x, y, yaw))]).observations[0]
+        seen = make_engine(ROOM, 1, scenes=[replace(scene, start=Pose(x, y, yaw))]).observations[0]
         found = controller.located(seen.astype(np.float64))
         assert (found.x, found.y) == pytest.approx((x, y), abs=1e-4)
         assert found.yaw == pytest.approx(yaw, abs=1e-4)

@@ -26,7 +26,7 @@ from desirepath.learning.td3.replay import concatenate
 from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
 from desirepath.simulation import kernels as k
 from desirepath.simulation.demonstration_scenes import demonstration_scene
-from desirepath.simulation.fast import FastEngine, rollout
+from desirepath.simulation.fast import make_engine, rollout
 from desirepath.simulation.scenes import check_scene, row_to_scene
 from desirepath.simulation.setups import SetupError, get_setup
 
@@ -236,7 +236,7 @@ def test_who_walked_while_something_was_demonstrated_walks_on_in_exploration() -
         steps = np.diff(walk[:40, :2], axis=0)
         shifted = [np.abs(np.diff(people[m : m + 40], axis=0) - steps).max() for m in range(200)]
         assert min(shifted) < 1e-9  # the demonstrated walk, from some moment on
-    engine = FastEngine(ROOM, 32, pool=pool)
+    engine = make_engine(ROOM, 32, pool=pool)
     before, going = engine.rows[:, k.PERSON_X : k.PERSON_X + 2].copy(), np.zeros(32, bool)
     for _ in range(5):
         engine.step(np.full((32, 2), [-1.0, 0.0], dtype=np.float32))

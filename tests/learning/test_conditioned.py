@@ -34,7 +34,7 @@ from desirepath.learning.td3.conditioned_training import (
     strong_enough,
     train_conditioned,
 )
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import SetupError, get_setup
@@ -66,7 +66,7 @@ def trained(base: Policy) -> ConditionedResult:
 
 def test_before_any_training_every_want_drives_as_the_base_policy(base: Policy) -> None:
     untrained = ConditionedTraining(base, TINY).policy(averaged=False)
-    seen = FastEngine(get_setup("study_room"), 64, seed=5).observations
+    seen = make_engine(get_setup("study_room"), 64, seed=5).observations
     for weights in settings().values():
         np.testing.assert_array_equal(untrained.at(weights).act(seen), base.act(seen))
 
@@ -76,7 +76,7 @@ def test_folding_equals_the_full_network(base: Policy) -> None:
     for _ in range(3):
         training.vector_step()
     policy = training.policy(averaged=False)
-    seen = FastEngine(training.setup, 64, seed=5).observations
+    seen = make_engine(training.setup, 64, seed=5).observations
     polar = training.setup.polar_size
     weights = preference_weights({"farther": 1.0, "smoother": 0.4})
     told = np.concatenate([seen[:, :polar], np.tile(weights, (64, 1)), seen[:, polar:]], axis=1)
@@ -115,7 +115,7 @@ def test_a_stuck_robot_is_freed_by_the_base_policy_then_by_nothing_wanted(base: 
     untrained = ConditionedTraining(base, replace(TINY, recovery=True)).policy(averaged=False)
     assert not ConditionedTraining(base, TINY).policy(averaged=False).at(settings()["farther"]).recovery_policies
     told = ConditionedPolicy.from_bytes(untrained.to_bytes()).at(settings()["farther"])
-    seen = FastEngine(get_setup("study_room"), 16, seed=5).observations
+    seen = make_engine(get_setup("study_room"), 16, seed=5).observations
     for recovery_policy in told.recovery_policies:
         np.testing.assert_array_equal(Policy(told.setup, told.shape, recovery_policy).act(seen), base.act(seen))
     assert len(told.recovery_policies) == 2
@@ -184,8 +184,8 @@ def mirrored_scene(scene: Scene) -> Scene:
 def test_the_mirrored_world_is_the_same_world(name: str) -> None:
     setup, random = get_setup(name), np.random.default_rng(2)
     scenes = draw_scenes(setup, range(40))
-    here = FastEngine(setup, 40, auto_reset=False, scenes=scenes)
-    there = FastEngine(setup, 40, auto_reset=False, scenes=[mirrored_scene(scene) for scene in scenes])
+    here = make_engine(setup, 40, auto_reset=False, scenes=scenes)
+    there = make_engine(setup, 40, auto_reset=False, scenes=[mirrored_scene(scene) for scene in scenes])
     order, signs = mirror_of(setup)
     polar, beam_m = setup.polar_size, []
     for _ in range(25):

@@ -25,7 +25,7 @@ from desirepath.learning.policies.shipped import load_policy
 from desirepath.learning.td3.base import BaseResult
 from desirepath.learning.td3.ensemble import agent_of
 from desirepath.learning.td3.td3 import Td3Config
-from desirepath.simulation.fast import FastEngine, evaluate
+from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import SetupError, get_setup
 
@@ -40,7 +40,7 @@ def policy(request: pytest.FixtureRequest) -> Policy:
 
 
 def seen_by(policy: Policy, n: int = 64) -> NDArray[np.float32]:
-    return FastEngine(get_setup(policy.setup), n, seed=9).observations.copy()
+    return make_engine(get_setup(policy.setup), n, seed=9).observations.copy()
 
 
 def test_numpy_and_torch_act_alike(tiny_base: BaseResult) -> None:
@@ -102,7 +102,7 @@ def test_whose_a_policy_is_tells_files_apart_that_drive_alike(policy: Policy) ->
 def test_the_other_setup_is_refused(policy: Policy) -> None:
     other = STUDY_ROOM if policy.setup == "open_field" else OPEN_FIELD
     with pytest.raises(SetupError, match=policy.setup):
-        policy.act(FastEngine(other, 2, seed=0).observations)
+        policy.act(make_engine(other, 2, seed=0).observations)
     with pytest.raises(SetupError, match="inputs"):
         Policy(other.name, policy.shape, policy.actor)
 

@@ -21,7 +21,7 @@ from desirepath.learning.rewards.held_out import accuracy, held_out_accuracy
 from desirepath.learning.rewards.linear import LinearConfig, LinearRewardModel, fit_linear
 from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
 from desirepath.learning.rewards.reward_model import RewardModel, bradley_terry_gradient, bradley_terry_loss
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import Setup, SetupError, get_setup
 
@@ -51,7 +51,7 @@ def test_gradient_is_the_derivative_of_the_loss(advantages: list[float]) -> None
 @pytest.mark.parametrize("setup", [OPEN_FIELD, STUDY_ROOM], ids=lambda setup: setup.name)
 def test_clearance_read_from_observations_agrees_with_the_engine(setup: Setup) -> None:
     """Where nothing hides behind the person, the nearest other lidar return is the engine's own clearance."""
-    engine = FastEngine(setup, 400, scenes=draw_scenes(setup, range(400)), auto_reset=False)
+    engine = make_engine(setup, 400, scenes=draw_scenes(setup, range(400)), auto_reset=False)
     engine.step(np.zeros((400, 2), dtype=np.float32))
     seen = obstacle_clearance_m(engine.next_observations, setup)
     truth = np.minimum(engine.obstacle_clearance, setup.robot.lidar.range_m)
@@ -60,7 +60,7 @@ def test_clearance_read_from_observations_agrees_with_the_engine(setup: Setup) -
 
 
 def test_features_are_complaints_never_praise() -> None:
-    engine = FastEngine(STUDY_ROOM, 100, seed=5)
+    engine = make_engine(STUDY_ROOM, 100, seed=5)
     random = np.random.default_rng(0)
     for _ in range(20):
         actions = random.uniform(-1, 1, (100, 2)).astype(np.float32)

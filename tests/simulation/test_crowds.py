@@ -12,7 +12,7 @@ from desirepath.simulation.crowds.crowd_kernels import nearest_wall
 from desirepath.simulation.crowds.crowd_maps import boxes_of, map_of, path_from_anywhere
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, draw_crowd_scene, robot_path
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.pedestrians import Crowd, CrowdConditions, Pedestrian, PedestrianError, where_on_route
 from desirepath.simulation.scene import Person, Pose, Room, Scene, SceneError
 from desirepath.simulation.scenes import draw_scene
@@ -232,7 +232,7 @@ def test_where_pedestrians_were_is_kept_with_the_scene():
 
 def test_engines_say_which_scenes_they_do_not_run():
     with pytest.raises(SceneError, match="crowd"):
-        FastEngine(STUDY_ROOM, 1).reset([replace(draw_scene("study_room", 1), crowd=Crowd("path", ()))])
+        make_engine(STUDY_ROOM, 1).reset([replace(draw_scene("study_room", 1), crowd=Crowd("path", ()))])
     with pytest.raises(SceneError, match="fast engine"):
         CrowdEngine(n_envs=1).reset([draw_scene("study_room", 1)])
     with pytest.raises(PedestrianError, match="behaviour"):

@@ -12,7 +12,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
 from desirepath.simulation.acting import ActionError
 from desirepath.simulation.environments import FastVecEnv, NavigationEnv
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.reference import ReferenceEngine
 from desirepath.simulation.scenes import draw_scene
 from desirepath.simulation.setups import SETUPS, get_setup
@@ -84,7 +84,7 @@ def test_the_reference_engine_refuses_bad_actions_and_steps_after_the_end() -> N
 
 @pytest.mark.parametrize("name", NAMES)
 def test_vec_env_keeps_the_contract(name: str) -> None:
-    env, engine = FastVecEnv(name, 16, seed=3), FastEngine(SETUPS[name], 16, seed=3)
+    env, engine = FastVecEnv(name, 16, seed=3), make_engine(SETUPS[name], 16, seed=3)
     first = env.reset()
     engine.reset()  # the engine has started once on its own, as the VecEnv's has
     assert (first == engine.observations).all()

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from desirepath.simulation import kernels
 from desirepath.simulation.acting import ActionError
-from desirepath.simulation.fast import FastEngine, evaluate, raw_ranges, rollout, table_of
+from desirepath.simulation.fast import FastEngine, evaluate, make_engine, raw_ranges, rollout, table_of
 from desirepath.simulation.scene import Obstacle, Person, Pose, Scene, SceneError
 from desirepath.simulation.scenes import draw_scene, draw_scenes, scene_to_row
 from desirepath.simulation.setups import SETUPS, Setup, SetupError, get_setup, preference_setups
@@ -36,7 +36,7 @@ def standing(observations: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def drive(scene: Scene, actions: list[tuple[float, float]], setup: Setup = OPEN_FIELD) -> FastEngine:
     """One robot after these actions."""
-    engine = FastEngine(setup, 1, auto_reset=False, scenes=[scene])
+    engine = make_engine(setup, 1, auto_reset=False, scenes=[scene])
     for action in actions:
         engine.step(np.array([action], dtype=np.float32))
     return engine
@@ -76,7 +76,7 @@ def test_actions_beyond_one_are_clipped_and_the_robot_never_backs_up() -> None:
 
 @pytest.mark.parametrize("bad", [[[math.nan, 0.0]], [[0.0, math.inf]], [[0.0, 0.0, 0.0]], [[0.0, 0.0], [0.0, 0.0]]])
 def test_actions_that_are_no_actions_are_refused(bad: list[list[float]]) -> None:
-    engine = FastEngine(OPEN_FIELD, 1, scenes=[EMPTY])
+    engine = make_engine(OPEN_FIELD, 1, scenes=[EMPTY])
     before = engine.poses.copy()
     with pytest.raises(ActionError, match="actions"):
         engine.step(np.array(bad, dtype=np.float32))
@@ -157,7 +157,7 @@ def test_each_beam_and_each_sector_equal_rays_traced_by_hand(name: str) -> None:
                 break
         by_hand = rays_by_hand(setup, scene, pose)
         assert raw_ranges(setup, scene, pose) == pytest.approx(by_hand, abs=1e-9)
-        moved = FastEngine(setup, 1, scenes=[replace(scene, start=pose)])
+        moved = make_engine(setup, 1, scenes=[replace(scene, start=pose)])
         pooled = by_hand.reshape(setup.robot.lidar.sectors, -1).min(axis=1) / setup.robot.lidar.range_m
         assert moved.observations[0, setup.polar_size :] == pytest.approx(pooled, abs=1e-6)
         compared += int((by_hand < setup.robot.lidar.range_m).sum())
@@ -166,7 +166,7 @@ def test_each_beam_and_each_sector_equal_rays_traced_by_hand(name: str) -> None:
 
 def test_the_observation_is_laid_out_as_the_setup_says() -> None:
     scene = Scene("study_room", 0, Pose(0.0, 0.0, math.pi / 2), Pose(0.0, 3.0), 0.36, Person(Pose(-2.0, 0.0)))
-    engine = FastEngine(STUDY_ROOM, 1, auto_reset=False, scenes=[scene])
+    engine = make_engine(STUDY_ROOM, 1, auto_reset=False, scenes=[scene])
     assert engine.observations[0, :6] == pytest.approx([0.3, 0.0, 0.2, 0.5, 0.0, 0.0], abs=1e-6)
     assert engine.observations.shape == (1, len(STUDY_ROOM.observation_layout()))
     ahead_left = engine.observations[0, 6:]
@@ -194,7 +194,7 @@ def test_goal_collision_and_timeout_end_the_episode_with_the_setups_reward() -> 
 
 def test_progress_pays_per_metre_and_only_when_asked() -> None:
     scene = replace(EMPTY, start=Pose(0.0, 0.0, 0.0))
-    engine = FastEngine(OPEN_FIELD, 1, scenes=[scene], progress_weight=2.0)
+    engine = make_engine(OPEN_FIELD, 1, scenes=[scene], progress_weight=2.0)
     engine.step(np.array([[1.0, 0.0]], dtype=np.float32))
     assert engine.rewards[0] == pytest.approx(2.0 * 0.1, abs=1e-5)
     assert drive(scene, [(1.0, 0.0)]).rewards[0] == 0.0
@@ -202,7 +202,7 @@ def test_progress_pays_per_metre_and_only_when_asked() -> None:
 
 def test_study_room_charges_time_and_jerk_as_spec_07_says() -> None:
     scene = Scene("study_room", 0, Pose(0.0, 0.0), Pose(60.0, 0.0), 0.36, Person(Pose(0.0, 40.0)))
-    engine = FastEngine(STUDY_ROOM, 1, auto_reset=False, scenes=[scene])
+    engine = make_engine(STUDY_ROOM, 1, auto_reset=False, scenes=[scene])
     rng = np.random.default_rng(3)
     actions = rng.uniform(-1, 1, (12, 2)).astype(np.float32)
     actions[:, 1] *= 0.1
@@ -219,7 +219,7 @@ def test_study_room_charges_time_and_jerk_as_spec_07_says() -> None:
 
 def test_closing_a_loop_costs_two_once_and_is_counted() -> None:
     spiral = [(1.0, 0.5)] * 12 + [(1.0, -0.5)] * 2
-    engine = FastEngine(OPEN_FIELD, 1, auto_reset=False, scenes=[EMPTY])
+    engine = make_engine(OPEN_FIELD, 1, auto_reset=False, scenes=[EMPTY])
     rewards = []
     for action in spiral:
         engine.step(np.array([action], dtype=np.float32))
@@ -286,7 +286,7 @@ def history(engine: FastEngine, actions: NDArray[np.float32]) -> list[NDArray[np
 @pytest.mark.parametrize("name", NAMES)
 def test_same_seed_is_bit_identical_and_another_is_not(name: str) -> None:
     actions = random_actions(150, 16)
-    a, b, c = (history(FastEngine(SETUPS[name], 16, seed=seed), actions) for seed in (4, 4, 5))
+    a, b, c = (history(make_engine(SETUPS[name], 16, seed=seed), actions) for seed in (4, 4, 5))
     assert all((x == y).all() for x, y in zip(a, b, strict=True))
     assert any((x != y).any() for x, y in zip(a, c, strict=True))
 
@@ -294,15 +294,15 @@ def test_same_seed_is_bit_identical_and_another_is_not(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name in NAMES if not SETUPS[name].crowded])  # whose engine has one thread
 def test_threads_change_nothing_but_the_last_digits(name: str) -> None:
     actions = random_actions(80, 24)
-    serial = history(FastEngine(SETUPS[name], 24, seed=2), actions)
-    threaded = history(FastEngine(SETUPS[name], 24, seed=2, parallel=True), actions)
+    serial = history(make_engine(SETUPS[name], 24, seed=2), actions)
+    threaded = history(make_engine(SETUPS[name], 24, seed=2, parallel=True), actions)
     for x, y in zip(serial, threaded, strict=True):
         assert x == pytest.approx(y, abs=1e-5)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_ended_environments_restart_in_fresh_scenes_and_report_their_last_episode(name: str) -> None:
-    engine = FastEngine(SETUPS[name], 32, seed=0)
+    engine = make_engine(SETUPS[name], 32, seed=0)
     seen: set[int] = {engine.scene(i).seed for i in range(32)}
     ended = 0
     for action in random_actions(200, 32):
@@ -326,7 +326,7 @@ def test_ended_environments_restart_in_fresh_scenes_and_report_their_last_episod
 
 def test_without_auto_reset_an_ended_environment_rests() -> None:
     near = replace(EMPTY, start=Pose(0.0, 0.0, 0.0), goal=Pose(0.49, 0.0))
-    engine = FastEngine(OPEN_FIELD, 2, auto_reset=False, scenes=[near, EMPTY])
+    engine = make_engine(OPEN_FIELD, 2, auto_reset=False, scenes=[near, EMPTY])
     engine.step(np.ones((2, 2), dtype=np.float32) * [1.0, 0.0])
     at_goal = engine.poses[0].copy()
     engine.step(np.ones((2, 2), dtype=np.float32) * [1.0, 0.0])
@@ -338,18 +338,18 @@ def test_without_auto_reset_an_ended_environment_rests() -> None:
 
 def test_engines_refuse_what_is_not_theirs() -> None:
     with pytest.raises(SetupError, match="study_room"):
-        FastEngine(STUDY_ROOM, 1, scenes=[draw_scene("open_field", 0)])
+        make_engine(STUDY_ROOM, 1, scenes=[draw_scene("open_field", 0)])
     with pytest.raises(SceneError, match="start"):
-        FastEngine(OPEN_FIELD, 1, scenes=[replace(EMPTY, start=Pose(math.nan, 0.0))])
+        make_engine(OPEN_FIELD, 1, scenes=[replace(EMPTY, start=Pose(math.nan, 0.0))])
     with pytest.raises(ValueError, match="1 given for 2"):
-        FastEngine(OPEN_FIELD, 2, scenes=[EMPTY])
+        make_engine(OPEN_FIELD, 2, scenes=[EMPTY])
     with pytest.raises(ValueError, match="n_envs"):
-        FastEngine(OPEN_FIELD, 0)
+        make_engine(OPEN_FIELD, 0)
 
 
 def test_scenes_with_more_boxes_than_the_generators_draw_fit_too() -> None:
     boxes = tuple(Obstacle("pillar", Pose(3.0 + i, 2.0), 0.3, 0.3, 1.0) for i in range(20))
-    engine = FastEngine(OPEN_FIELD, 2, scenes=[replace(EMPTY, obstacles=boxes), EMPTY])
+    engine = make_engine(OPEN_FIELD, 2, scenes=[replace(EMPTY, obstacles=boxes), EMPTY])
     assert engine.obstacle_clearance[0] == pytest.approx(math.hypot(2.85, 1.85) - 0.18)
     assert math.isinf(engine.obstacle_clearance[1])
     engine.reset(draw_scenes("open_field", range(2)))

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from desirepath.simulation import kernels
-from desirepath.simulation.fast import FastEngine, raw_ranges, rollout
+from desirepath.simulation.fast import make_engine, raw_ranges, rollout
 from desirepath.simulation.reference import ReferenceEngine, rollout_reference
 from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import draw_scenes, scene_to_row
@@ -106,7 +106,7 @@ def test_poses_agree_within_five_millimetres_after_twenty_steps(name: str) -> No
     with ReferenceEngine(setup) as reference:
         for scene in draw_scenes(name, range(SCENES)):
             reference.reset(scene)
-            fast = FastEngine(setup, 1, auto_reset=False, scenes=[scene])
+            fast = make_engine(setup, 1, auto_reset=False, scenes=[scene])
             for action in wandering(scene, rng):
                 reference.step(action)
                 fast.step(action[None])

@@ -12,7 +12,7 @@ import desirepath.gymnasium_envs  # noqa: F401 - registers them
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine
 from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
 from desirepath.simulation.crowds.peopled_engine import PeopledEngine
-from desirepath.simulation.fast import FastEngine, evaluate, rollout, table_of
+from desirepath.simulation.fast import FastEngine, evaluate, make_engine, rollout, table_of
 from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath.simulation.reference import ReferenceEngine
 from desirepath.simulation.scene import SceneError
@@ -33,7 +33,7 @@ def slowly(observations: np.ndarray) -> np.ndarray:
 
 def test_the_same_pedestrians_walk_as_in_the_engine_of_chapter_4_and_it_ends_alike() -> None:
     scenes = draw_scenes("crowd_office", range(12))
-    engine, crowd = FastEngine(CROWD_OFFICE, 12, auto_reset=False, scenes=scenes), CrowdEngine(CROWD_OFFICE, n_envs=12)
+    engine, crowd = make_engine(CROWD_OFFICE, 12, auto_reset=False, scenes=scenes), CrowdEngine(CROWD_OFFICE, n_envs=12)
     crowd.reset(scenes)
     assert isinstance(engine, PeopledEngine)
     ahead = np.tile(np.float32([0.2, 0.05]), (12, 1))
@@ -92,9 +92,11 @@ def test_every_setup_with_pedestrians_is_a_gymnasium_environment(setup) -> None:
 
 def test_what_cannot_be_says_so() -> None:
     scene = draw_scene("crowd_hall", 1)
+    with pytest.raises(ValueError, match="`make_engine` makes the engine that moves them"):
+        FastEngine(CROWD_HALL, 1)
     with pytest.raises(SceneError, match="no pedestrians walk in setup study_room"):
-        FastEngine(STUDY_ROOM, 1, scenes=[replace(draw_scene("study_room", 1), crowd=scene.crowd)])
+        make_engine(STUDY_ROOM, 1, scenes=[replace(draw_scene("study_room", 1), crowd=scene.crowd)])
     with pytest.raises(SceneError, match="pedestrians walk in setup crowd_hall"):
-        FastEngine(CROWD_HALL, 1, scenes=[replace(scene, crowd=None)])
+        make_engine(CROWD_HALL, 1, scenes=[replace(scene, crowd=None)])
     with pytest.raises(SetupError, match="the fast engine has"):
         ReferenceEngine(CROWD_HALL)

@@ -21,7 +21,7 @@ from desirepath.learning.queries.queries import QueryConfig
 from desirepath.learning.queries.varied_queries import VariedConfig, generate_varied_queries
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.shipped_files import load_card
-from desirepath.simulation.fast import FastEngine, evaluate, rollout
+from desirepath.simulation.fast import evaluate, make_engine, rollout
 from desirepath.simulation.npz import from_npz, to_npz
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import SetupError, get_setup
@@ -90,7 +90,7 @@ def test_who_gives_slowness_no_weight_rolls_out_bit_for_bit_as_before(trained: C
     for weights in ({}, {"farther": 1.0}, {"clearance": 0.8, "faster": 0.5}):
         before, after = (one.at(preference_weights(weights)) for one in (trained, slowed))
         assert after.digest() == before.digest()
-    seen = FastEngine(FIELD, 32, seed=6).observations
+    seen = make_engine(FIELD, 32, seed=6).observations
     np.testing.assert_array_equal(
         slowed.at(preference_weights({"shorter": 1.0})).act(seen),
         trained.at(preference_weights({"shorter": 1.0})).act(seen),
@@ -127,7 +127,7 @@ def test_files_keep_the_rule_and_the_strengths_and_as_trained_gives_the_old_byte
     read = Policy.from_bytes(own.to_bytes())
     assert (read.slowing, read.digest()) == (RULE, own.digest())
     assert "slowing" not in trained.at(SLOWER).to_bytes()[:400].decode("latin-1")
-    seen = FastEngine(FIELD, 16, seed=7).observations
+    seen = make_engine(FIELD, 16, seed=7).observations
     for asked, entering in (
         ({"clearance": 0.5}, {"clearance": 0.75}),
         ({"clearance": 0.8, "faster": 0.4}, {"clearance": 1.0, "faster": 0.4}),

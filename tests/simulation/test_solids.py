@@ -12,7 +12,7 @@ from shapely.ops import nearest_points
 from desirepath.learning.policies.mirroring import mirror_of
 from desirepath.learning.preferences.features import step_features
 from desirepath.simulation.environments import NavigationEnv, observation_space
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import DEMONSTRATION_SETUPS, SETUPS, SetupError
@@ -48,7 +48,7 @@ def by_hand(scene: Scene, scale: float) -> list[float]:
 @pytest.mark.parametrize("name", DEMONSTRATION_SETUPS)
 def test_the_observation_holds_person_goal_bearing_and_every_closest_point(name: str) -> None:
     setup, scenes = SETUPS[name], draw_scenes(name, range(40))
-    seen = FastEngine(setup, 40, scenes=scenes).observations
+    seen = make_engine(setup, 40, scenes=scenes).observations
     assert seen == pytest.approx(np.array([by_hand(scene, setup.distance_scale_m) for scene in scenes]), abs=1e-5)
     names = [entry["name"] for entry in setup.observation_layout()]
     assert len(names) == len(set(names)) == setup.observation_size == seen.shape[1]

@@ -26,7 +26,7 @@ from stable_baselines3 import TD3
 
 from desirepath.learning.policies.policy import Policy
 from desirepath.settings import Settings
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.setups import get_setup
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Artefact, Job, Response, Study, utc_now
@@ -269,7 +269,7 @@ def test_snapshot_of_one_participant_is_taken_and_too_few_answers_are_told(analy
 
 def test_downloaded_policies_act_like_ours(analyst, worked, known, tmp_path):
     ours = Policy.from_bytes(worked.files.get(known.base))
-    observations = FastEngine(get_setup(ours.setup), 20, seed=5).observations  # such as occur in drives
+    observations = make_engine(get_setup(ours.setup), 20, seed=5).observations  # such as occur in drives
     expected = ours.act(observations)
     (tmp_path / "policy.zip").write_bytes(analyst.get(f"/lab/policies/{known.base}/policy.zip").content)
     theirs = TD3.load(tmp_path / "policy.zip", device="cpu")

@@ -11,7 +11,7 @@ from desirepath.demonstrations.dwa import Dwa
 from desirepath.demonstrations.social_cost import SocialCost
 from desirepath.learning.policies.policy import Policy
 from desirepath.simulation import kernels as k
-from desirepath.simulation.fast import FastEngine, replay, rollout
+from desirepath.simulation.fast import make_engine, replay, rollout
 from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.setups import get_setup, require_same
 from desirepath.simulation.trajectory import Trajectory
@@ -46,7 +46,7 @@ def roll_out(controller: str | Policy, scenes: Sequence[Scene]) -> list[Trajecto
 def _localised(scene: Scene) -> Trajectory:
     """The social-cost controller where walls are not observed: it is told where it and the person are."""
     setup, planner = get_setup(scene.setup), SocialCost(scene)
-    engine = FastEngine(setup, 1, auto_reset=False, scenes=[scene])
+    engine = make_engine(setup, 1, auto_reset=False, scenes=[scene])
     actions: list[NDArray[np.float32]] = []
     while not engine.dones[0] and len(actions) < setup.max_steps:
         person = Pose(*(float(value) for value in engine.rows[0, k.PERSON_X : k.PERSON_YAW + 1]))

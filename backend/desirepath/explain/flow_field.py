@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from desirepath.simulation import kernels as k
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy, begin
-from desirepath.simulation.fast import FastEngine, Floats, rollout
+from desirepath.simulation.fast import Floats, make_engine, rollout
 from desirepath.simulation.scene import Pose, Scene, SceneError
 from desirepath.simulation.scenes import check_scene, scene_to_row
 from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup, require_same
@@ -235,7 +235,7 @@ def _settled(
     if n == 0:
         return np.zeros(0), np.zeros(0), np.zeros(0)
     still_scene = replace(scene, goal_radius=1e-9)  # nothing arrives while it only turns
-    engine = FastEngine(setup, n, auto_reset=False, scenes=[still_scene] * n)
+    engine = make_engine(setup, n, auto_reset=False, scenes=[still_scene] * n)
     engine.start_at(np.column_stack([places, facing]))
     turned = np.zeros((SETTLING_STEPS + 1, n))  # unwrapped, since the beginning
     turning = np.ones(n, dtype=np.bool_)
@@ -283,7 +283,7 @@ def _rolled_out(
     n = len(poses)
     if n == 0:
         return np.zeros(0, dtype=np.int8), counts.astype(np.int32).reshape(grid.shape)
-    engine = FastEngine(setup, n, auto_reset=False, scenes=[scene] * n)
+    engine = make_engine(setup, n, auto_reset=False, scenes=[scene] * n)
     engine.start_at(poses)
     cells = grid.cells_of(poses[:, :2])
     np.add.at(counts, cells, 1)

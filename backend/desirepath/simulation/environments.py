@@ -16,7 +16,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from desirepath.simulation.fast import FastEngine, Floats
+from desirepath.simulation.fast import FastEngine, Floats, make_engine
 from desirepath.simulation.observation_bounds import ACTION_SIZE, observation_bounds
 from desirepath.simulation.reference import DriveMode, ReferenceEngine
 from desirepath.simulation.scene import Scene
@@ -70,7 +70,7 @@ class NavigationEnv(gymnasium.Env[Floats, Floats]):
         if engine == "pybullet":
             self._engine = ReferenceEngine(self.setup, drive_mode=drive_mode, progress_weight=progress_weight)
         else:
-            self._engine = FastEngine(self.setup, 1, auto_reset=False, progress_weight=progress_weight, seed=seed)
+            self._engine = make_engine(self.setup, 1, auto_reset=False, progress_weight=progress_weight, seed=seed)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         """Start an episode. Raises SceneError for a scene that cannot be run."""
@@ -140,7 +140,7 @@ class FastVecEnv(VecEnv):
         scenes: Sequence[Scene] | None = None,
     ) -> None:
         self.setup = get_setup(setup) if isinstance(setup, str) else setup
-        self.engine = FastEngine(self.setup, n_envs, seed=seed, progress_weight=progress_weight, scenes=scenes)
+        self.engine = make_engine(self.setup, n_envs, seed=seed, progress_weight=progress_weight, scenes=scenes)
         self.render_mode = None
         self._returns = np.zeros(n_envs)
         self._actions: NDArray[np.float32] = np.zeros((n_envs, 2), dtype=np.float32)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypedDict, Unpack, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +88,26 @@ class WalkingStartPool(StartPool, Protocol):
         ...
 
 
+class EngineOptions(TypedDict, total=False):
+    """What an engine may be told besides its setup and how many robots; defaults and meaning: `FastEngine`."""
+
+    seed: int
+    auto_reset: bool
+    progress_weight: float
+    parallel: bool
+    scenes: Sequence[Scene] | None
+    pool: StartPool | None
+
+
+def make_engine(setup: Setup, n_envs: int, **options: Unpack[EngineOptions]) -> FastEngine:
+    """The fast engine of a setup; where there are pedestrians, the one that moves them."""
+    if not setup.crowded:
+        return FastEngine(setup, n_envs, **options)
+    from desirepath.simulation.crowds.peopled_engine import PeopledEngine  # which is a FastEngine
+
+    return PeopledEngine(setup, n_envs, **options)
+
+
 class FastEngine:
     """`n_envs` robots of one setup, each in its own scene.
 
@@ -107,16 +127,9 @@ class FastEngine:
     (equal up to rounding).
     Same seed, scenes and actions give bit-identical results on one machine.
 
-    Of a setup with pedestrians it is a `crowds.peopled_engine.PeopledEngine`: the same arrays, people who walk.
+    `make_engine` makes it, and of a setup with pedestrians a `crowds.peopled_engine.PeopledEngine`: the same arrays,
+    people who walk.
     """
-
-    def __new__(cls, setup: Setup, n_envs: int, **_: Any) -> FastEngine:
-        """The engine that moves the people of such a setup."""
-        if cls is FastEngine and setup.crowded:
-            from desirepath.simulation.crowds.peopled_engine import PeopledEngine  # which is one of these
-
-            return object.__new__(PeopledEngine)
-        return object.__new__(cls)
 
     def __init__(
         self,
@@ -132,6 +145,8 @@ class FastEngine:
     ) -> None:
         if n_envs < 1:
             raise ValueError(f"n_envs = {n_envs}: must be at least 1")
+        if setup.crowded:
+            raise ValueError(f"setup {setup.name} has pedestrians: `make_engine` makes the engine that moves them")
         self.setup, self.n_envs, self.auto_reset = setup, n_envs, auto_reset
         self._rules, self._beams = rules_of(setup, progress_weight), beams_of(setup)
         self._step_all = k.step_all_parallel if parallel else k.step_all
@@ -359,7 +374,7 @@ def _roll_out_all(
     """One trajectory per scene. steering: how actions are chosen in this engine."""
     if not scenes:
         return []
-    engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
+    engine = make_engine(setup, len(scenes), auto_reset=False, scenes=scenes)
     choose = steering(engine)
     poses = [[pose.copy()] for pose in engine.poses]
     records: list[list[tuple[Floats, Floats, np.float32, Floats, np.bool_]]] = [[] for _ in scenes]
@@ -440,7 +455,7 @@ def evaluate(act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[S
     """Roll out in every scene once to its end and keep the numbers, not the trajectories."""
     if not scenes:
         raise ValueError("scenes: none given; evaluation needs at least one")
-    engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
+    engine = make_engine(setup, len(scenes), auto_reset=False, scenes=scenes)
     actions = np.zeros((len(scenes), 2), dtype=np.float32)
     total = np.zeros(len(scenes), dtype=np.float64)
     steer = begin(act, len(scenes), engine)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.reference import SUBSTEPS, DriveMode, ReferenceEngine
 from desirepath.simulation.scenes import draw_scene
 from desirepath.simulation.setups import Setup, get_setup
@@ -26,7 +26,7 @@ def _random_actions(rng: np.random.Generator, count: int) -> NDArray[np.float32]
 
 def fast_stepper(setup: Setup, n_envs: int, seed: int) -> Callable[[], int]:
     """A function that steps all environments of a fast engine once, under random actions, and returns their number."""
-    engine, rng = FastEngine(setup, n_envs, seed=seed), np.random.default_rng(seed)
+    engine, rng = make_engine(setup, n_envs, seed=seed), np.random.default_rng(seed)
     actions = itertools.cycle([_random_actions(rng, n_envs) for _ in range(64)])
 
     def step() -> int:

@@ -27,7 +27,7 @@ from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.learning.td3.replay import collect
 from desirepath.learning.td3.td3 import Batch
-from desirepath.simulation.fast import FastEngine, rollout
+from desirepath.simulation.fast import make_engine, rollout
 from desirepath.simulation.setups import get_setup, require_same
 from desirepath.simulation.trajectory import Trajectory
 
@@ -167,7 +167,7 @@ def tune_to_reward(
 
     learned = learn(
         start,
-        FastEngine(setup, config.online_envs, seed=config.seed + 1),
+        make_engine(setup, config.online_envs, seed=config.seed + 1),
         replay,
         reward,
         config,

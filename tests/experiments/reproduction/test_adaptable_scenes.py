@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from desirepath.simulation.fast import FastEngine, rollout
+from desirepath.simulation.fast import make_engine, rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import check_scene, draw_scenes
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
@@ -33,7 +33,7 @@ def test_start_and_goal_lie_six_to_twelve_metres_apart_with_the_person_between_a
 
 
 def test_the_robot_sees_goal_person_and_thirty_ranges_within_four_metres() -> None:
-    engine = FastEngine(ADAPTABLE, 50, seed=1)
+    engine = make_engine(ADAPTABLE, 50, seed=1)
     assert engine.observations.shape == (50, 34)
     assert ADAPTABLE.robot.lidar.beams == 720
     assert (engine.observations[:, 4:] <= 1).all()

@@ -12,7 +12,7 @@ from desirepath.learning.shipped_files import load_card
 from desirepath.perception.beta_vae import LATENTS, DepthEncoder, VaeConfig
 from desirepath.perception.predictor import INPUTS, STEPS, PersonPredictor, PredictorConfig, fit_predictor
 from desirepath.simulation.depth_camera import DEPTH_CAMERA, CameraNoise
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.depth.encoding import EncoderTraining, pixel_weights, train_encoder
@@ -39,7 +39,7 @@ def recording(episodes: Episodes) -> Recording:
 
 
 def test_people_walk_stand_or_are_not_there_as_their_mode_says(episodes: Episodes):
-    engine = FastEngine(HOME, 8, pool=EpisodePool(episodes, 0))
+    engine = make_engine(HOME, 8, pool=EpisodePool(episodes, 0))
     before = {}
     for i, number in enumerate(engine.seeds):
         before[i] = (int(number), people_of(engine.rows)[i])

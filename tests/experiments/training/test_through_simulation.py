@@ -13,7 +13,7 @@ from desirepath.learning.policies.steerability import Course
 from desirepath.learning.preferences.measures import MEASURES
 from desirepath.learning.preferences.objectives import OPPOSITES
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.setups import SetupError, get_setup, preference_setups
 from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.training.through_simulation.differentiable import Rolled, roll_out
@@ -24,7 +24,7 @@ PREFERENCE_SETUPS = preference_setups()
 
 
 def _driven(setup: str, act: object, scenes: list, *, kept: float = 1.0) -> Rolled:
-    engine = FastEngine(get_setup(setup), len(scenes), auto_reset=False, scenes=scenes)
+    engine = make_engine(get_setup(setup), len(scenes), auto_reset=False, scenes=scenes)
     return roll_out(engine, act, get_setup(setup).max_steps, cut=1e9, kept=kept)
 
 

@@ -15,7 +15,7 @@ from desirepath.demonstrations.depth.controller import DepthController
 from desirepath.demonstrations.depth.episodes import Episodes, InOrder, people_of
 from desirepath.demonstrations.depth.states import goals_of
 from desirepath.demonstrations.depth.training import MakeSenses
-from desirepath.simulation.fast import FastEngine, replay
+from desirepath.simulation.fast import make_engine, replay
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
@@ -62,7 +62,7 @@ def without(episodes: Episodes, removed: str) -> Episodes:
 def roll_out_depth(controller: DepthController, make: MakeSenses, episodes: Episodes) -> DepthRollouts:
     """Every episode once."""
     n = len(episodes)
-    engine = FastEngine(HOME, n, pool=InOrder(episodes))
+    engine = make_engine(HOME, n, pool=InOrder(episodes))
     senses = make(episodes.sights(), True)
     outcomes = np.full(n, int(Outcome.RUNNING), dtype=np.int8)
     paths = [[engine.poses[i, :2].copy()] for i in range(n)]

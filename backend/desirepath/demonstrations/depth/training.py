@@ -25,7 +25,7 @@ from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
 from desirepath.perception.beta_vae import DepthEncoder
 from desirepath.perception.predictor import PersonPredictor
 from desirepath.simulation.depth_camera import CameraNoise, Sights
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath.simulation.trajectory import Trajectory
 
@@ -137,7 +137,7 @@ def train_depth_controller(
     share = config.demonstrated_share if len(shown) else 0.0
     of_homes = np.array([MODE_SHARES[mode] / homes.modes.count(mode) for mode in homes.modes])
     weights = np.concatenate([(1 - share) * of_homes / of_homes.sum(), np.full(len(shown), share / max(1, len(shown)))])
-    engine = FastEngine(
+    engine = make_engine(
         HOME,
         config.n_envs,
         seed=config.seed,

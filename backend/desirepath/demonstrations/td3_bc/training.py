@@ -23,7 +23,7 @@ from desirepath.learning.td3.base import OnProgress, no_progress, policy_of
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.replay import ReplayCollector
 from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
-from desirepath.simulation.fast import FastEngine, evaluate
+from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.setups import get_setup, require_same
 
 UPDATES_BETWEEN = 100  # checkpoints; closer ones are hardly different policies
@@ -63,7 +63,7 @@ class DemonstrationTraining:
             seed=config.seed,
             walking=walking,
         )
-        engine = FastEngine(
+        engine = make_engine(
             self.setup, config.n_envs, seed=config.seed, pool=pool, progress_weight=config.progress_weight
         )
         self._collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)

@@ -30,7 +30,7 @@ from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.ensemble import agent_of
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector, collect, concatenate
 from desirepath.learning.td3.td3 import Batch, Td3Config
-from desirepath.simulation.fast import EpisodeTable, FastEngine, evaluate
+from desirepath.simulation.fast import EpisodeTable, FastEngine, evaluate, make_engine
 from desirepath.simulation.setups import get_setup, require_same
 
 Floats = NDArray[np.float32]
@@ -174,7 +174,7 @@ def align(
     scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
     learned = learn(
         base,
-        FastEngine(setup, config.online_envs, seed=config.seed + 1),
+        make_engine(setup, config.online_envs, seed=config.seed + 1),
         replay,
         reward,
         config,

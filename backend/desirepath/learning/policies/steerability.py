@@ -20,7 +20,7 @@ from desirepath.learning.preferences.crowd_measures import CrowdRecord
 from desirepath.learning.preferences.measures import CLEARANCE_CAP_M, in_order, measures, near_person_m, table_of
 from desirepath.learning.preferences.objectives import OBJECTIVES, best_possible, gains, names_of, objectives_of
 from desirepath.simulation.acting import begin
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import FastEngine, make_engine
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup, require_same
 from desirepath.simulation.trajectory import Outcome, Trajectory
@@ -62,7 +62,7 @@ class Course:
         if blind:
             one_beam = replace(setup.robot.lidar, beams=1, sectors=1)
             setup = replace(setup, robot=replace(setup.robot, lidar=one_beam))
-        self._engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
+        self._engine = make_engine(setup, len(scenes), auto_reset=False, scenes=scenes)
         self.scenes = list(scenes)
         self._starts = self._engine.poses.copy()
         self._people = np.array([(scene.person.pose.x, scene.person.pose.y) for scene in scenes])

@@ -24,7 +24,7 @@ from desirepath.learning.td3.backprop import Floats
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
 from desirepath.learning.td3.td3 import Td3Agent, Td3Config
-from desirepath.simulation.fast import FastEngine, evaluate
+from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.setups import get_setup
 
 TURNING = 1  # which of the two actions is the turn rate
@@ -112,7 +112,7 @@ class BaseTraining:
             tau=config.tau,
         )
         self.agent = Td3Agent(self.shape, td3, seed=config.seed)
-        engine = FastEngine(
+        engine = make_engine(
             self.setup, config.n_envs, seed=config.seed, progress_weight=config.progress_weight, auto_reset=True
         )
         self.collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)

@@ -36,7 +36,7 @@ from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
 from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import FastEngine, make_engine
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import Setup, SetupError, get_setup
 
@@ -199,7 +199,7 @@ def training_engine(setup: Setup, reward_weights: RewardWeights, n_envs: int, *,
         collision=reward_weights.collision,
         self_intersection=reward_weights.self_intersection,
     )
-    return FastEngine(replace(setup, reward=core), n_envs, seed=seed, progress_weight=reward_weights.progress)
+    return make_engine(replace(setup, reward=core), n_envs, seed=seed, progress_weight=reward_weights.progress)
 
 
 class ConditionedTransitions(NamedTuple):

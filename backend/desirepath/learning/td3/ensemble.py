@@ -25,7 +25,7 @@ from desirepath.learning.td3.base import OnProgress, no_progress, policy_of
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector, collect
 from desirepath.learning.td3.td3 import Td3Agent, Td3Config, act
-from desirepath.simulation.fast import FastEngine, evaluate
+from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.setups import get_setup, require_same
 
 OnMembers = Callable[[int, list[Policy]], None]
@@ -123,7 +123,7 @@ class _Member:
         self.shown = Parameters(base.shape.actor_layers(), trainable=False)
         self._buffer = ReplayBuffer(start.size + config.steps, setup.observation_size)
         self._buffer.add_batch(start.filled())
-        engine = FastEngine(setup, config.n_envs, seed=seed + 100)
+        engine = make_engine(setup, config.n_envs, seed=seed + 100)
         self._collector = ReplayCollector(engine, noise=config.exploration, seed=seed + 100)
         self._sampler = torch.Generator().manual_seed(seed + 200)
         self._distance_scale_m = np.float32(setup.distance_scale_m)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.td3.td3 import Batch
 from desirepath.simulation.acting import ActFunction
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import FastEngine, make_engine
 from desirepath.simulation.setups import get_setup
 
 Floats = NDArray[np.float32]
@@ -107,7 +107,7 @@ def collect(
     setup = get_setup(policy.setup)
     steps = -(-transitions // n_envs)
     buffer = ReplayBuffer(steps * n_envs, setup.observation_size)
-    collector = ReplayCollector(FastEngine(setup, n_envs, seed=seed), noise=noise, seed=seed)
+    collector = ReplayCollector(make_engine(setup, n_envs, seed=seed), noise=noise, seed=seed)
     for _ in range(steps):
         collector.step(policy.act, buffer)
     return buffer

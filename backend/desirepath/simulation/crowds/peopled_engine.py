@@ -1,6 +1,6 @@
 """The fast engine's face on the engine of crowds: robots among pedestrians under the same names as everywhere else.
 
-`FastEngine(setup, ...)` of a setup with pedestrians is one of these. How people and robots move, collide and are
+`make_engine` makes one of a setup with pedestrians. How people and robots move, collide and are
 scanned is `crowd_engine.py`'s; here is what a policy of a setup observes of it, and its core reward.
 """
 

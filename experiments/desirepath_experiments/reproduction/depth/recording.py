@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from desirepath.demonstrations.depth.episodes import EpisodePool, Episodes, people_of
 from desirepath.learning.policies.policy import Policy
 from desirepath.simulation.depth_camera import DepthCamera, Frames, Sights
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.setups import get_setup
 
 HOME = get_setup("home")
@@ -55,7 +55,7 @@ def record(policy: Policy, episodes: Episodes, *, steps: int, robots: int, seed:
 
     Where nobody is, it is told that somebody is far away: it has never met an empty home, and stands still in one.
     """
-    engine = FastEngine(HOME, robots, seed=seed, pool=EpisodePool(episodes, seed))
+    engine = make_engine(HOME, robots, seed=seed, pool=EpisodePool(episodes, seed))
     random = np.random.default_rng([seed, 0x5EC])
     poses, people, actions, numbers, begins = [], [], [], [], []
     first = np.ones(robots, dtype=bool)

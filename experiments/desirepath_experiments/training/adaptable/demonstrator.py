@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.simulation.fast import FastEngine, rollout
+from desirepath.simulation.fast import make_engine, rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
@@ -73,7 +73,7 @@ def demonstrated(scenes: Sequence[Scene], *, disturbed: float = 0.0, seed: int =
 def demonstrated_paths(scenes: Sequence[Scene]) -> list[NDArray[np.float64]]:
     """(steps + 1, 2) the demonstration in each scene as if there were no obstacles: what rollouts are compared with."""
     empty = [replace(scene, obstacles=()) for scene in scenes]
-    engine = FastEngine(ADAPTABLE, len(empty), auto_reset=False, scenes=empty)
+    engine = make_engine(ADAPTABLE, len(empty), auto_reset=False, scenes=empty)
     while not engine.dones.all():
         engine.step(demonstrated_actions(engine.observations))
     return [engine.path(i) for i in range(len(empty))]

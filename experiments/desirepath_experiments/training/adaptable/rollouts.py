@@ -15,7 +15,7 @@ from desirepath.learning.adaptable.objectives import (
     DemonstrationReward,
     objective_rewards,
 )
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath.simulation.trajectory import Outcome
@@ -56,7 +56,7 @@ def roll_out_preferences(
 ) -> PreferenceRollouts:
     """One rollout per scene, each under its preference (n, 3). Returns are worth what an end by time leaves of them."""
     setup = get_setup(scenes[0].setup)
-    engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes, progress_weight=PROGRESS_PER_M)
+    engine = make_engine(setup, len(scenes), auto_reset=False, scenes=scenes, progress_weight=PROGRESS_PER_M)
     start_m = engine.observations[:, 0] * setup.distance_scale_m
     returns = np.zeros((len(scenes), len(REWARDS)), dtype=np.float32)
     actions = np.zeros((len(scenes), 2), dtype=np.float32)

@@ -23,7 +23,7 @@ from desirepath.learning.adaptable.objectives import (
     scalarise,
 )
 from desirepath.simulation.environments import action_space
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.observation_bounds import observation_bounds
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
@@ -45,7 +45,7 @@ class ScalarVecEnv(VecEnv):
     """The fast engine as a Stable-Baselines3 VecEnv whose reward is core + preference . objectives, times `scale`."""
 
     def __init__(self, demonstration: DemonstrationReward, n_envs: int, *, seed: int, scale: float = 0.01) -> None:
-        self.engine = FastEngine(ADAPTABLE, n_envs, seed=seed, progress_weight=PROGRESS_PER_M)
+        self.engine = make_engine(ADAPTABLE, n_envs, seed=seed, progress_weight=PROGRESS_PER_M)
         self.render_mode = None
         self._demonstration, self._scale = demonstration, scale
         self._random = np.random.default_rng([seed, 56])

@@ -35,7 +35,7 @@ from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.simulation.acting import ActFunction
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath_experiments.training.adaptable.demonstrator import demonstrated_paths
@@ -134,7 +134,7 @@ class AdaptableTraining:
         self.transitions = 0
         self._random = np.random.default_rng([config.seed, 55, attempt] if attempt else [config.seed, 55])
         self._average = self.agent.actor.flat.clone()
-        self._engine = FastEngine(self.setup, config.n_envs, seed=config.seed, progress_weight=PROGRESS_PER_M)
+        self._engine = make_engine(self.setup, config.n_envs, seed=config.seed, progress_weight=PROGRESS_PER_M)
         self._parts = np.arange(config.n_envs) % SIZE
         noise = np.geomspace(*config.exploration, config.n_envs // SIZE + 1).astype(np.float32)
         self._noise = noise[np.arange(config.n_envs) // SIZE][:, None]

@@ -20,7 +20,7 @@ from desirepath.learning.policies.networks import Parameters, actor_features
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.preferences.measures import typical_differences
 from desirepath.learning.preferences.objectives import NAMES, OBJECTIVES
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import make_engine
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.training.through_simulation.differentiable import Rolled, roll_out
@@ -119,7 +119,7 @@ class Uphill:
         self._before.load_arrays(start.actor)
         self._adam = torch.optim.Adam([self._actor.flat], lr=config.learning_rate)
         self._average = self._actor.flat.detach().clone()
-        self._engine = FastEngine(get_setup(config.setup), config.batch, seed=900 + config.seed, auto_reset=False)
+        self._engine = make_engine(get_setup(config.setup), config.batch, seed=900 + config.seed, auto_reset=False)
         self._random = np.random.default_rng([config.seed, 73])
         self._typical = torch.tensor(typical_differences(config.setup), dtype=torch.float32)
         self._ranges = torch.tensor(RANGES[config.setup])
