@@ -73,7 +73,7 @@ def test_looking_again_after_new_answers_starts_no_other_report(walked, lab, lab
         assert go_on.wait(PATIENCE_S)
         return ReportFiles({"report.html": b"<html></html>"})
 
-    monkeypatch.setattr(Reports, "made_anew", made)  # the process takes half a minute; here only who starts it matters
+    monkeypatch.setattr(Reports, "remake", made)  # the process takes half a minute; here only who starts it matters
 
     def another_answer() -> None:
         with lab_services.database.transaction() as s:
@@ -109,7 +109,7 @@ def test_a_report_of_pilots_alone_says_where_the_pilot_phase_ends(lab, lab_servi
     def refused(reports: Reports, study: str, who: str) -> ReportFiles:
         raise ReportError("none of them counts")
 
-    monkeypatch.setattr(Reports, "made_anew", refused)
+    monkeypatch.setattr(Reports, "remake", refused)
     with lab_services.database.transaction() as s:
         study = create_study(s, lab_services.files, freeze(QUICK), name="Pilot", created_by=None)
         study.pilot = True

@@ -1,4 +1,4 @@
-"""`desirepath reproduce ...`: a published chapter computed anew, with its report."""
+"""`desirepath reproduce ...`: a published chapter, reproduced, with its report."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Where(StrEnum):
     workers = "workers"
 
 
-commands = typer.Typer(help="Compute a published chapter anew, with its report.", no_args_is_help=True)
+commands = typer.Typer(help="Reproduce a published chapter, with its report.", no_args_is_help=True)
 
 Out = Annotated[Path, typer.Option(help="Folder for report, figures and finished work; again: it goes on there.")]
 BudgetName = Annotated[

@@ -1,1 +1,1 @@
-"""One command per published chapter: compute its tables and figures anew, and set them beside what was published."""
+"""One command per published chapter: reproduce its tables and figures, and set them beside what was published."""

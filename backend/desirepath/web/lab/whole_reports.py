@@ -133,11 +133,11 @@ class Reports:
     def _make(self, promised: Future[ReportFiles], study: str, who: str) -> None:
         try:
             with self._turn:
-                promised.set_result(self.made_anew(study, who))
+                promised.set_result(self.remake(study, who))
         except Exception as problem:  # whatever it was: somebody waits for this promise
             promised.set_exception(ReportError(str(problem)))
 
-    def made_anew(self, study: str, who: str) -> ReportFiles:
+    def remake(self, study: str, who: str) -> ReportFiles:
         with tempfile.TemporaryDirectory() as folder:
             command = [sys.executable, "-m", "desirepath", "report", study, "--who", who, "--out", folder, "--json"]
             child = subprocess.Popen(

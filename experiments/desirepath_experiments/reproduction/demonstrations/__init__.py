@@ -1,4 +1,4 @@
-"""Chapter 2 made anew: the plan of its tasks, what each computes, numbers, figures and the report.
+"""Chapter 2 reproduced: the plan of its tasks, what each computes, numbers, figures and the report.
 
 Everything is simulated: those who demonstrate are the programmed demonstrators.
 """

@@ -1,1 +1,1 @@
-"""Chapter 3 computed anew: encoder, predictor, six configurations, how they do among people and what they follow."""
+"""Chapter 3 reproduced: encoder, predictor, six configurations, how they do among people and what they follow."""

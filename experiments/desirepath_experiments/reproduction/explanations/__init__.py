@@ -1,1 +1,1 @@
-"""Chapter 8 made anew: policy, scenarios, simulated rankers with and without access to the outlines."""
+"""Chapter 8 reproduced: policy, scenarios, simulated rankers with and without access to the outlines."""

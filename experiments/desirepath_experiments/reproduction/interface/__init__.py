@@ -1,1 +1,1 @@
-"""Chapter 7 computed anew: three views, one reward model and one policy per view."""
+"""Chapter 7 reproduced: three views, one reward model and one policy per view."""

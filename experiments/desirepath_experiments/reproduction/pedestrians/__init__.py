@@ -1,4 +1,4 @@
-"""Chapter 4 computed anew: attention networks, ablations, baselines and planners among pedestrians; table 4.1.
+"""Chapter 4 reproduced: attention networks, ablations, baselines and planners among pedestrians; table 4.1.
 
 `desirepath reproduce pedestrians` runs it.
 """
