@@ -25,7 +25,6 @@ from desirepath.learning.preferences.measures import typical_differences
 from desirepath.learning.preferences.objectives import gains
 from desirepath.learning.preferences.population_prior import WeightPrior, shipped_priors
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
-from desirepath.learning.preferences.predictive_gain import bits_about_others
 
 Doubles = NDArray[np.float64]
 NAMED_WAY, EMBEDDING_WAY = "named", "embedding"
@@ -296,3 +295,25 @@ def _probability_above(advantages: NDArray[np.float32], least: Doubles | float) 
     means = advantages.mean(1, dtype=np.float64)
     errors = advantages.std(1, dtype=np.float64) / math.sqrt(advantages.shape[1]) + 1e-9
     return float(ndtr((means - least) / errors).mean())
+
+
+def bits_about_others(asked: Doubles, others: Doubles) -> Doubles:
+    """(n,) mutual information (bits) between the answer to each pair and the answer to one of m others, on average over
+    these. asked (samples, n), others (samples, m): probability that the first is chosen, by each sample of what is
+    believed. Expected predictive information gain (Bickford Smith et al. 2023)."""
+    both = asked.T @ others / len(asked)
+    one, other = asked.mean(0)[:, None], others.mean(0)[None]
+    common = (
+        _part(both, one * other)
+        + _part(one - both, one * (1 - other))
+        + _part(other - both, (1 - one) * other)
+        + _part(1 - one - other + both, (1 - one) * (1 - other))
+    )
+    found: Doubles = np.maximum(common.mean(1), 0.0)
+    return found
+
+
+def _part(joint: Doubles, apart: Doubles) -> Doubles:
+    joint, apart = np.maximum(joint, 1e-12), np.maximum(apart, 1e-12)
+    found: Doubles = joint * np.log2(joint / apart)
+    return found
