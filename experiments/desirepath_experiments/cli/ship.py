@@ -20,14 +20,14 @@ What = Literal[
     "base", "ensemble", "conditioned", "sharpened", "added",
     "queries", "varied-queries", "manner-queries", "triples", "ranking-set",
     "stand-ins", "population-priors", "step-basis", "policy-library", "path-weights",
-    "adaptable", "attention", "depth", "depth-perception",
+    "adaptable", "attention", "depth", "depth-perception", "words-veto",
 ]  # fmt: skip
 
 
 @plain_errors
 def ship(
     what: Annotated[What, typer.Argument(help="What is made.")],
-    setup: Annotated[str, typer.Argument(help="Which setup it is made for.")],
+    setup: Annotated[str, typer.Argument(help="Which setup it is made for; words-veto needs none.")] = "",
     seed: int = 0,
     count: Annotated[int, typer.Option(min=1, help="Of queries, or scenes of triples.")] = QUERIES,
     out: Annotated[Path, typer.Option(help="Folder that the setup's folder lies in.")] = DATASETS,
@@ -55,9 +55,13 @@ def ship(
     from desirepath_experiments.shipping.policy_libraries import ship_policy_library
     from desirepath_experiments.shipping.population_priors import ship_population_priors
     from desirepath_experiments.shipping.query_sets import ship_manner_queries, ship_queries, ship_varied_queries
+    from desirepath_experiments.shipping.second_reader import ship_second_readers
     from desirepath_experiments.shipping.stand_ins import ship_stand_ins
     from desirepath_experiments.shipping.step_bases import ship_step_basis
 
+    if what == "words-veto":
+        ship_second_readers(out)
+        return
     if setup not in SETUPS:
         raise typer.BadParameter(f"setup = {setup}: one of {', '.join(SETUPS)}")
 

@@ -6,7 +6,7 @@ is not certain, or contradicts itself, is asked back, never guessed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -34,11 +34,13 @@ from desirepath.learning.words.readings import (
     ends_of,
     stance_of,
 )
+from desirepath.learning.words.second_reader import Doubts, SecondReader, one_end, other_end, second_reader
 
 Weights = dict[str, float]
 FOREMOST_WEIGHT, FURTHER = 1.0, 0.6
 SLIGHTLY = 0.5  # what is asked for "a bit" weighs half
 MOST_OF_OWN = 0.6  # of the words; a page's own language has at least the doubt
+MOST_CLEAR = 5  # words of a clause; chosen with the limits of the second reader
 _THERE = known_words("da dort there")
 _IT = known_words("it them her there those ihr ihm ihnen ihn sie dazu davon dort")
 _WISHING = ("good", "bad", "must", "please", "not", "needless", "avoid", "suggest", "may")
@@ -130,17 +132,20 @@ class Understood:
 
 
 class WordsReader:
-    """Reads sentences of a page's language, and of the other one where they are clearly of that."""
+    """Reads sentences of a page's language, and of the other one where they are clearly of that. second: of a language,
+    who doubts what the rules read; nobody where it returns None."""
 
-    def __init__(self, language: Language) -> None:
+    def __init__(self, language: Language, second: Callable[[Language], SecondReader | None] = second_reader) -> None:
         self.language = language
+        self.second = second
 
     def understand(self, text: str) -> Understood:
         """Raises ValueError for more than LONGEST characters."""
         if len(text) > LONGEST:
             raise ValueError(f"a sentence has at most {LONGEST} characters, not {len(text)}")
         language = language_of_text(text, self.language)
-        clauses = clauses_of(text, lexicon(language).tokens(text), language)
+        tokens = lexicon(language).tokens(text)
+        clauses = clauses_of(text, tokens, language)
         read: list[Reading] = []
         missed: list[tuple[int, int]] = []
         for number, clause in enumerate(clauses):
@@ -151,7 +156,9 @@ class WordsReader:
             if clause.has("correction"):  # "Not so near ... no, wait": what was said before may hold no more
                 read = [replace(one, sure=False, offered=one.offered or ends_of(one.objective)) for one in read]
         read = _unanswered(doubted(clauses, _asked_once(_compared(clauses, read), clauses)))
-        return _understood(read, missed, language)
+        second = self.second(language)
+        some = second is not None and any(one.sure and not one.waived for one in read)
+        return _understood(read, missed, language, second.doubts(text, tokens) if second and some else None)
 
 
 def language_of_text(text: str, expected: Language) -> Language:
@@ -464,11 +471,14 @@ def _matter(one: Reading) -> str:
     return same.get(one.objective, one.objective)
 
 
-def _understood(read: Sequence[Reading], missed: list[tuple[int, int]], language: Language) -> Understood:
-    wishes = [one for one in read if one.sure and not one.waived]
-    clashing = _contradictions(wishes) + _contradictions([one for one in read if one.offered == SIDES])
+def _understood(
+    read: Sequence[Reading], missed: list[tuple[int, int]], language: Language, doubts: Doubts | None
+) -> Understood:
+    clashing = _contradictions(_wishes(read)) + _contradictions([one for one in read if one.offered == SIDES])
     contrary = [one for pair in clashing for one in pair]
-    weights = _weighted([one for one in wishes if one not in contrary])
+    if doubts is not None:
+        read = _unless_doubted(read, contrary, doubts)
+    weights = _weighted([one for one in _wishes(read) if one not in contrary])
     questions = [
         Question(min(a.start, b.start), max(a.end, b.end), _offered(a, b), "contradiction") for a, b in clashing
     ]
@@ -493,6 +503,28 @@ def _understood(read: Sequence[Reading], missed: list[tuple[int, int]], language
         tuple(missed),
         language,
     )
+
+
+def _wishes(read: Sequence[Reading]) -> list[Reading]:
+    return [one for one in read if one.sure and not one.waived]
+
+
+def _unless_doubted(read: Sequence[Reading], contrary: Sequence[Reading], doubts: Doubts) -> list[Reading]:
+    """The readings, those unsure that the second reader doubts. It knows one end at most of a scale, so it is not heard
+    where the sentence names both and says which comes first; and it may have seen few of the words of a clear, short
+    clause, so there only the other end counts against it."""
+    found = list(read)
+    ends = {one_end(one.objective, one.wanted) for one in _wishes(read)}
+    for k, one in enumerate(read):
+        if not one.sure or one.waived or one in contrary:
+            continue
+        wish = one_end(one.objective, one.wanted)
+        clear = sum(len(token.words) for token in one.clause) <= MOST_CLEAR
+        clear = clear and not any("unknown" in token for token in one.clause)
+        turned = wish in doubts.turned and other_end(wish) not in ends
+        if turned or (wish in doubts.unsaid and not clear):
+            found[k] = replace(one, sure=False, offered=one.offered or ends_of(one.objective))
+    return found
 
 
 def _contradictions(wishes: Sequence[Reading]) -> list[tuple[Reading, Reading]]:
