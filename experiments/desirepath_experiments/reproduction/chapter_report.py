@@ -1,7 +1,4 @@
-"""What every chapter leaves behind besides its results: their card, its printed report, what its command says.
-
-What was found, and the sections that tell it, are each chapter's own.
-"""
+"""Every chapter's printed report. What was found, and the sections that tell it, are each chapter's own."""
 
 from __future__ import annotations
 
@@ -11,7 +8,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from desirepath.explain.printed import Section, page
-from desirepath.learning.cards import Card, card_path, file_sha256
 from desirepath_experiments.reproduction.running import time_in_words
 from desirepath_experiments.reproduction.tasks import Run
 
@@ -42,53 +38,12 @@ def write_report(
     (out / REPORT).write_text(html, encoding="utf-8")
 
 
-def save_card(
-    out: Path,
-    chapter: str,
-    run: Run,
-    budget: BudgetOfSeeds,
-    *,
-    setup: str,
-    config: dict[str, Any],
-    scenes: dict[str, Any],
-    found: dict[str, Any],
-    departures: list[str],
-    note: str,
-) -> None:
-    """What the numbers were made of and how, beside them like every other artefact's card."""
-    results = out / RESULTS
-    Card(
-        kind="reproduction",
-        name=f"{chapter}/reproduce_{budget.name}",
-        setup=setup,
-        file=results.name,
-        sha256=file_sha256(results),
-        command=run.command,
-        seed=budget.seeds[0],
-        commit=run.commit,
-        config=config,
-        scenes=scenes,
-        results={**found, "core_seconds": run.core_seconds},
-        departures=departures,
-        notes=[note],
-    ).save(card_path(results))
-
-
 def seeds_words(budget: BudgetOfSeeds) -> dict[str, str]:
     """Budget and seeds as a report's head names them."""
     return {"budget": budget.name, "seeds": ", ".join(map(str, budget.seeds))}
 
 
-def said(
-    out: Path, summary: Mapping[str, Any], keys: Sequence[str], figures: Sequence[Path] | None = None
-) -> dict[str, Any]:
-    """What the command answers with: where everything lies, and these parts of `summary`."""
-    drawn = {} if figures is None else {"figures": [str(path) for path in figures]}
-    where = {"report": str(out / REPORT), "results": str(out / RESULTS)}
-    return {**where, **drawn, **{key: summary[key] for key in keys}}
-
-
-def facts(run: Run, *more: Fact) -> list[Fact]:
+def facts_of(run: Run, *more: Fact) -> list[Fact]:
     """Command, commit, durations; then the chapter's own."""
     return [
         ("Command", run.command),

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib import import_module
 from typing import Any
 
 from sqlalchemy import select
@@ -21,9 +20,10 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database, StorageError
 from desirepath.store.models import Job, TaskFile
 from desirepath.store.outbox import ENDED, enqueue_job
+from desirepath_experiments.reproduction import trial_tasks
+from desirepath_experiments.reproduction.driver import chapter_named
 from desirepath_experiments.reproduction.tasks import (
     Countdown,
-    Function,
     OnTask,
     Task,
     TaskResult,
@@ -34,10 +34,6 @@ from desirepath_experiments.reproduction.tasks import (
     to_bytes,
 )
 
-CHAPTERS = {
-    name: f"desirepath_experiments.reproduction.{name}.computing"
-    for name in ("enquery", "demonstrations", "interface", "adaptable", "explanations", "depth", "pedestrians")
-} | {"trial": "desirepath_experiments.reproduction.trial_tasks"}
 POLL_S = 0.25
 SWEEP_PRIORITY = 30  # after everything that somebody started by hand
 
@@ -52,7 +48,7 @@ def do_task(context: JobContext, params: TaskParams) -> dict[str, Any]:
         known = s.get(TaskFile, params.key)
     if known is not None and context.files.exists(known.sha256):
         return {"task": params.key, "file": known.sha256, "computed": False}
-    functions: dict[str, Function] = import_module(CHAPTERS[params.chapter]).FUNCTIONS
+    functions = trial_tasks.FUNCTIONS if params.chapter == "trial" else chapter_named(params.chapter).functions
     needs = [_result(context, key) for key in params.needs]
     made = computed(functions, params.function, params.params, needs)
     sha = context.files.put(to_bytes(made))

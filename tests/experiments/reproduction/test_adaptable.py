@@ -14,7 +14,8 @@ from desirepath_experiments.reproduction.adaptable import computing
 from desirepath_experiments.reproduction.adaptable.plan import BUDGETS, NO_PERSON, OURS, SAC, AdaptableBudget, make_plan
 from desirepath_experiments.reproduction.adaptable.published_numbers import TABLE
 from desirepath_experiments.reproduction.adaptable.results import along_edges, bars
-from desirepath_experiments.reproduction.adaptable.run import reproduce_adaptable
+from desirepath_experiments.reproduction.adaptable.run import CHAPTER
+from desirepath_experiments.reproduction.driver import reproduce
 from desirepath_experiments.reproduction.tasks import Task, Work
 from desirepath_experiments.training.adaptable.training import AdaptableConfig
 
@@ -29,7 +30,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr(computing, "HELD_OUT", 6)
         few = {"selection_scenes": 1, "solution_scenes": 1, "random_transitions": 2_000, "cloned_transitions": 960}
         patch.setattr(computing, "AdaptableConfig", partial(AdaptableConfig, **few))
-        reproduce_adaptable(out, TINY, processes=1, command="desirepath reproduce adaptable")
+        reproduce(CHAPTER, out, TINY, processes=1, command="desirepath reproduce adaptable")
     return out
 
 
@@ -56,7 +57,7 @@ def test_started_again_it_computes_only_what_is_missing(made: Path) -> None:
     judged = make_plan(TINY).judged[OURS, 0]
     Work(made / "work").path(judged.key).unlink()
     before = (made / "results.json").read_text()
-    again = reproduce_adaptable(made, TINY, processes=1, command="desirepath reproduce adaptable")
+    again = reproduce(CHAPTER, made, TINY, processes=1, command="desirepath reproduce adaptable")
     assert again["computed"] == 1
     assert json.loads(before)["table"] == json.loads((made / "results.json").read_text())["table"]
 

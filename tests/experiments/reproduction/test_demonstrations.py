@@ -11,7 +11,8 @@ import pytest
 from desirepath_experiments.reproduction.demonstrations.computing import config_of
 from desirepath_experiments.reproduction.demonstrations.plan import BUDGETS, OURS, VARIANTS, make_plan
 from desirepath_experiments.reproduction.demonstrations.results import BARS
-from desirepath_experiments.reproduction.demonstrations.run import reproduce_demonstrations
+from desirepath_experiments.reproduction.demonstrations.run import CHAPTER
+from desirepath_experiments.reproduction.driver import reproduce
 
 TINY = replace(
     BUDGETS["small"],
@@ -27,7 +28,7 @@ TINY = replace(
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     out = tmp_path_factory.mktemp("chapter2")
-    return out, reproduce_demonstrations(out, TINY, processes=1, command="desirepath reproduce demonstrations")
+    return out, reproduce(CHAPTER, out, TINY, processes=1, command="desirepath reproduce demonstrations")
 
 
 def test_every_controller_and_variant_is_measured_against_every_bar(made) -> None:
@@ -61,7 +62,7 @@ def test_figures_have_their_data_and_the_report_holds_them(made) -> None:
 
 def test_a_second_run_computes_nothing_and_says_the_same(made) -> None:
     out, first = made
-    again = reproduce_demonstrations(out, TINY, processes=1, command="desirepath reproduce demonstrations")
+    again = reproduce(CHAPTER, out, TINY, processes=1, command="desirepath reproduce demonstrations")
     assert (again["computed"], first["computed"]) == (0, 5 + 7 + 7)
     assert again["brief"] == first["brief"]
 

@@ -8,7 +8,8 @@ import pytest
 
 from desirepath.demonstrations.depth.states import CONFIGURATIONS
 from desirepath_experiments.reproduction.depth.plan import DepthBudget, make_plan
-from desirepath_experiments.reproduction.depth.run import reproduce_depth
+from desirepath_experiments.reproduction.depth.run import CHAPTER
+from desirepath_experiments.reproduction.driver import reproduce
 
 TINY = DepthBudget("tiny", (0,), 30, 4, 30, 8, 8, 4, 1, 1, 32, 1, 1)
 
@@ -16,7 +17,7 @@ TINY = DepthBudget("tiny", (0,), 30, 4, 30, 8, 8, 4, 1, 1, 32, 1, 1)
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     out = tmp_path_factory.mktemp("chapter3")
-    return out, reproduce_depth(out, TINY, processes=1, command="desirepath reproduce depth")
+    return out, reproduce(CHAPTER, out, TINY, processes=1, command="desirepath reproduce depth")
 
 
 def test_every_configuration_is_measured_by_mode_and_with_things_taken_away(made) -> None:
@@ -47,7 +48,7 @@ def test_the_report_holds_the_tables_and_the_picture_is_drawn(made) -> None:
 
 def test_a_second_run_computes_nothing(made) -> None:
     out, first = made
-    again = reproduce_depth(out, TINY, processes=1, command="desirepath reproduce depth")
+    again = reproduce(CHAPTER, out, TINY, processes=1, command="desirepath reproduce depth")
     assert first["computed"] == 3 + 5 + 6  # VAE-HU is VAE-HA, judged blind
     assert again["computed"] == 0
     assert again["bars"] == first["bars"]

@@ -20,6 +20,7 @@ from desirepath.learning.policies.shape import FAST_HEADS
 from desirepath.learning.td3.base import BaseConfig
 from desirepath.learning.td3.ensemble import PolicyEnsembleConfig
 from desirepath.simulation.trajectory import Outcome
+from desirepath_experiments.reproduction.driver import reproduce
 from desirepath_experiments.reproduction.enquery import published_numbers as thesis
 from desirepath_experiments.reproduction.enquery.alignment_settings import read_alignment, stored_alignment
 from desirepath_experiments.reproduction.enquery.budgets import FULL, SMALL, EnqueryBudget
@@ -32,7 +33,7 @@ from desirepath_experiments.reproduction.enquery.results import (
     results_of,
     table_of_recipe,
 )
-from desirepath_experiments.reproduction.enquery.run import reproduce_enquery
+from desirepath_experiments.reproduction.enquery.run import CHAPTER
 from desirepath_experiments.reproduction.tasks import TaskResult, Work
 
 TINY = replace(
@@ -69,7 +70,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def summary(out: Path) -> dict[str, Any]:
-    return reproduce_enquery(out, TINY, processes=1, command="desirepath reproduce enquery")
+    return reproduce(CHAPTER, out, TINY, processes=1, command="desirepath reproduce enquery")
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +97,7 @@ def test_a_second_run_computes_only_what_is_missing(out: Path, summary: dict[str
     lost = next(work.glob("raw-*.npz"))
     lost.unlink()
     (work / "sweep-half.1.partial").write_bytes(b"what a killed process left")
-    again = reproduce_enquery(out, TINY, processes=1, command="desirepath reproduce enquery")
+    again = reproduce(CHAPTER, out, TINY, processes=1, command="desirepath reproduce enquery")
     after = {path.name: path.stat().st_mtime_ns for path in work.glob("*")}
     assert again["computed"] == 1
     assert [name for name, when in before.items() if after[name] != when] == [lost.name]

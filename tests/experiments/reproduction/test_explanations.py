@@ -7,7 +7,8 @@ import json
 
 import pytest
 
-from desirepath_experiments.reproduction.explanations.run import ExplanationsBudget, reproduce_explanations
+from desirepath_experiments.reproduction.driver import reproduce
+from desirepath_experiments.reproduction.explanations.run import CHAPTER, ExplanationsBudget
 
 TINY = ExplanationsBudget("tiny", scenes=60, participants=24, studies=2)
 
@@ -15,7 +16,7 @@ TINY = ExplanationsBudget("tiny", scenes=60, participants=24, studies=2)
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     out = tmp_path_factory.mktemp("chapter8")
-    return out, reproduce_explanations(out, TINY, processes=1, command="desirepath reproduce explanations")
+    return out, reproduce(CHAPTER, out, TINY, processes=1, command="desirepath reproduce explanations")
 
 
 def test_both_tables_stand_beside_the_published_ones_and_are_marked_as_simulated(made) -> None:
@@ -45,4 +46,4 @@ def test_both_tables_stand_beside_the_published_ones_and_are_marked_as_simulated
 
 def test_what_is_there_is_not_computed_again(made) -> None:
     out, _ = made
-    assert reproduce_explanations(out, TINY, processes=1)["computed"] == 0
+    assert reproduce(CHAPTER, out, TINY, processes=1)["computed"] == 0

@@ -7,8 +7,9 @@ import json
 
 import pytest
 
+from desirepath_experiments.reproduction.driver import reproduce
 from desirepath_experiments.reproduction.interface.published_numbers import RANKINGS, ROLLOUTS, VIEWS
-from desirepath_experiments.reproduction.interface.run import InterfaceBudget, reproduce_interface
+from desirepath_experiments.reproduction.interface.run import CHAPTER, InterfaceBudget
 
 TINY = InterfaceBudget("tiny", participants=3, epochs=2, updates=20, transitions=1_000, scenes=20)
 
@@ -16,7 +17,7 @@ TINY = InterfaceBudget("tiny", participants=3, epochs=2, updates=20, transitions
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     out = tmp_path_factory.mktemp("chapter7")
-    return out, reproduce_interface(out, TINY, processes=1, command="desirepath reproduce interface")
+    return out, reproduce(CHAPTER, out, TINY, processes=1, command="desirepath reproduce interface")
 
 
 def test_every_table_stands_beside_the_published_one(made) -> None:
@@ -37,4 +38,4 @@ def test_every_table_stands_beside_the_published_one(made) -> None:
 
 def test_what_is_there_is_not_computed_again(made) -> None:
     out, _ = made
-    assert reproduce_interface(out, TINY, processes=1)["computed"] == 0
+    assert reproduce(CHAPTER, out, TINY, processes=1)["computed"] == 0

@@ -7,6 +7,7 @@ import pytest
 from desirepath.learning.cards import SOCIAL
 from desirepath.learning.pedestrians.crowd_networks import VARIANTS
 from desirepath.simulation.pedestrians import CrowdConditions
+from desirepath_experiments.reproduction.driver import reproduce
 from desirepath_experiments.reproduction.pedestrians import plan
 from desirepath_experiments.reproduction.pedestrians.plan import (
     BUDGETS,
@@ -16,7 +17,7 @@ from desirepath_experiments.reproduction.pedestrians.plan import (
     PedestrianBudget,
     make_plan,
 )
-from desirepath_experiments.reproduction.pedestrians.run import reproduce_pedestrians
+from desirepath_experiments.reproduction.pedestrians.run import CHAPTER
 from desirepath_experiments.reproduction.tasks import from_bytes
 
 LEAST = PedestrianBudget(
@@ -80,7 +81,7 @@ def test_the_full_budget_trains_everything_alike_with_three_seeds():
 
 def test_a_run_writes_its_table_and_begins_nothing_twice(tmp_path):
     told = []
-    first = reproduce_pedestrians(tmp_path, LEAST, processes=1, command="made in a test", tell=told.append)
+    first = reproduce(CHAPTER, tmp_path, LEAST, processes=1, command="made in a test", tell=told.append)
     assert first["computed"] == len(PLANNED) + 2 * 2 + (1 + 2)
     results = json.loads((tmp_path / "results.json").read_text())
     assert set(results["rates"]["ours"]) >= {"published", "no_icp", "no_walls", "homes", "speed 0.6", "number 1"}
@@ -102,4 +103,4 @@ def test_a_run_writes_its_table_and_begins_nothing_twice(tmp_path):
     report = (tmp_path / "report.html").read_text()
     assert report.index("least distance, m") < report.index("irregularity, rad/m")
     assert "16 updates of 8" in report
-    assert reproduce_pedestrians(tmp_path, LEAST, processes=1)["computed"] == 0
+    assert reproduce(CHAPTER, tmp_path, LEAST, processes=1)["computed"] == 0

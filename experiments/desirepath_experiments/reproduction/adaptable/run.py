@@ -9,19 +9,12 @@ from typing import TYPE_CHECKING, Any
 from desirepath.explain.printed import Section, Table, embed_picture
 from desirepath_experiments.reproduction.adaptable.computing import FUNCTIONS
 from desirepath_experiments.reproduction.adaptable.departures import DEPARTURES
-from desirepath_experiments.reproduction.adaptable.plan import AdaptableBudget, AdaptablePlan, make_plan
+from desirepath_experiments.reproduction.adaptable.plan import BUDGETS, AdaptablePlan, make_plan
 from desirepath_experiments.reproduction.adaptable.published_numbers import NAMES, TABLE
 from desirepath_experiments.reproduction.adaptable.results import KINDS, bars, rewards, single_objectives, table
-from desirepath_experiments.reproduction.chapter_report import (
-    RESULTS,
-    facts,
-    said,
-    save_card,
-    seeds_words,
-    write_report,
-)
-from desirepath_experiments.reproduction.running import Tell, compute, write_results
-from desirepath_experiments.reproduction.tasks import Task, Work
+from desirepath_experiments.reproduction.chapter_report import seeds_words
+from desirepath_experiments.reproduction.driver import Chapter, Finished, Made
+from desirepath_experiments.reproduction.tasks import Task
 from desirepath_experiments.training.adaptable.training import AdaptableConfig
 
 if TYPE_CHECKING:
@@ -36,42 +29,40 @@ MEASURES = {
 }
 
 
-def reproduce_adaptable(
-    out: Path, budget: AdaptableBudget, *, processes: int = 2, command: str = "", tell: Tell = lambda words: None
-) -> dict[str, Any]:
-    """Compute what is missing under `out`/work, then write figures, results.json with its card, and report.html.
-
-    Stopped in any way and started again, it goes on with the first task that is not stored. Raises RuntimeError if
-    another run works in the same folder.
-    """
+def make(finished: Finished) -> Made:
+    """Table 5.1, its bars and curves."""
     from desirepath_experiments.reproduction.adaptable.figures import pictures  # matplotlib is slow to load
 
-    plan, work = make_plan(budget), Work(out / "work")
-    with work.claimed():
-        run = compute(list(plan.tasks()), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
-        found = {"table": table(plan, work.load), "rewards": rewards(plan, work.load)}
-        found["single_objectives"] = single_objectives(plan, work.load)
-        judged_bars = bars(found["table"])
-        tell("drawing")
-        drawn = pictures(plan, work.load)
-        files = [path for picture in drawn for path in picture.save(out / "figures")]
-        summary = write_results(out / RESULTS, run, budget, bars=judged_bars, **found)
-        save_card(
-            out,
-            "adaptable",
-            run,
-            budget,
-            setup="adaptable",
-            config=AdaptableConfig(updates=budget.updates).as_dict(),
-            scenes={"judged": f"{budget.rollouts} reporting scenes per vector, of each seed's own set"},
-            found={"bars": judged_bars},
-            departures=DEPARTURES,
-            note="Simulated throughout: the demonstration is programmed.",
-        )
-        sections = _sections(plan, found, judged_bars, drawn, out / "figures")
-        made = facts(run, ("Updates", f"{budget.updates:,} per training"))
-        write_report(out, "adaptable", run, head=seeds_words(budget), sections=sections, facts=made)
-    return said(out, summary, ("budget", "seconds", "computed", "core_seconds", "commit", "bars"), files)
+    plan, load = finished.plan, finished.load
+    budget = plan.budget
+    found = {"table": table(plan, load), "rewards": rewards(plan, load)}
+    found["single_objectives"] = single_objectives(plan, load)
+    judged_bars = bars(found["table"])
+    finished.tell("drawing")
+    drawn = pictures(plan, load)
+    files = [path for picture in drawn for path in picture.save(finished.figures)]
+    return Made(
+        {"bars": judged_bars, **found},
+        head=seeds_words(budget),
+        sections=_sections(plan, found, judged_bars, drawn, finished.figures),
+        further=[("Updates", f"{budget.updates:,} per training")],
+        answer={"bars": judged_bars},
+        files=files,
+        card={
+            "setup": "adaptable",
+            "seed": budget.seeds[0],
+            "config": AdaptableConfig(updates=budget.updates).as_dict(),
+            "scenes": {"judged": f"{budget.rollouts} reporting scenes per vector, of each seed's own set"},
+            "results": {"bars": judged_bars},
+            "departures": DEPARTURES,
+            "notes": ["Simulated throughout: the demonstration is programmed."],
+        },
+    )
+
+
+CHAPTER = Chapter(
+    "adaptable", BUDGETS, FUNCTIONS, make_plan, lambda plan: plan.tasks(), make, task_name=lambda task: _name(task)
+)
 
 
 def _sections(

@@ -12,7 +12,6 @@ from desirepath.demonstrations.judging import KINDS
 from desirepath.demonstrations.td3_bc.configuration import DEPARTURES
 from desirepath.explain.pictures import Picture
 from desirepath.explain.printed import Section, Shown, Table, embed_picture
-from desirepath_experiments.reproduction.chapter_report import seeds_words, write_report
 from desirepath_experiments.reproduction.demonstrations.plan import (
     CONTROLLERS,
     OURS,
@@ -42,21 +41,6 @@ _CONTROL = (
     "progress in exploration, as base policies are."
 )
 _UNCONTROLLED = "Only the whole training was run; the budget `full` also leaves out its parts."
-
-
-def print_report(
-    out: Path, plan: DemonstrationsPlan, rows: Sequence[ControllerRow], load: Load, drawn: Sequence[Picture], run: Run
-) -> None:
-    """One HTML file with everything in it; figures are SVG."""
-    write_report(
-        out,
-        "demonstrations",
-        run,
-        head=seeds_words(plan.budget),
-        brief=brief(plan, rows, load),
-        sections=sections(plan, rows, load, drawn, out / "figures"),
-        facts=facts(plan, run),
-    )
 
 
 def brief(plan: DemonstrationsPlan, rows: Sequence[ControllerRow], load: Load) -> list[str]:

@@ -3,62 +3,55 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any
 
 from desirepath.demonstrations.td3_bc.configuration import DEPARTURES, DemonstrationConfig
-from desirepath_experiments.reproduction.chapter_report import RESULTS, said, save_card
+from desirepath_experiments.reproduction.chapter_report import seeds_words
 from desirepath_experiments.reproduction.demonstrations.computing import FUNCTIONS
-from desirepath_experiments.reproduction.demonstrations.plan import DemonstrationsBudget, make_plan
+from desirepath_experiments.reproduction.demonstrations.plan import BUDGETS, make_plan
 from desirepath_experiments.reproduction.demonstrations.results import BARS, rows_of
-from desirepath_experiments.reproduction.running import Tell, compute, write_results
-from desirepath_experiments.reproduction.tasks import Task, Work
+from desirepath_experiments.reproduction.driver import Chapter, Finished, Made
+from desirepath_experiments.reproduction.tasks import Task
 
 
-def reproduce_demonstrations(
-    out: Path, budget: DemonstrationsBudget, *, processes: int = 2, command: str = "", tell: Tell = lambda words: None
-) -> dict[str, Any]:
-    """Compute what is missing under `out`/work, then write figures, results.json with its card, and report.html.
-
-    Stopped in any way and started again, it goes on with the first task that is not stored. Raises RuntimeError if
-    another run works in the same folder.
-    """
+def make(finished: Finished) -> Made:
+    """Bars and measures, beside the baselines'."""
     from desirepath_experiments.reproduction.demonstrations.figures import pictures  # matplotlib is slow to load
-    from desirepath_experiments.reproduction.demonstrations.report import brief, print_report
+    from desirepath_experiments.reproduction.demonstrations.report import brief, facts, sections
 
-    plan = make_plan(budget)
-    work = Work(out / "work")
-    with work.claimed():
-        run = compute(plan.tasks(), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
-        rows = rows_of(plan, work.load)
-        brief_text = brief(plan, rows, work.load)
-        tell("drawing")
-        drawn = pictures(plan, work.load)
-        files = [path for picture in drawn for path in picture.save(out / "figures")]
-        print_report(out, plan, rows, work.load, drawn, run)
-        summary = write_results(
-            out / RESULTS,
-            run,
-            budget,
-            bars={name: asdict(bar) for name, bar in BARS.items()},
-            rows=[asdict(row) for row in rows],
-            brief=brief_text,
-        )
-        save_card(
-            out,
-            "demonstrations",
-            run,
-            budget,
-            setup=", ".join(budget.environments),
-            config={**asdict(budget), "training": DemonstrationConfig(updates=budget.updates).as_dict()},
-            scenes={"unseen": f"reporting scenes of seeds {', '.join(map(str, budget.seeds))}"},
-            found={"brief": brief_text},
-            departures=DEPARTURES,
-            note="Simulated throughout: those who demonstrate are programmed demonstrators.",
-        )
-    return said(out, summary, ("budget", "seconds", "computed", "core_seconds", "commit", "brief"), files)
+    plan, load = finished.plan, finished.load
+    budget = plan.budget
+    rows = rows_of(plan, load)
+    brief_text = brief(plan, rows, load)
+    finished.tell("drawing")
+    drawn = pictures(plan, load)
+    files = [path for picture in drawn for path in picture.save(finished.figures)]
+    return Made(
+        {
+            "bars": {name: asdict(bar) for name, bar in BARS.items()},
+            "rows": [asdict(row) for row in rows],
+            "brief": brief_text,
+        },
+        head=seeds_words(budget),
+        sections=sections(plan, rows, load, drawn, finished.figures),
+        facts=facts(plan, finished.run),
+        more={"brief": brief_text},
+        answer={"brief": brief_text},
+        files=files,
+        card={
+            "setup": ", ".join(budget.environments),
+            "seed": budget.seeds[0],
+            "config": {**asdict(budget), "training": DemonstrationConfig(updates=budget.updates).as_dict()},
+            "scenes": {"unseen": f"reporting scenes of seeds {', '.join(map(str, budget.seeds))}"},
+            "results": {"brief": brief_text},
+            "departures": DEPARTURES,
+            "notes": ["Simulated throughout: those who demonstrate are programmed demonstrators."],
+        },
+    )
 
 
 def _name(task: Task) -> str:
     whose = task.params.get("style", task.params.get("controller", ""))
     return f"{task.kind}, {whose} in the {task.params['environment']}"
+
+
+CHAPTER = Chapter("demonstrations", BUDGETS, FUNCTIONS, make_plan, lambda plan: plan.tasks(), make, task_name=_name)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,53 +13,58 @@ from desirepath.demonstrations.depth.states import CONFIGURATIONS
 from desirepath.demonstrations.depth.training import DEPARTURES, DepthTrainingConfig
 from desirepath.explain.printed import Section, Table
 from desirepath.simulation.depth_camera import DEPTH_CAMERA
-from desirepath_experiments.reproduction.chapter_report import (
-    RESULTS,
-    facts,
-    said,
-    save_card,
-    seeds_words,
-    write_report,
-)
+from desirepath_experiments.reproduction.chapter_report import seeds_words
 from desirepath_experiments.reproduction.depth.computing import FUNCTIONS
-from desirepath_experiments.reproduction.depth.plan import DepthBudget, DepthPlan, make_plan
-from desirepath_experiments.reproduction.running import Tell, compute, write_results
-from desirepath_experiments.reproduction.tasks import Task, TaskResult, Work
+from desirepath_experiments.reproduction.depth.plan import BUDGETS, DepthBudget, DepthPlan, make_plan
+from desirepath_experiments.reproduction.driver import Chapter, Finished, Made
+from desirepath_experiments.reproduction.tasks import Task, TaskResult
 
 SUCCESS_BAR = 0.9  # of VAE-HA over the modes, in unseen homes
 RATES = ("success_rate", "collision_rate", "timeout_rate")
 
 
-def reproduce_depth(
-    out: Path, budget: DepthBudget, *, processes: int = 2, command: str = "", tell: Tell = lambda words: None
-) -> dict[str, Any]:
-    """Compute what is missing under `out`/work, then write pictures, results.json with its card, and report.html.
+def plan_of(budget: DepthBudget, seeds: Sequence[int] | None) -> DepthPlan:
+    """seeds: instead of the budget's own."""
+    return make_plan(budget if seeds is None else replace(budget, seeds=tuple(seeds)))
 
-    Stopped in any way and started again, it goes on with the first task that is not stored. Raises RuntimeError if
-    another run works in the same folder.
-    """
-    plan, work = make_plan(budget), Work(out / "work")
-    with work.claimed():
-        run = compute(plan.tasks(), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
-        found = findings(plan, work.load)
-        picture = out / "figures" / "reconstruction.png"
-        draw_reconstruction(work.load(plan.encoder.key), picture)
-        summary = write_results(out / RESULTS, run, budget, **found)
-        save_card(
-            out,
-            "depth",
-            run,
-            budget,
-            setup="home",
-            config=DepthTrainingConfig(updates=budget.updates).as_dict(),
-            scenes={"unseen": f"{budget.unseen} reporting homes, each with four modes of the person"},
-            found={"bars": found["bars"]},
-            departures=DEPARTURES,
-            note="Simulated throughout: people and demonstrators are programmed.",
-        )
-        made = facts(run, ("Updates", f"{budget.updates:,} per controller"))
-        write_report(out, "depth", run, head=seeds_words(budget), sections=_sections(found), facts=made)
-    return said(out, summary, ("budget", "seconds", "computed", "core_seconds", "commit", "bars"), [picture])
+
+def make(finished: Finished) -> Made:
+    """Six configurations, the encoder's pictures, the bars."""
+    plan: DepthPlan = finished.plan
+    budget = plan.budget
+    found = findings(plan, finished.load)
+    picture = finished.figures / "reconstruction.png"
+    draw_reconstruction(finished.load(plan.encoder.key), picture)
+    return Made(
+        found,
+        head=seeds_words(budget),
+        sections=_sections(found),
+        further=[("Updates", f"{budget.updates:,} per controller")],
+        answer={"bars": found["bars"]},
+        files=[picture],
+        card={
+            "setup": "home",
+            "seed": budget.seeds[0],
+            "config": DepthTrainingConfig(updates=budget.updates).as_dict(),
+            "scenes": {"unseen": f"{budget.unseen} reporting homes, each with four modes of the person"},
+            "results": {"bars": found["bars"]},
+            "departures": DEPARTURES,
+            "notes": ["Simulated throughout: people and demonstrators are programmed."],
+        },
+    )
+
+
+CHAPTER = Chapter(
+    "depth",
+    BUDGETS,
+    FUNCTIONS,
+    plan_of,
+    lambda plan: plan.tasks(),
+    make,
+    task_name=lambda task: _name(task),
+    options={"seeds": None},
+    processes=1,
+)
 
 
 def findings(plan: DepthPlan, load: Callable[[str], TaskResult]) -> dict[str, Any]:

@@ -11,7 +11,6 @@ from pathlib import Path
 from desirepath.explain.pictures import Picture
 from desirepath.explain.printed import Section, Shown, embed_picture
 from desirepath.learning.cards import DEPARTURES
-from desirepath_experiments.reproduction.chapter_report import write_report
 from desirepath_experiments.reproduction.enquery import published_numbers as thesis
 from desirepath_experiments.reproduction.enquery.budgets import MODELS, RECIPES, TEST_SETS
 from desirepath_experiments.reproduction.enquery.plan import EnqueryPlan, query_seed
@@ -32,19 +31,6 @@ from desirepath_experiments.reproduction.enquery.tables import (
 from desirepath_experiments.reproduction.tasks import Run
 
 LOW_QUERIES = 15
-
-
-def print_report(out: Path, plan: EnqueryPlan, results: EnqueryResults, pictures: Sequence[Picture], run: Run) -> None:
-    """One HTML file with everything in it; figures are SVG."""
-    write_report(
-        out,
-        "enquery",
-        run,
-        head={"budget": plan.budget.name, "seed": plan.seed},
-        brief=brief(plan, results),
-        sections=sections(plan, results, pictures, out / "figures"),
-        facts=facts(plan, run),
-    )
 
 
 def brief(plan: EnqueryPlan, results: EnqueryResults) -> list[str]:

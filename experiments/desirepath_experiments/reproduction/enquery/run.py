@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
-from desirepath.learning.cards import DEPARTURES, Card, card_path, file_sha256
+from desirepath.learning.cards import DEPARTURES
 from desirepath.learning.policies.shape import FAST_HEADS
 from desirepath.learning.scene_sets import Purpose, describe
 from desirepath.learning.td3.base import BaseConfig, BaseTraining
-from desirepath_experiments.reproduction.chapter_report import RESULTS, said
-from desirepath_experiments.reproduction.enquery.budgets import SETUP, EnqueryBudget
+from desirepath_experiments.reproduction.driver import Chapter, Finished, Made
+from desirepath_experiments.reproduction.enquery.budgets import BUDGETS, SETUP, EnqueryBudget
 from desirepath_experiments.reproduction.enquery.computing import FUNCTIONS
 from desirepath_experiments.reproduction.enquery.plan import EnqueryPlan, Speed, make_plan
-from desirepath_experiments.reproduction.enquery.results import EnqueryResults, TableRow, results_of
-from desirepath_experiments.reproduction.running import Tell, compute, write_results
-from desirepath_experiments.reproduction.tasks import Run, Work
+from desirepath_experiments.reproduction.enquery.results import TableRow, results_of
 
 TIMED_UPDATES = 60
 
@@ -37,53 +34,40 @@ def measure_speed(heads: tuple[int, int]) -> Speed:
     return Speed(per_update)
 
 
-def reproduce_enquery(
-    out: Path,
-    budget: EnqueryBudget,
-    *,
-    seed: int = 0,
-    processes: int = 2,
-    command: str = "",
-    tell: Tell = lambda words: None,
-) -> dict[str, Any]:
-    """Compute what is missing under `out`/work, then write figures, results.json and report.html.
+def plan_of(budget: EnqueryBudget, seed: int) -> EnqueryPlan:
+    """The plan, its seconds by this machine's speed."""
+    return make_plan(budget, seed, measure_speed(budget.heads))
 
-    Stopped in any way and started again, it goes on with the first task that is not stored. Raises RuntimeError if
-    another run works in the same folder, ValueError for a seed or number of processes that cannot be.
-    """
+
+def make(finished: Finished) -> Made:
+    """Ensembles, accuracy of reward models, aligned policies and flow fields."""
     from desirepath_experiments.reproduction.enquery.figures import pictures  # matplotlib is slow to load
-    from desirepath_experiments.reproduction.enquery.report import print_report
+    from desirepath_experiments.reproduction.enquery.report import brief, facts, sections
 
-    plan = make_plan(budget, seed, measure_speed(budget.heads))
-    work = Work(out / "work")
-    with work.claimed():
-        run = compute(
-            plan.tasks(),
-            FUNCTIONS,
-            work,
-            command=command,
-            processes=processes,
-            tell=tell,
-            name=lambda task: task.kind.replace("_", " "),
-        )
-        results = results_of(plan, work.load)
-        tell("drawing")
-        drawn = pictures(plan, work.load, results)
-        files = [path for picture in drawn for path in picture.save(out / "figures")]
-        print_report(out, plan, results, drawn, run)
-        results_file = out / RESULTS
-        summary = write_results(results_file, run, budget, setup=SETUP, seed=seed, results=asdict(results))
-        _card(plan, results, run, results_file).save(card_path(results_file))
-    return {
-        **said(out, summary, ("budget", "seed", "seconds", "computed", "core_seconds", "commit"), files),
-        "tables": {recipe: {row.name: _row_summary(row) for row in rows} for recipe, rows in results.tables.items()},
-        "crossings": results.crossings,
-        "ceiling_m": results.ceiling_m,
-    }
+    plan: EnqueryPlan = finished.plan
+    results = results_of(plan, finished.load)
+    finished.tell("drawing")
+    drawn = pictures(plan, finished.load, results)
+    files = [path for picture in drawn for path in picture.save(finished.figures)]
+    tables = {recipe: {row.name: _row_summary(row) for row in rows} for recipe, rows in results.tables.items()}
+    found = {"tables": tables, "ceiling_m": results.ceiling_m, "crossings": results.crossings}
+    return Made(
+        {"setup": SETUP, "seed": plan.seed, "results": asdict(results)},
+        head={"budget": plan.budget.name, "seed": plan.seed},
+        sections=sections(plan, results, drawn, finished.figures),
+        facts=facts(plan, finished.run),
+        more={"brief": brief(plan, results)},
+        answer={"seed": plan.seed, **found},
+        files=files,
+        card=_card(plan, found),
+    )
 
 
-def _card(plan: EnqueryPlan, results: EnqueryResults, run: Run, file: Path) -> Card:
-    """What the numbers were made of and how, beside them like every other artefact's card."""
+CHAPTER = Chapter("enquery", BUDGETS, FUNCTIONS, plan_of, lambda plan: plan.tasks(), make, options={"seed": 0})
+
+
+def _card(plan: EnqueryPlan, found: dict[str, Any]) -> dict[str, Any]:
+    """What the numbers were made of and how."""
     scenes = plan.raw.params["scenes"]
     begun = (plan.base, plan.ensemble, *(task.needs[0] for task in plan.sweep.values()))
     parents = {
@@ -95,32 +79,22 @@ def _card(plan: EnqueryPlan, results: EnqueryResults, run: Run, file: Path) -> C
     heads = ["heads"] if plan.budget.heads == FAST_HEADS else []
     trained = ["progress", "smoothness", *heads, "environments", "average", "ensemble_start", "ensemble_choice"]
     keys = [*trained, "fine_tuning", *(["instant", "conditioning_search"] if conditioned else [])]
-    return Card(
-        kind="reproduction",
-        name=f"{SETUP}/reproduce_{plan.budget.name}",
-        setup=SETUP,
-        file=file.name,
-        sha256=file_sha256(file),
-        command=run.command,
-        seed=plan.seed,
-        commit=run.commit,
-        config=asdict(plan.budget),
-        scenes={
+    return {
+        "name": f"{SETUP}/reproduce_{plan.budget.name}",
+        "setup": SETUP,
+        "seed": plan.seed,
+        "config": asdict(plan.budget),
+        "scenes": {
             "table": describe(Purpose.REPORT, scenes["n"], scenes["seed"]),
             "sweep": describe(Purpose.SELECT, plan.budget.sweep_scenes, scenes["seed"]),
         },
-        results={
-            "tables": {
-                recipe: {row.name: _row_summary(row) for row in rows} for recipe, rows in results.tables.items()
-            },
-            "ceiling_m": results.ceiling_m,
-            "crossings": results.crossings,
-            "core_seconds": run.core_seconds,
-        },
-        parents=parents,
-        departures=[DEPARTURES[key] for key in keys],
-        notes=["Simulated throughout: the answers are the oracle's, which prefers the larger minimum human distance."],
-    )
+        "results": found,
+        "parents": parents,
+        "departures": [DEPARTURES[key] for key in keys],
+        "notes": [
+            "Simulated throughout: the answers are the oracle's, which prefers the larger minimum human distance."
+        ],
+    }
 
 
 def _row_summary(row: TableRow) -> dict[str, Any]:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from desirepath.analysis.tested import p_in_words
 from desirepath.explain.printed import Section, Table
 from desirepath.simulation.setups import get_setup
-from desirepath_experiments.reproduction.chapter_report import RESULTS, facts, said, write_report
+from desirepath_experiments.reproduction.driver import Chapter, Finished, Made
 from desirepath_experiments.reproduction.explanations.computing import FUNCTIONS
 from desirepath_experiments.reproduction.explanations.published_numbers import (
     EFFECTS,
@@ -23,8 +22,7 @@ from desirepath_experiments.reproduction.explanations.published_numbers import (
     TAU,
     TRUST,
 )
-from desirepath_experiments.reproduction.running import Tell, compute, write_results
-from desirepath_experiments.reproduction.tasks import Task, Work
+from desirepath_experiments.reproduction.tasks import Task
 
 EXPLAINED_ROOM = get_setup("explained_room")
 
@@ -48,6 +46,8 @@ BUDGETS = {
 
 @dataclass(frozen=True)
 class ExplanationsPlan:
+    budget: ExplanationsBudget
+    seed: int
     policy: Task
     scenarios: Task
     rankers: Task
@@ -59,50 +59,36 @@ def make_plan(budget: ExplanationsBudget, seed: int) -> ExplanationsPlan:
     policy = Task("policy", trained, seconds=10 + 600 * budget.train)
     scenarios = Task("explained_scenarios", {"method": "saliency"}, (policy,), 5)
     ranked = {"participants": budget.participants, "studies": budget.studies, "seed": seed}
-    return ExplanationsPlan(policy, scenarios, Task("rankers", ranked, (scenarios,), 0.6 * budget.studies))
+    return ExplanationsPlan(
+        budget, seed, policy, scenarios, Task("rankers", ranked, (scenarios,), 0.6 * budget.studies)
+    )
 
 
-def reproduce_explanations(
-    out: Path,
-    budget: ExplanationsBudget,
-    *,
-    seed: int = 0,
-    processes: int = 2,
-    command: str = "",
-    tell: Tell = lambda words: None,
-) -> dict[str, Any]:
-    """Compute what is missing under `out`/work, then write results.json and report.html. Stopped in any way and started
-    again, it goes on. Raises RuntimeError if another run works in the same folder."""
-    plan, work = make_plan(budget, seed), Work(out / "work")
-    with work.claimed():
-        run = compute(
-            [plan.rankers], FUNCTIONS, work, command=command, processes=processes, tell=tell,
-            name=lambda task: task.kind.replace("_", " "),
-        )  # fmt: skip
-        policy, scenarios, ranked = (work.load(task.key).meta for task in (plan.policy, plan.scenarios, plan.rankers))
-        found = {
-            "policy": {key: policy[key] for key in ("success", "collision", "timeout", "selection_success", "slowing")},
-            "scenarios": {key: scenarios[key] for key in ("scenarios", "with_tied_scores", "objects_without_score")},
-            "table_8_1": {effect: ranked["tests"][_about("tau", effect)] for effect in EFFECTS},
-            "table_8_2": {
-                key: {effect: ranked["tests"][_about(key, effect)] for effect in EFFECTS} for key in TABLE_8_2
-            },
-            "tau": ranked["tau"],
-            "means": ranked["means"],
-            "found": ranked["found"],
-            "rankings": ranked["rankings"],
-        }
-        summary = write_results(out / RESULTS, run, budget, seed=seed, **found)
-        write_report(
-            out,
-            "explanations",
-            run,
-            head={"budget": budget.name, "seed": seed, "participants": budget.participants},
-            sections=_sections(found, budget),
-            facts=facts(run, ("Setup", EXPLAINED_ROOM.name)),
-        )
-    shown = ("budget", "simulated", "seconds", "computed", "commit", "tau", "table_8_1", "table_8_2", "found")
-    return said(out, summary, shown)
+def make(finished: Finished) -> Made:
+    """Tables 8.1 and 8.2, and how often each effect is found."""
+    plan: ExplanationsPlan = finished.plan
+    budget = plan.budget
+    policy, scenarios, ranked = (finished.load(t.key).meta for t in (plan.policy, plan.scenarios, plan.rankers))
+    found = {
+        "policy": {key: policy[key] for key in ("success", "collision", "timeout", "selection_success", "slowing")},
+        "scenarios": {key: scenarios[key] for key in ("scenarios", "with_tied_scores", "objects_without_score")},
+        "table_8_1": {effect: ranked["tests"][_about("tau", effect)] for effect in EFFECTS},
+        "table_8_2": {key: {effect: ranked["tests"][_about(key, effect)] for effect in EFFECTS} for key in TABLE_8_2},
+        "tau": ranked["tau"],
+        "means": ranked["means"],
+        "found": ranked["found"],
+        "rankings": ranked["rankings"],
+    }
+    return Made(
+        {"seed": plan.seed, **found},
+        head={"budget": budget.name, "seed": plan.seed, "participants": budget.participants},
+        sections=_sections(found, budget),
+        further=[("Setup", EXPLAINED_ROOM.name)],
+        answer={"simulated": True} | {key: found[key] for key in ("tau", "table_8_1", "table_8_2", "found")},
+    )
+
+
+CHAPTER = Chapter("explanations", BUDGETS, FUNCTIONS, make_plan, lambda plan: [plan.rankers], make, options={"seed": 0})
 
 
 def _about(outcome: str, effect: str) -> str:

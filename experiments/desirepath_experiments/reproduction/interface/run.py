@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from desirepath.explain.printed import Section, Table
-from desirepath_experiments.reproduction.chapter_report import RESULTS, facts, said, write_report
+from desirepath_experiments.reproduction.driver import Chapter, Finished, Made
 from desirepath_experiments.reproduction.interface.computing import FUNCTIONS, LAMBDA, PER_VIEW, SETUP
 from desirepath_experiments.reproduction.interface.published_numbers import (
     AGREEMENT,
@@ -21,8 +20,7 @@ from desirepath_experiments.reproduction.interface.published_numbers import (
     ROLLOUTS,
     VIEWS,
 )
-from desirepath_experiments.reproduction.running import Tell, compute, write_results
-from desirepath_experiments.reproduction.tasks import Task, TaskResult, Work
+from desirepath_experiments.reproduction.tasks import Task, TaskResult
 
 BASE = "baseline"
 PRINTED_WITH_BASE = (*(PRINTED[view] for view in VIEWS), "baseline")
@@ -50,6 +48,8 @@ BUDGETS = {
 class InterfacePlan:
     """answers: of everybody; rolled_out: by view, and of the base policy."""
 
+    budget: InterfaceBudget
+    seed: int
     answers: Task
     aligned: dict[str, Task]
     rolled_out: dict[str, Task]
@@ -64,47 +64,41 @@ def make_plan(budget: InterfaceBudget, seed: int) -> InterfacePlan:
     }
     measured = {"scenes": budget.scenes, "seed": seed}
     rolled_out = {view: Task("rolled_out", measured, (aligned[view],), 2) for view in VIEWS}
-    return InterfacePlan(answers, aligned, {**rolled_out, BASE: Task("rolled_out", measured, (), 2)})
+    return InterfacePlan(budget, seed, answers, aligned, {**rolled_out, BASE: Task("rolled_out", measured, (), 2)})
 
 
-def reproduce_interface(
-    out: Path,
-    budget: InterfaceBudget,
-    *,
-    seed: int = 0,
-    processes: int = 2,
-    command: str = "",
-    tell: Tell = lambda words: None,
-) -> dict[str, Any]:
-    """Compute what is missing under `out`/work, then write results.json and report.html. Stopped in any way and started
-    again, it goes on. Raises RuntimeError if another run works in the same folder."""
-    plan, work = make_plan(budget, seed), Work(out / "work")
-    with work.claimed():
-        wanted = [plan.answers, *plan.aligned.values(), *plan.rolled_out.values()]
-        run = compute(wanted, FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
-        answers = work.load(plan.answers.key)
-        rows = {name: work.load(task.key).meta for name, task in plan.rolled_out.items()}
-        accuracies = {view: work.load(task.key).meta["training_accuracy"] for view, task in plan.aligned.items()}
-        found = {
-            "table_7_1": first_choices(answers),
-            "table_7_2": agreements(answers),
-            "table_7_3": {name: {key: of[key] for key in ("values", "standard_errors")} for name, of in rows.items()},
-            "training_accuracy": accuracies,
-            "people": answers.meta["people"],
-        }
-        summary = write_results(out / RESULTS, run, budget, **found)
-        write_report(
-            out,
-            "interface",
-            run,
-            head={"budget": budget.name, "seed": seed, "participants": budget.participants},
-            sections=_sections(found, budget),
-            facts=facts(run, ("Setup", SETUP)),
-        )
-    return {
-        **said(out, summary, ("budget", "seconds", "computed", "commit", "table_7_1", "table_7_2")),
-        "table_7_3": {name: of["values"] for name, of in found["table_7_3"].items()},
+def make(finished: Finished) -> Made:
+    """Tables 7.1 to 7.3."""
+    plan: InterfacePlan = finished.plan
+    answers = finished.load(plan.answers.key)
+    rows = {name: finished.load(task.key).meta for name, task in plan.rolled_out.items()}
+    found = {
+        "table_7_1": first_choices(answers),
+        "table_7_2": agreements(answers),
+        "table_7_3": {name: {key: of[key] for key in ("values", "standard_errors")} for name, of in rows.items()},
+        "training_accuracy": {v: finished.load(task.key).meta["training_accuracy"] for v, task in plan.aligned.items()},
+        "people": answers.meta["people"],
     }
+    return Made(
+        found,
+        head={"budget": plan.budget.name, "seed": plan.seed, "participants": plan.budget.participants},
+        sections=_sections(found, plan.budget),
+        further=[("Setup", SETUP)],
+        answer={key: found[key] for key in ("table_7_1", "table_7_2")}
+        | {"table_7_3": {name: of["values"] for name, of in found["table_7_3"].items()}},
+    )
+
+
+CHAPTER = Chapter(
+    "interface",
+    BUDGETS,
+    FUNCTIONS,
+    make_plan,
+    lambda plan: [plan.answers, *plan.aligned.values(), *plan.rolled_out.values()],
+    make,
+    task_name=lambda task: _name(task),
+    options={"seed": 0},
+)
 
 
 def first_choices(answers: TaskResult) -> dict[str, dict[str, float]]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -14,20 +13,14 @@ from desirepath.explain.printed import Section
 from desirepath.explain.printed import Table as PrintedTable
 from desirepath.learning.pedestrians.crowd_networks import VARIANTS
 from desirepath.simulation.trajectory import Outcome
-from desirepath_experiments.reproduction.chapter_report import (
-    RESULTS,
-    facts,
-    said,
-    save_card,
-    seeds_words,
-    write_report,
-)
+from desirepath_experiments.reproduction.chapter_report import seeds_words
+from desirepath_experiments.reproduction.driver import Chapter, Finished, Made
 from desirepath_experiments.reproduction.pedestrians.computing import FUNCTIONS
 from desirepath_experiments.reproduction.pedestrians.plan import (
+    BUDGETS,
     BY_REWARD,
     PLANNED,
     SOCIAL_IN,
-    PedestrianBudget,
     PedestrianPlan,
     learner_of,
     make_plan,
@@ -42,8 +35,7 @@ from desirepath_experiments.reproduction.pedestrians.published_numbers import (
     WITHOUT_ICP,
     WITHOUT_WALLS,
 )
-from desirepath_experiments.reproduction.running import Tell, compute, write_results
-from desirepath_experiments.reproduction.tasks import Task, TaskResult, Work
+from desirepath_experiments.reproduction.tasks import Task, TaskResult
 
 Load = Callable[[str], TaskResult]
 MEASURES = ("success", "collision", "timeout", "time_s")
@@ -70,54 +62,53 @@ NAMES = {
 }
 
 
-def reproduce_pedestrians(
-    out: Path,
-    budget: PedestrianBudget,
-    *,
-    processes: int = 2,
-    command: str = "",
-    tell: Tell = lambda words: None,
-    device: str = "cpu",
-) -> dict[str, Any]:
-    """Compute what is missing under `out`/work, then write results.json with its card, and report.html.
-
-    Stopped in any way and started again, it goes on with the first task that is not stored; a training is several.
-    Raises RuntimeError if another run works in the same folder.
-    """
-    plan, work = make_plan(budget, device), Work(out / "work")
-    by_reward = budget.by_reward
-    with work.claimed():
-        run = compute(list(plan.tasks()), FUNCTIONS, work, command=command, processes=processes, tell=tell, name=_name)
-        rates, social = table(plan, work.load, "rates"), table(plan, work.load, "social")
-        judged_bars = bars(rates)
-        ahead, histories = leads(plan, work.load), _histories(plan, work)
-        summary = write_results(
-            out / RESULTS, run, budget, bars=judged_bars, rates=rates, social=social, leads=ahead, histories=histories
-        )
-        save_card(
-            out,
-            "pedestrians",
-            run,
-            budget,
-            setup="crowd_corridor, crowd_intersection, crowd_office",
-            config={"labels": budget.labels, "by_reward": asdict(by_reward) if by_reward else None},
-            scenes={
-                "judged": f"{budget.episodes} reporting scenes of the published setting and of homes, "
-                f"{budget.episodes_more} of each other condition, the same for everybody"
-            },
-            found={"bars": judged_bars},
-            departures=DEPARTURES,
-            note="Simulated throughout.",
-        )
-        made = facts(
-            run,
+def make(finished: Finished) -> Made:
+    """Table 4.1, social metrics, robustness, other crowds."""
+    plan, load = finished.plan, finished.load
+    budget, by_reward = plan.budget, plan.budget.by_reward
+    rates, social = table(plan, load, "rates"), table(plan, load, "social")
+    judged_bars = bars(rates)
+    return Made(
+        {
+            "bars": judged_bars,
+            "rates": rates,
+            "social": social,
+            "leads": leads(plan, load),
+            "histories": _histories(plan, load),
+        },
+        head=seeds_words(budget),
+        sections=_sections(plan, rates, social, judged_bars),
+        further=[
             ("By imitation", f"{budget.labels:,} labels per training, {budget.selection_scenes} scenes to choose in"),
             ("By reward", f"{by_reward.updates:,} updates of {by_reward.batch_size}" if by_reward else "nothing"),
             ("Planners", ", ".join(PLANNED)),
-        )
-        sections = _sections(plan, rates, social, judged_bars)
-        write_report(out, "pedestrians", run, head=seeds_words(budget), sections=sections, facts=made)
-    return said(out, summary, ("budget", "seconds", "computed", "core_seconds", "commit", "bars"))
+        ],
+        answer={"bars": judged_bars},
+        card={
+            "setup": "crowd_corridor, crowd_intersection, crowd_office",
+            "seed": budget.seeds[0],
+            "config": {"labels": budget.labels, "by_reward": asdict(by_reward) if by_reward else None},
+            "scenes": {
+                "judged": f"{budget.episodes} reporting scenes of the published setting and of homes, "
+                f"{budget.episodes_more} of each other condition, the same for everybody"
+            },
+            "results": {"bars": judged_bars},
+            "departures": DEPARTURES,
+            "notes": ["Simulated throughout."],
+        },
+    )
+
+
+CHAPTER = Chapter(
+    "pedestrians",
+    BUDGETS,
+    FUNCTIONS,
+    make_plan,
+    lambda plan: plan.tasks(),
+    make,
+    task_name=lambda task: _name(task),
+    options={"device": "cpu"},
+)
 
 
 def table(plan: PedestrianPlan, load: Load, of: Literal["rates", "social"]) -> dict[str, dict[str, dict[str, Any]]]:
@@ -155,12 +146,12 @@ def _bar(name: str, value: float, at_least: float) -> dict[str, Any]:
     return {"name": name, "value": value, "at_least": at_least, "met": bool(value >= at_least)}
 
 
-def _histories(plan: PedestrianPlan, work: Work) -> dict[str, Any]:
+def _histories(plan: PedestrianPlan, load: Load) -> dict[str, Any]:
     """Of each training the columns of its history."""
     found = {}
     for (variant, seed), task in plan.judged.items():
         if task.needs:
-            rows = work.load(task.needs[0].key).meta["history"]
+            rows = load(task.needs[0].key).meta["history"]
             found[f"{variant} seed {seed}"] = {name: [row[name] for row in rows] for name in rows[0]}
     return found
 
