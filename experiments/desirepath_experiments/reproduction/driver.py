@@ -38,8 +38,8 @@ class Made:
     """What a chapter came to.
 
     results: what results.json holds besides the run; head: what the report's first lines say; more: of its template;
-    facts: instead of the usual ones with those `further`; answer: what the command says, as it is or, by name, of the
-    results; files: figures that were drawn; card: the fields of a card (`Card`) that only the chapter knows.
+    facts: instead of the usual ones with those `further`; answer: what the command says besides `ALWAYS_ANSWERED`;
+    files: figures that were drawn; card: the fields of a card (`Card`) that only the chapter knows.
     """
 
     results: Mapping[str, Any]

@@ -39,3 +39,10 @@ def test_every_table_stands_beside_the_published_one(made) -> None:
 def test_what_is_there_is_not_computed_again(made) -> None:
     out, _ = made
     assert reproduce(CHAPTER, out, TINY, processes=1)["computed"] == 0
+
+
+def test_an_option_of_another_chapter_and_a_seed_without_people_are_refused(tmp_path) -> None:
+    with pytest.raises(LookupError, match="device: not of chapter interface, whose options are: seed"):
+        reproduce(CHAPTER, tmp_path, TINY, device="cpu")
+    with pytest.raises(ValueError, match="seed = 10: between 0 and 9"):
+        reproduce(CHAPTER, tmp_path, TINY, seed=10)

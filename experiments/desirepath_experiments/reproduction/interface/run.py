@@ -56,7 +56,9 @@ class InterfacePlan:
 
 
 def make_plan(budget: InterfaceBudget, seed: int) -> InterfacePlan:
-    """Which tasks a budget has."""
+    """Which tasks a budget has. Raises ValueError for a seed without people of its own."""
+    if not 0 <= seed <= 9:
+        raise ValueError(f"seed = {seed}: between 0 and 9")
     answers = Task("answers", {"participants": budget.participants, "seed": seed}, seconds=20)
     learned = {"seed": seed, "updates": budget.updates, "transitions": budget.transitions, "epochs": budget.epochs}
     aligned = {
