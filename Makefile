@@ -32,7 +32,7 @@ lint: setup node_modules/.ready
 
 setup: $(VENV)/.ready
 
-$(VENV)/.ready: requirements.lock pyproject.toml scripts/setup.sh
+$(VENV)/.ready: requirements.lock pyproject.toml experiments/pyproject.toml scripts/setup.sh
 	PYTHON="$(PYTHON)" scripts/setup.sh
 	@touch $@
 

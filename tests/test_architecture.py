@@ -1,8 +1,11 @@
 """The house itself: who may import whom, what no file may contain, and that the container files are valid."""
 
+import ast
 import re
 import subprocess
 import sys
+import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -44,6 +47,31 @@ def test_the_product_holds_nothing_that_only_the_laboratory_uses():
     left, lines = unreachable()
     assert set(left) == {"desirepath.learning.td3.conditioned_training"}
     assert lines > 50_000
+
+
+def test_the_product_imports_only_what_its_wheel_asks_for():
+    """Development tools are not there in somebody else's environment."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    asked = [*project["dependencies"], *(one for name, more in extras.items() if name != "dev" for one in more)]
+    named = {re.split(r"[^A-Za-z0-9._-]", one)[0].lower().replace("_", "-") for one in asked}
+    of_module = packages_distributions()
+    imported = {
+        (node.module if isinstance(node, ast.ImportFrom) else alias.name).partition(".")[0]
+        for room in ("backend", "app")
+        for file in (ROOT / room).rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Import) or (isinstance(node, ast.ImportFrom) and node.module and not node.level)
+        for alias in node.names
+    }
+    foreign = {one for one in imported if one not in sys.stdlib_module_names and not one.startswith("desirepath")}
+    assert len(foreign) > 20
+    lacking = {one for one in foreign if not {d.lower().replace("_", "-") for d in of_module.get(one, [one])} & named}
+    assert lacking <= BROUGHT_ALONG
+
+
+BROUGHT_ALONG = {"click", "pydantic_core", "typing_extensions"}
+"""What a declared requirement asks for itself."""
 
 
 def test_every_room_says_what_lives_in_it() -> None:

@@ -51,7 +51,10 @@ class Registry(Generic[T]):
         files that lie in that very folder."""
         found = {}
         for name, module in self.modules.items():
-            spec = None if module.startswith(f"{self._package}.") else find_spec(module)
+            try:
+                spec = None if module.startswith(f"{self._package}.") else find_spec(module)
+            except ModuleNotFoundError as missing:
+                raise RegistryError(f"{self.group}: {name!r} is the module {module}: {missing}") from missing
             if spec is not None and spec.origin is not None:
                 origin = Path(spec.origin).resolve()
                 file = origin.with_name(origin.stem + ending)
@@ -77,7 +80,7 @@ class Registry(Generic[T]):
         if name not in self._loaded:
             try:
                 self._loaded[name] = getattr(import_module(self.modules[name]), self._attribute)
-            except (ImportError, AttributeError) as wrong:
+            except Exception as wrong:  # whatever another distribution's module does, its name is said
                 needed = f"{name!r} is the module {self.modules[name]}, which needs {self._attribute}"
                 raise RegistryError(f"{self.group}: {needed}: {wrong}") from wrong
         return self._loaded[name]

@@ -61,3 +61,30 @@ def test_what_killed_workers_and_backups_leave_hinders_nobody(database, listen):
     with database.transaction() as s:
         enqueue_job(s, "evaluate", {})
     assert heard.get(timeout=PATIENCE_S) is Signal.JOB_QUEUED
+
+
+def test_a_worker_that_cannot_heed_one_signal_hears_the_next(database):
+    heard: Heard = queue.SimpleQueue()
+
+    def heed(signal: Signal) -> None:
+        heard.put(signal)
+        if signal is Signal.PARTICIPANT_PRESENT:
+            raise OSError("Cannot allocate memory")  # a process that cannot be started just now
+
+    listener = SignalListener(database, "one", heed)
+    listener.start()
+    for signal in (Signal.PARTICIPANT_PRESENT, Signal.JOB_QUEUED):
+        with database.transaction() as s:
+            signal_workers(s, signal)
+        assert heard.get(timeout=PATIENCE_S) is signal
+    listener.close()
+
+
+def test_a_database_behind_a_link_is_heard_of(database, listen, tmp_path):
+    link = tmp_path / "linked.sqlite"
+    link.symlink_to(database.file)
+    linked = Database(f"sqlite:///{link}")
+    heard = listen(linked, "one")
+    with linked.transaction() as s:
+        signal_workers(s, Signal.JOB_QUEUED)
+    assert heard.get(timeout=PATIENCE_S) is Signal.JOB_QUEUED

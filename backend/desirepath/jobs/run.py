@@ -32,7 +32,7 @@ from desirepath.os_errors import in_words
 from desirepath.settings import Settings, get_settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database, DatabaseBusy, is_full
-from desirepath.store.job_results import JobResult
+from desirepath.store.job_results import JobResult, check_result
 from desirepath.store.models import Job
 from desirepath.store.outbox import Queue, enqueue_job, queue_of
 from desirepath.store.places import StoreAway
@@ -95,6 +95,7 @@ def _do(settings: Settings, job_id: str, attempt: str | None) -> ExitCode:
         try:
             progress.give_way()
             result = _work(JobContext(settings, database, files, job, progress))
+            check_result(job.kind, result)
         except Exception as problem:
             if _passes(problem):
                 raise

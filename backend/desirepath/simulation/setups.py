@@ -242,9 +242,11 @@ def setup_folders() -> Mapping[str, Path]:
 
 
 def _folders() -> Iterator[Path]:
-    for parent in (DATASETS, *map(Path, filter(None, os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep)))):
+    further = [Path(one) for one in os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep) if one]
+    for parent in further:
         if not parent.is_dir():
             raise SetupError(f"{FOLDERS_VARIABLE}: {parent} is no folder; name folders whose folders are setups")
+    for parent in (DATASETS, *further):
         yield from sorted(file.parent for file in parent.glob(f"*/{SETUP_FILE}"))
     for entry in entry_points(group=ENTRY_POINTS):
         try:

@@ -5,9 +5,16 @@ Measurements (gates, verdicts, predictions) are the science's own dictionaries, 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
+
+
+def check_result(kind: str, result: Mapping[str, Any]) -> None:
+    """Raises pydantic's ValidationError for what that kind of job does not result in."""
+    if kind in RESULTS:
+        RESULTS[kind].model_validate(result)
 
 
 class JobResult(BaseModel):

@@ -60,13 +60,14 @@ def signal_workers(s: Session, signal: Signal) -> None:
 
 
 def _write_to_pipes(database: Path, signal: Signal) -> None:
-    for pipe in database.parent.glob(f"{glob.escape(database.name)}.worker-*"):
-        with contextlib.suppress(OSError):  # its worker is gone, or has more to read already than it needs to wake up
-            descriptor = os.open(pipe, os.O_WRONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
-            try:
-                os.write(descriptor, signal.value.encode())
-            finally:
-                os.close(descriptor)
+    with contextlib.suppress(OSError):  # what is committed stays so, whether or not the folder can be listed
+        for pipe in database.parent.glob(f"{glob.escape(database.name)}.worker-*"):
+            with contextlib.suppress(OSError):  # its worker is gone, or has more to read than it needs to wake up
+                descriptor = os.open(pipe, os.O_WRONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
+                try:
+                    os.write(descriptor, signal.value.encode())
+                finally:
+                    os.close(descriptor)
 
 
 class SignalListener:
@@ -81,7 +82,7 @@ class SignalListener:
     def __init__(self, database: Database, name: str, on_signal: Callable[[Signal], None]) -> None:
         self._database, self._on_signal = database, on_signal
         file = database.file
-        self._pipe = None if file is None else file.resolve().with_name(f"{file.name}.worker-{name}")
+        self._pipe = None if file is None else file.absolute().with_name(f"{file.name}.worker-{name}")
         self._closed = threading.Event()
         self.hears = False  # whether a signal sent now would arrive; else the worker has to poll
 
@@ -110,8 +111,12 @@ class SignalListener:
                 self._tell(signal)
 
     def _tell(self, value: str) -> None:
-        with contextlib.suppress(ValueError):  # of another version
+        try:
             self._on_signal(Signal(value))
+        except ValueError:  # of another version
+            return
+        except Exception:  # such as a process that cannot be started just now: the next signal must still be heard
+            log.exception("a signal could not be heeded", signal=value)
 
     def _listen_to_postgres(self) -> None:
         import psycopg

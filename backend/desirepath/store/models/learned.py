@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from sqlalchemy import JSON, Boolean, CheckConstraint, Float, ForeignKey, Integer, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
-from desirepath.store.job_results import RESULTS, JobResult
+from desirepath.store.job_results import RESULTS, JobResult, check_result
 from desirepath.store.models.base import Base, new_id, utc_now
 
 
@@ -82,8 +82,7 @@ class Job(Base):
 
     def keep_result(self, result: Mapping[str, Any]) -> None:
         """Raises pydantic's ValidationError for what its kind does not result in."""
-        if self.kind in RESULTS:
-            RESULTS[self.kind].model_validate(result)
+        check_result(self.kind, result)
         self.result = dict(result)
 
     def result_as(self, of: type[R]) -> R | None:
@@ -91,7 +90,8 @@ class Job(Base):
         model = RESULTS.get(self.kind)
         if self.result is None or model is None or not issubclass(model, of):
             return None
-        return model.model_validate(self.result)
+        # A newer version, running beside this one during an upgrade, may say more.
+        return model.model_validate(self.result, extra="ignore")
 
     __table_args__ = (
         CheckConstraint(

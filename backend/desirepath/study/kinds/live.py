@@ -24,7 +24,7 @@ from desirepath.study.personalising.live_rollouts import MOST_PLACES, condition_
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import Policy
 
-MOST_CHANGES = 4_000  # ours: a slider moved for five minutes without a rest
+MOST_CHANGES = 2_600  # ours: so many fit a request; the page forgets the oldest from 2,500 on
 LONGEST_S = 24 * 3600.0
 ROUNDED = 3  # digits of a stored weight; sliders have two
 SAME = 0.0051  # weights that differ by less are the same: half a step of a slider
@@ -101,7 +101,7 @@ class LiveStage(Part):
     @field_validator("objectives")
     @classmethod
     def _corners(cls, names: list[str] | None, info: ValidationInfo) -> list[str] | None:
-        return names and three_corners(names, objectives_on(info.data.get("setup", "study_room")))
+        return names if names is None else three_corners(names, objectives_on(info.data.get("setup", "study_room")))
 
     @property
     def said(self) -> dict[str, Any]:

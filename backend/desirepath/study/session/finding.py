@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from datetime import datetime, timedelta
+from datetime import datetime
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
@@ -18,7 +20,7 @@ from desirepath.study.personalising import alignment_jobs
 from desirepath.study.refusals import Refused, log_refusal
 from desirepath.study.session import states
 
-PRESENCE_TOLD_EVERY = timedelta(seconds=15)  # ours: an open page is noted every 20 s
+PRESENCE_TOLD_EVERY_S = 15.0  # ours: an open page is noted every 20 s
 
 
 def find_session(s: DatabaseSession, token: str, *, now: datetime, lock: bool = True) -> Session:
@@ -66,7 +68,7 @@ def acting(
     try:
         with db.transaction(durable=durable) as s:
             session = find_session(s, token, now=now)
-            if session.last_seen_at is None or now - session.last_seen_at >= PRESENCE_TOLD_EVERY:
+            if _presence_is_due(db):
                 signal_workers(s, Signal.PARTICIPANT_PRESENT)
             session.last_seen_at = now
             if session.step_since is None and (session.opens_at is None or now >= session.opens_at):
@@ -77,6 +79,18 @@ def acting(
             _expire(db, refused.session_id)
         log_refusal(db, refused, request=request)
         raise
+
+
+_presence_told: dict[str, float] = {}  # database -> when this process last said that somebody is there, monotonic
+
+
+def _presence_is_due(db: Database) -> bool:
+    """Whether workers have not heard for a while that somebody takes part, whoever it is."""
+    now, key = time.monotonic(), str(db.url)
+    due = now - _presence_told.get(key, -math.inf) >= PRESENCE_TOLD_EVERY_S
+    if due:
+        _presence_told[key] = now
+    return due
 
 
 def _expire(db: Database, session_id: str) -> None:
