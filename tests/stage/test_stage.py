@@ -238,6 +238,7 @@ def test_nothing_that_is_sent_tells_the_goal(rig: StageRig, visit: Visit, monkey
         assert set(order) <= {
             *("type", "camera", "meshes", "robots", "person", "crowd", "stands", "walk", "start", "sharpness"),
             *("playback_id", "label", "label_s", "hold_s", "tracks", "paper", "explained", "halted", "goal"),
+            "robot_size",
         }
         assert order.get("goal") is None
         assert not any(name.endswith(("/goal", "/trail", "/ring")) for name in order.get("meshes", ()))

@@ -10,7 +10,7 @@ import { Triangle } from "./triangle.js";
 /** @typedef {{[objective: string]: number}} Weights objective to weight, only those above 0 */
 /** @typedef {import("./contract.js").Change} Change */
 
-const MOST_CHANGES = 2500;
+const MOST_CHANGES = 2300;
 /** Positions of a slider under the hand that follow each other so quickly are one change. */
 const ONE_CHANGE_S = 0.04;
 /** Of a triangle, each of whose changes is one of up to three weights. */

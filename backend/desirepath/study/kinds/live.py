@@ -24,7 +24,7 @@ from desirepath.study.personalising.live_rollouts import MOST_PLACES, condition_
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import Policy
 
-MOST_CHANGES = 2_600  # ours: so many fit a request; the page forgets the oldest from 2,500 on
+MOST_CHANGES = 2_400  # ours: so many fit a request; the page forgets the oldest from 2,300 on
 LONGEST_S = 24 * 3600.0
 ROUNDED = 3  # digits of a stored weight; sliders have two
 SAME = 0.0051  # weights that differ by less are the same: half a step of a slider
