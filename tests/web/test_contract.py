@@ -17,7 +17,7 @@ from desirepath.store.plain_data import is_deeper
 from desirepath.study.drawing.strokes import MOST_POINTS
 from desirepath.study.drawing.walks import MOST_POSES
 from desirepath.study.kinds import KINDS
-from desirepath.study.kinds.live import MOST_CHANGES
+from desirepath.study.kinds.live import MOST_CHANGES, LiveAnswer
 from desirepath.study.links import token_hash
 from desirepath.web.core.contract import DEEPEST, MOST_CONTAINERS, MOST_VALUES
 from desirepath.web.core.published import types_now
@@ -157,7 +157,8 @@ def test_the_longest_stroke_and_walk_are_read(client, token):
     moved = {"seconds": 1234.567, "place": 2, "by": "mouse", "objective": "slower_near_person", "weight": 0.123}
     history = {"weights": {}, "history": [moved] * MOST_CHANGES}  # of sliders that were dragged for minutes
     answered = client.post(f"/api/session/{token}/steps/tuning", json={"request_id": ID, "value": history})
-    assert (answered.status_code, answered.json()["error"]["code"]) == (409, "not_current_step")
+    assert (answered.status_code, answered.json()["error"]["code"]) == (404, "unknown_step")  # read, but not asked for
+    LiveAnswer.model_validate(history)
 
 
 def test_thousands_of_mistakes_are_told_by_their_first():

@@ -120,9 +120,13 @@ def clock_of(given: Any) -> datetime | None:
     return moment
 
 
-def _bounded(given: dict[str, Any]) -> dict[str, Any]:
-    if (size := len(json.dumps(given))) > LARGEST_OBJECT:
+def _of_size(given: dict[str, Any]) -> dict[str, Any]:
+    if (size := len(json.dumps(given, separators=(",", ":")))) > LARGEST_OBJECT:
         raise ValueError(f"has {size} bytes of JSON, at most {LARGEST_OBJECT} are taken")
+    return given
+
+
+def _of_few_keys(given: dict[str, Any]) -> dict[str, Any]:
     if (keys := _keys(given)) > MOST_KEYS:
         raise ValueError(f"has {keys} entries, at most {MOST_KEYS} are taken")
     return given
@@ -135,8 +139,12 @@ def _keys(given: Any) -> int:
 
 
 Clock = Annotated[datetime | None, BeforeValidator(clock_of)]
-OpenObject = Annotated[dict[str, Any], AfterValidator(_bounded)]
+OpenObject = Annotated[dict[str, Any], AfterValidator(_of_size), AfterValidator(_of_few_keys)]
 MaybeObject = Annotated[OpenObject, BeforeValidator(lambda given: {} if given is None else given)]
+AnswerValue = Annotated[
+    dict[str, Any], AfterValidator(_of_size), BeforeValidator(lambda given: {} if given is None else given)
+]
+"""What was answered: a history of sliders has thousands of keys. How many there may be is the kind's to say."""
 
 
 def trouble_in(errors: Sequence[Any]) -> Trouble:

@@ -16,7 +16,7 @@ from pydantic_core import CoreSchema
 from typing_extensions import TypeAliasType
 
 from desirepath.study.kinds import KINDS, Kind
-from desirepath.web.core.contract import Clock, MaybeObject, Reply, Sent
+from desirepath.web.core.contract import AnswerValue, Clock, Reply, Sent
 
 RequestId = Annotated[
     str, Field(min_length=8, max_length=64, description="another one per answer; the same again counts once")
@@ -96,7 +96,7 @@ class AnswerSent(Sent):
 
     request_id: RequestId
     kind: str | None = Field(None, max_length=64)
-    value: MaybeObject = {}
+    value: AnswerValue = {}
     client_time: Clock = None
 
     @classmethod
