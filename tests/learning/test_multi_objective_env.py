@@ -20,7 +20,7 @@ IDS = [id for id in gymnasium.registry if id.startswith("desirepath/")]
 
 def test_every_registered_environment_passes_the_libraries_own_check() -> None:
     assert desirepath.gymnasium_envs
-    assert len(IDS) == 12
+    assert len(IDS) == 16
     for name in IDS:
         with warnings.catch_warnings():
             warnings.simplefilter("error", UserWarning)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from desirepath.learning.alignment.gate import surely_better
 from desirepath.learning.alignment.never_worse import better_for_person
 from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.policies.shipped import load_conditioned, load_policy
@@ -50,10 +51,10 @@ def test_a_policy_is_shown_to_who_wants_it_and_to_nobody_else(
 
 def test_what_is_surely_better_by_next_to_nothing_is_not_shown() -> None:
     """Who was harmed, was harmed by such policies: 5 of 69 before."""
-    assert Sureness(0.97, 0.9).enough()
-    assert not Sureness(0.97, 0.6).enough(), "surely better, but perhaps by nothing"
-    assert not Sureness(0.88, 0.86).enough(), "nine tenths are needed of being better at all"
-    assert not Sureness.of(FreePosterior.prior("study_room", CONFIG), None).enough(), "the usual policy itself"
+    assert surely_better(Sureness(0.97, 0.9))
+    assert not surely_better(Sureness(0.97, 0.6)), "surely better, but perhaps by nothing"
+    assert not surely_better(Sureness(0.88, 0.86)), "nine tenths are needed of being better at all"
+    assert not surely_better(Sureness.of(FreePosterior.prior("study_room", CONFIG), None)), "the usual policy itself"
 
 
 def test_the_usual_policy_is_not_better_than_itself(study_queries: QuerySet, differences: PairDifferences) -> None:

@@ -319,7 +319,7 @@ def test_every_shipped_file_of_arrays_is_written_as_it_was_read() -> None:
         AttentionPolicy,
     ]
     by_format, read = {kind.file_format: kind for kind in kinds}, set()
-    for path in sorted(DATASETS.rglob("*.npz")):
+    for path in sorted(set(DATASETS.rglob("*.npz")) - set((DATASETS / "words").glob("*.npz"))):  # those: plain NumPy
         content = path.read_bytes()
         kind = by_format.get(npz_header(content)["format"])
         if kind is not None:  # a policy library of before mixes is written with them

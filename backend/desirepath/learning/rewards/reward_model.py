@@ -78,7 +78,8 @@ class RewardModel(StoredArrays):
         """A model of whatever kind the header names."""
         if header.get("kind") not in MODELS:
             raise LearningError(f"kind {header.get('kind')!r} is unknown; known are {', '.join(MODELS)}")
-        return MODELS[header["kind"]].from_arrays(header, arrays)
+        kind: type[RewardModel] = MODELS[header["kind"]]
+        return kind.from_arrays(header, arrays)
 
 
 Fit = Callable[[Sequence[Preference]], RewardModel]
