@@ -191,9 +191,9 @@ def _planned() -> Iterator[str]:
         yield str(assumed)
         found = power(planned, assumed, (9, 18), cohorts=6)
         for one in found:
-            yield from (
-                str({**row, "agreement_half_width": numbers(row["agreement_half_width"])}) for row in one.rows()
-            )
+            for row in one.rows():
+                rounded = {name: round(value, 12) if isinstance(value, float) else value for name, value in row.items()}
+                yield str({**rounded, "agreement_half_width": numbers(row["agreement_half_width"])})
         yield str(enough(found))
 
 
