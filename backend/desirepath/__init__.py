@@ -28,7 +28,7 @@ if TYPE_CHECKING:
         rollout,
     )
     from desirepath.simulation.scene import Scene
-    from desirepath.simulation.setups import Setup
+    from desirepath.simulation.setups import Robot, Setup
     from desirepath.simulation.trajectory import Trajectory
 
 __all__ = [
@@ -37,6 +37,7 @@ __all__ = [
     "Query",
     "QuerySet",
     "Report",
+    "Robot",
     "Scene",
     "Setup",
     "Trajectory",
@@ -53,6 +54,7 @@ _HOMES = {
     "Policy": "learning.policies.policy",
     "Query": "learning.queries.queries",
     "QuerySet": "learning.queries.queries",
+    "Robot": "simulation.setups",
     "Scene": "simulation.scene",
     "Setup": "simulation.setups",
     "Trajectory": "simulation.trajectory",
