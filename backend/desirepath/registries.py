@@ -23,6 +23,13 @@ class RegistryError(LookupError):
     """A plug-in that is unknown, offered twice, or not what its registry needs."""
 
 
+def find_offer(group: str, lacking: str) -> Any:
+    """What another distribution offers in that group of entry points; raises LookupError(lacking) where none does."""
+    for offered in entry_points(group=group):
+        return offered.load()
+    raise LookupError(lacking)
+
+
 class Registry(Generic[T]):
     """group: of entry points; package: whose modules are looked at; attribute: what each plug-in's module ends with."""
 

@@ -25,7 +25,7 @@ from desirepath.simulation.trajectory import Trajectory
 
 STUDY_ROOM = get_setup("study_room")
 
-SHIPPED = [path for path in sorted(DATASETS.glob("*/**/*.npz")) if path.parent.name != "words"]  # those: plain NumPy
+SHIPPED = sorted(DATASETS.glob("*/**/*.npz"))
 
 
 def npy(text: str, content: bytes = b"") -> bytes:

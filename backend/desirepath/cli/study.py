@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from functools import partial
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,6 +23,7 @@ from desirepath.cli.output import (
     say,
     takes_long,
 )
+from desirepath.registries import find_offer
 from desirepath.settings import get_settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
@@ -214,7 +214,8 @@ def simulate(
         read_cohort(cohort) if cohort is not None else None,
     )
     if browser:
-        in_browser = _browser_walker()
+        lacking = "--browser needs desirepath-experiments: pip install ./experiments (in a checkout)"
+        in_browser: Callable[..., dict[str, Any]] = find_offer("desirepath.walkers", lacking)
     database, _ = open_store()
     with database.session() as s:
         row = s.get(Study, study)
@@ -235,14 +236,6 @@ def simulate(
         running = running_server(get_settings())
         with contextlib.nullcontext((running, None)) if running else loopback_server(get_settings()) as (own, _):
             walk(own)
-
-
-def _browser_walker() -> Callable[..., dict[str, Any]]:
-    """Raises LookupError where the laboratory's package, which drives a browser, is not installed."""
-    for found in entry_points(group="desirepath.walkers", name="browser"):
-        walker: Callable[..., dict[str, Any]] = found.load()
-        return walker
-    raise LookupError("--browser needs desirepath-experiments: pip install ./experiments (in a checkout)")
 
 
 @commands.command("power")

@@ -16,7 +16,6 @@ import time
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +28,7 @@ from desirepath.jobs.kinds import TaskParams, get_kind
 from desirepath.jobs.leases import end_attempt, holds
 from desirepath.jobs.process import FINAL_STATES, ExitCode, finish, log_file, patiently, wait_for_end_of
 from desirepath.os_errors import in_words
+from desirepath.registries import find_offer
 from desirepath.settings import Settings, get_settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database, DatabaseBusy, is_full
@@ -155,10 +155,9 @@ def _work(context: JobContext) -> dict[str, object]:
 
 def _do_task(context: JobContext, params: TaskParams) -> dict[str, object]:
     """A task of a sweep, done by whoever plugs in. Raises LookupError where nobody does."""
-    for found in entry_points(group=TASKS):
-        done: dict[str, object] = found.load()(context, params)
-        return done
-    raise LookupError("tasks of a sweep are done by desirepath-experiments, which this worker has not installed")
+    lacking = "tasks of a sweep are done by desirepath-experiments, which this worker has not installed"
+    done: dict[str, object] = find_offer(TASKS, lacking)(context, params)
+    return done
 
 
 def _measure_later(s: DatabaseSession, job: Job) -> None:

@@ -45,8 +45,7 @@ def _ship(language: Language, folder: Path, sentences: Path) -> Card:
         raise ValueError(f"{sentences} has no *_{language}.csv; it is tests/learning/words of a checkout")
     fitted = fit_second_reader([case for cases in sets for case in cases], language)
     path = reader_file(language, folder)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(path, weights=fitted.weights, scales=fitted.scales, intercepts=fitted.intercepts)
+    fitted.save(path)
     card = Card(
         kind="second_reader",
         name=f"words/{path.stem}",

@@ -12,13 +12,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any, ClassVar, Self
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.learning.errors import LearningError
 from desirepath.learning.words.lexicon import FOLDER, Language, Token, lexicon, words_of
 from desirepath.learning.words.readings import OPPOSITE, SIDES
+from desirepath.simulation.npz import Arrays
+from desirepath.simulation.stored import StoredArrays
 
 Wish = tuple[str, bool]
 """An objective, and whether more of it is wished."""
@@ -86,9 +90,13 @@ class Doubts:
 
 
 @dataclass(frozen=True)
-class SecondReader:
+class SecondReader(StoredArrays):
     """weights: (BUCKETS, 2 * len(ENDS)) int8, in units of `scales` (2 * len(ENDS),): by how much a feature makes an end
     more probable than that nothing is said of its scale; intercepts: the same without any feature."""
+
+    noun: ClassVar[str] = "second reader"
+    raises: ClassVar[type[ValueError]] = LearningError
+    file_format: ClassVar[str] = "desirepath-second-reader-1"
 
     language: Language
     weights: NDArray[np.int8]
@@ -107,6 +115,14 @@ class SecondReader:
         turned, unsaid = (odds[:, ::-1] - odds).ravel() > OTHER_END, -odds.ravel() > NOTHING_SAID
         return Doubts(*(frozenset(wish for wish, k in _PLACES.items() if over[k]) for over in (turned, unsaid)))
 
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
+        arrays: Arrays = {"weights": self.weights, "scales": self.scales, "intercepts": self.intercepts}
+        return {"language": self.language}, arrays
+
+    @classmethod
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> Self:
+        return cls(header["language"], arrays["weights"], arrays["scales"], arrays["intercepts"])
+
 
 def reader_file(language: Language, folder: Path = FOLDER) -> Path:
     return folder / f"second_reader_{language}.npz"
@@ -115,8 +131,7 @@ def reader_file(language: Language, folder: Path = FOLDER) -> Path:
 @lru_cache(maxsize=2)
 def second_reader(language: Language) -> SecondReader:
     """The shipped one."""
-    with np.load(reader_file(language), allow_pickle=False) as stored:
-        return SecondReader(language, stored["weights"], stored["scales"], stored["intercepts"])
+    return SecondReader.load(reader_file(language))
 
 
 def features_of(text: str, language: Language) -> dict[int, float]:

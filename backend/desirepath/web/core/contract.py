@@ -140,10 +140,9 @@ def _keys(given: Any) -> int:
 
 Clock = Annotated[datetime | None, BeforeValidator(clock_of)]
 OpenObject = Annotated[dict[str, Any], AfterValidator(_of_size), AfterValidator(_of_few_keys)]
-MaybeObject = Annotated[OpenObject, BeforeValidator(lambda given: {} if given is None else given)]
-AnswerValue = Annotated[
-    dict[str, Any], AfterValidator(_of_size), BeforeValidator(lambda given: {} if given is None else given)
-]
+_NULL_IS_EMPTY = BeforeValidator(lambda given: {} if given is None else given)
+MaybeObject = Annotated[OpenObject, _NULL_IS_EMPTY]
+AnswerValue = Annotated[dict[str, Any], AfterValidator(_of_size), _NULL_IS_EMPTY]
 """What was answered: a history of sliders has thousands of keys. How many there may be is the kind's to say."""
 
 
