@@ -24,7 +24,9 @@ def test_commands_in_the_guides_are_there(guide: Path) -> None:
         while words and words[0] in getattr(command, "commands", {}):
             named.append(words.pop(0))
             command = command.commands[named[-1]]  # type: ignore[attr-defined]
-        options = {option for one in command.params for option in (*one.opts, *one.secondary_opts)} | {"--help"}
+        options = {
+            option for one in command.get_params(typer.Context(command)) for option in (*one.opts, *one.secondary_opts)
+        } | {"--help"}
         given = [word.strip("()[].,;:").partition("=")[0] for word in words]
         unknown += [(line, word) for word in given if named and word.startswith("--") and word not in options]
         if named and hasattr(command, "commands") and words and words[0].islower() and words[0].isalpha():

@@ -14,6 +14,7 @@ from desirepath.installed import PROTOCOLS
 from desirepath.learning.preferences.oracles import ResponseModel
 from desirepath.report.findings import analyse
 from desirepath.report.made_up_cohorts import Cohort, made_up_study
+from desirepath.report.planned_design import Assumed
 from desirepath.report.simulated_power import analyse_simulated
 from desirepath.report.study_report import write_study_report
 from desirepath.report.tidy_tables import read_folder, read_study
@@ -142,14 +143,14 @@ def test_the_report_is_a_page_with_figures_and_their_data(in_process, tmp_path):
 
 
 def test_power_of_the_study_as_it_is_planned(protocol):
-    found = plan_power(protocol, [5, 40], condition="immersive", item="fun", effect=1.2, walk=3, cohorts=12)
+    found = plan_power(protocol, [5, 40], Assumed("immersive", "fun", effect=1.2), walk=3, cohorts=12)
     assert found.walked == {"participants": 3, "completed": 3, "responses": 3 * 24}
     assert found.design.conditions == ("first_person", "immersive", "top_down")
     few, many = (one.rates[0] for one in found.power)
     assert few.test == "Friedman, fun (over 10 items)"
     assert few.rate < many.rate
     with pytest.raises(ValueError, match="item = 'joy'"):
-        plan_power(protocol, [5], item="joy", walk=3, cohorts=1)
+        plan_power(protocol, [5], Assumed(item="joy"), walk=3, cohorts=1)
 
 
 def test_the_reports_tab_shows_rankings_as_the_full_report(in_process):

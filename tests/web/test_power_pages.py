@@ -14,6 +14,7 @@ from fastapi.testclient import TestClient
 
 from desirepath.installed import PROTOCOLS
 from desirepath.jobs.process import ONE_THREAD
+from desirepath.report.planned_design import Assumed
 from desirepath.study.planned_power import plan_power
 from desirepath.study.protocol.freezing import freeze_text
 from desirepath.web.core.dependencies import Services
@@ -79,7 +80,7 @@ def test_power_of_a_draft_is_computed_in_the_background_as_by_the_command(lab: T
         time.sleep(0.5)
     options = "--participants 5,8 --effect 1 --cohorts 20"
     assert f"desirepath study power two_views.yaml {options}" in page
-    found = plan_power(freeze_text(PROTOCOL, folder=PROTOCOLS), [5, 8], effect=1, cohorts=20).as_dict()
+    found = plan_power(freeze_text(PROTOCOL, folder=PROTOCOLS), [5, 8], Assumed(effect=1), cohorts=20).as_dict()
     for row in found["rows"]:
         assert f'<th scope="row">{row["test"]}</th>' in page
         assert f"{row['power']:.0%} <span" in page

@@ -29,20 +29,6 @@ from desirepath.settings import get_settings
 from desirepath.store.scrubbing import scrub
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
-# How a bot's answers stray from its preference (backend/desirepath/learning/preferences/oracles.py, ResponseModel).
-NoiseOption = Annotated[
-    float, typer.Option("--noise", "--mistakes", min=0.0, max=1.0, help="Chance that an answer is the wrong one.")
-]
-IndifferenceOption = Annotated[
-    float, typer.Option(min=0.0, help="A smaller difference, in typical ones, is answered at random.")
-]
-MyopiaOption = Annotated[
-    float | None, typer.Option(min=0.2, help="Only so many seconds of each rollout are judged; default all.")
-]
-PeakEndOption = Annotated[
-    bool,
-    typer.Option("--peak-end", help="Each drive's most extreme second and its last one are judged, not the whole."),
-]
 COMMAND_LINE = "command line"  # who did it, where logs ask: there are no accounts here
 PIPE_WIDTH = 200  # characters; a pipe has no width of its own
 TOLD_EVERY_S = 10.0  # where nobody sees a line move: a log, a pipe

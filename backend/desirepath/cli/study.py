@@ -12,13 +12,10 @@ import click
 import typer
 
 from desirepath.cli.loopback import loopback_server
+from desirepath.cli.options import RESPONSE_MODEL, Configured, OptionsOf, configured
 from desirepath.cli.output import (
     COMMAND_LINE,
-    IndifferenceOption,
     JsonFlag,
-    MyopiaOption,
-    NoiseOption,
-    PeakEndOption,
     in_data_folder,
     say,
     takes_long,
@@ -32,6 +29,8 @@ from desirepath.web.replicas.only_server import running_server
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
+    from desirepath.learning.preferences.oracles import ResponseModel
+    from desirepath.report.planned_design import Assumed
     from desirepath.study.protocol.freezing import FrozenProtocol
 
 NOT_REACHED = "Not reached: backups made before, and exports and reports already downloaded; delete or replace those."
@@ -167,11 +166,13 @@ def list_studies(as_json: JsonFlag = False) -> None:
     say({"studies": studies}, as_json)
 
 
-@commands.command()
+@commands.command(cls=Configured)
 @in_data_folder
 @takes_long("walking {participants} simulated participants through study {study}")
+@configured(response_model=RESPONSE_MODEL)
 def simulate(
     study: Annotated[str, typer.Argument(help="Id of the study.")],
+    response_model: ResponseModel,
     participants: Annotated[int, typer.Option(min=1)] = 1,
     oracle: Annotated[
         str,
@@ -180,10 +181,6 @@ def simulate(
             "or a whole family as network; with commas each has the next."
         ),
     ] = "min-human-distance",
-    noise: NoiseOption = 0.0,
-    indifference: IndifferenceOption = 0.0,
-    myopia: MyopiaOption = None,
-    peak_end: PeakEndOption = False,
     seed: Annotated[int, typer.Option(help="Seed of the oracle's wrong answers.")] = 0,
     cohort: Annotated[
         Path | None, typer.Option(help="YAML: what they rate and rank, and how conditions change their answers.")
@@ -199,7 +196,6 @@ def simulate(
     as_json: JsonFlag = False,
 ) -> None:
     """Walk simulated participants through whole sessions over HTTP; their data are marked as simulated."""
-    from desirepath.learning.preferences.oracles import ResponseModel
     from desirepath.report.made_up_cohorts import read_cohort
     from desirepath.store.models import Study
     from desirepath.study.simulated.http import simulate_study
@@ -209,7 +205,7 @@ def simulate(
         raise ValueError(f"--browser {browser}: there are only {participants} participants")
     character = Character(
         oracle,
-        ResponseModel(noise, indifference, myopia, peak_end),
+        response_model,
         seed,
         read_cohort(cohort) if cohort is not None else None,
     )
@@ -238,39 +234,15 @@ def simulate(
             walk(own)
 
 
-@commands.command("power")
+@commands.command("power", cls=Configured)
 @in_data_folder
+@configured(assumed=OptionsOf("desirepath.report.planned_design:Assumed"))
 def power_command(
     study: Annotated[str, typer.Argument(help="Id of a study, or a protocol file.")],
+    assumed: Assumed,
     participants: Annotated[str, typer.Option(help="Numbers of participants to try.")] = "10,20,30,40",
-    effect: Annotated[float, typer.Option(help="Standard deviations by which one item is rated higher.")] = 0.5,
-    first_choice: Annotated[
-        float, typer.Option(min=0.01, max=0.99, help="Share of people who rank that condition first.")
-    ] = 0.5,
-    consistency: Annotated[
-        float, typer.Option(min=0.5, max=1.0, help="Chance of the same answer to the same query.")
-    ] = 0.8,
-    own: Annotated[float, typer.Option(min=0, max=1, help="Mean chance that the own policy is preferred.")] = 0.65,
-    own_against_other: Annotated[
-        float | None, typer.Option(min=0, max=1, help="The same against another participant's; default as --own.")
-    ] = None,
-    items_alike: Annotated[float, typer.Option(min=0, max=1, help="Correlation between the items.")] = 0.0,
-    drop_out: Annotated[float, typer.Option(min=0, max=1, help="Share of participants who do not finish.")] = 0.0,
-    shown: Annotated[
-        float, typer.Option(min=0, max=1, help="Share of those who finish that the gate lets compare their own policy.")
-    ] = 1.0,
-    tau: Annotated[
-        float, typer.Option(min=0, max=0.95, help="Agreement of importance rankings where nothing is shown.")
-    ] = 0.42,
-    tau_gain: Annotated[float, typer.Option(min=0, max=0.95, help="What outlines (or the lidar) add to it.")] = 0.1,
-    condition: Annotated[
-        str | None, typer.Option(help="The condition with the effect; default the last by name.")
-    ] = None,
-    item: Annotated[str | None, typer.Option(help="The item with the effect; default the first.")] = None,
-    ranking: Annotated[str | None, typer.Option(help="The ranking with the effect; default the first.")] = None,
     walk: Annotated[int, typer.Option(min=3, help="Bots that go through the real state machine first.")] = 6,
     cohorts: Annotated[int, typer.Option(min=1, help="Simulated studies per number of participants.")] = 500,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
     out: Annotated[Path | None, typer.Option(help="Folder for power.png, power.svg and power.csv.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -281,22 +253,9 @@ def power_command(
     found = plan_power(
         frozen_protocol(study),
         sizes,
-        condition=condition,
-        item=item,
-        ranking=ranking,
-        effect=effect,
-        first_choice=first_choice,
-        consistency=consistency,
-        own=own,
-        own_against_other=own_against_other,
-        items_alike=items_alike,
-        drop_out=drop_out,
-        shown=shown,
-        tau=tau,
-        tau_gain=tau_gain,
+        assumed,
         walk=walk,
         cohorts=cohorts,
-        seed=seed,
         tell=lambda words: typer.echo(words, err=True),
     )
     result = found.as_dict()

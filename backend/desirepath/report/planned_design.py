@@ -9,6 +9,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
+from typing import Annotated
+
+from pydantic import Field
 
 from desirepath.analysis.scales import Scale
 from desirepath.report.findings import Findings
@@ -18,35 +21,40 @@ from desirepath.report.ranking_power import RankedDesign
 from desirepath.report.study_data import StudyData
 from desirepath.report.study_design import CONDITION, StudyDesign
 
+Share = Annotated[float, Field(ge=0, le=1)]
+
 
 @dataclass(frozen=True)
 class Assumed:
     """What a planned study is assumed to find, stated by who plans it.
 
-    effect: standard deviations by which one item's ratings (of a scale: every item's) are higher under `condition`, or
-    at that level of a factor. first_choice: share of people who put that condition first (a third is no effect).
-    consistency: chance of the same answer to the same query. own, own_against_other: mean chance that the own policy is
-    preferred to the base policy, and to another participant's (default: the same). items_alike: correlation between
-    items. drop_out: share of participants who do not finish. shown: of those who do, the share that is shown a policy
-    as theirs; the gate refuses the others, who compare nothing. tau: agreement of importance rankings (Kendall's tau)
-    where nothing is shown; tau_gain: what outlines add to it, or the lidar where outlines are no factor; the defaults
-    are chapter 8's.
+    condition: or a level of a factor. effect: of a scale, every item's. first_choice: a third is no effect. own:
+    against the base policy. shown: the others compare nothing. tau, tau_gain: Kendall's; outlines, or the lidar where
+    outlines are no factor; the defaults are chapter 8's.
     """
 
-    condition: str
-    item: str
-    ranking: str
-    effect: float = 0.5
-    first_choice: float = 0.5
-    consistency: float = 0.8
-    own: float = 0.65
-    own_against_other: float | None = None
-    items_alike: float = 0.0
-    drop_out: float = 0.0
-    seed: int = 0
-    shown: float = 1.0
-    tau: float = 0.42
-    tau_gain: float = 0.10
+    condition: Annotated[str, Field(description="The condition with the effect; default the last by name.")] = ""
+    item: Annotated[str, Field(description="The item with the effect; default the first.")] = ""
+    ranking: Annotated[str, Field(description="The ranking with the effect; default the first.")] = ""
+    effect: Annotated[float, Field(description="Standard deviations by which one item is rated higher.")] = 0.5
+    first_choice: Annotated[
+        float, Field(ge=0.01, le=0.99, description="Share of people who rank that condition first.")
+    ] = 0.5
+    consistency: Annotated[float, Field(ge=0.5, le=1, description="Chance of the same answer to the same query.")] = 0.8
+    own: Annotated[Share, Field(description="Mean chance that the own policy is preferred.")] = 0.65
+    own_against_other: Annotated[
+        float | None, Field(ge=0, le=1, description="The same against another participant's; default as --own.")
+    ] = None
+    items_alike: Annotated[Share, Field(description="Correlation between the items.")] = 0.0
+    drop_out: Annotated[Share, Field(description="Share of participants who do not finish.")] = 0.0
+    shown: Annotated[
+        Share, Field(description="Share of those who finish that the gate lets compare their own policy.")
+    ] = 1.0
+    tau: Annotated[
+        float, Field(ge=0, le=0.95, description="Agreement of importance rankings where nothing is shown.")
+    ] = 0.42
+    tau_gain: Annotated[float, Field(ge=0, le=0.95, description="What outlines (or the lidar) add to it.")] = 0.10
+    seed: Annotated[int, Field(ge=0)] = 0
 
     def cohort(self, cells: Sequence[str] = ()) -> Cohort:
         """Raises CohortError for what no cohort can have. cells: what can be ranked; a level is none of them."""

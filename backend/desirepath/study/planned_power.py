@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -59,56 +59,34 @@ class PlannedPower:
 def plan_power(
     frozen: FrozenProtocol,
     participants: Sequence[int],
+    assumed: Assumed,
     *,
-    condition: str | None = None,
-    item: str | None = None,
-    ranking: str | None = None,
-    effect: float = 0.5,
-    first_choice: float = 0.5,
-    consistency: float = 0.8,
-    own: float = 0.65,
-    own_against_other: float | None = None,
-    items_alike: float = 0.0,
-    drop_out: float = 0.0,
-    shown: float = 1.0,
-    tau: float = Assumed.tau,
-    tau_gain: float = Assumed.tau_gain,
     walk: int = 6,
     cohorts: int = 500,
-    seed: int = 0,
     tell: Callable[[str], None] = lambda words: None,
 ) -> PlannedPower:
     """Power of the protocol's declared analysis for each number of participants.
 
-    condition, item, ranking: where the effect is; default the last condition, the first item, the first ranking by
-    name. walk: bots that go through the state machine. Raises PowerError, CohortError, and SimulationError if one
-    cannot finish.
+    walk: bots that go through the state machine. Raises PowerError, CohortError, and SimulationError if one cannot
+    finish.
     """
     if not participants or min(participants) < 3:
         raise PowerError(f"participants = {list(participants)}: at least one number, each at least 3")
     if walk < 3:
         raise PowerError(f"walk = {walk}: at least 3 bots, so that their answers can be tested")
     plan = frozen.protocol.analysis or AnalysisPlan()
-    base = Cohort(steady=consistency, seed=seed)  # what conditions, items and rankings there are, only a session tells
+    # what conditions, items and rankings there are, only a session tells
+    base = Cohort(steady=assumed.consistency, seed=assumed.seed)
     tell(f"{walk} bots walk through the study")
     data, found, walked = _walked(frozen, base, walk)
     design = planned_design(data, found, frozen)
     _check_same(design, base, data)
-    assumed = Assumed(
-        condition=_known("condition", condition, design.places, len(design.conditions) - 1),
-        item=_known("item", item, design.items, 0),
-        ranking=_known("ranking", ranking, design.rankings, 0),
-        effect=effect,
-        first_choice=first_choice,
-        consistency=consistency,
-        own=own,
-        own_against_other=own_against_other,
-        items_alike=items_alike,
-        drop_out=drop_out,
-        shown=shown,
-        tau=tau,
-        tau_gain=tau_gain,
-        seed=seed + 1,
+    assumed = replace(
+        assumed,
+        condition=_known("condition", assumed.condition, design.places, len(design.conditions) - 1),
+        item=_known("item", assumed.item, design.items, 0),
+        ranking=_known("ranking", assumed.ranking, design.rankings, 0),
+        seed=assumed.seed + 1,
     )
     results = power(design, assumed, participants, cohorts=cohorts, plan=plan, tell=tell)
     return PlannedPower(design, assumed, plan, walked, results)
@@ -178,7 +156,7 @@ def _check_same(design: PlannedDesign, cohort: Cohort, data: StudyData) -> None:
         raise PowerError("the state machine stored other ratings than the bots gave; this is a bug, please report it")
 
 
-def _known(name: str, given: str | None, there: Sequence[str], default: int) -> str:
-    if given is not None and given not in there:
+def _known(name: str, given: str, there: Sequence[str], default: int) -> str:
+    if given and given not in there:
         raise PowerError(f"{name} = {given!r}: this study has {', '.join(there) or 'none'}")
     return given or (there[default] if there else "")

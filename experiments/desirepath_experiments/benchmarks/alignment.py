@@ -28,7 +28,7 @@ from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
 from desirepath.learning.policies.steerability import steerability_of
 from desirepath.learning.preferences.objectives import NAMES
-from desirepath.learning.preferences.oracles import ORACLE_PREFERENCES, make_oracle
+from desirepath.learning.preferences.oracles import ALWAYS_RIGHT, ORACLE_PREFERENCES, ResponseModel, make_oracle
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.queries.queries import QueryConfig, generate_queries
 from desirepath.learning.rewards.linear import fit_linear
@@ -112,9 +112,6 @@ MODES = {
     "thesis": Mode(from_base, lambda seed: thesis_config(seed=seed)),
 }
 
-MODES_BEFORE = {"refine": "conditioning_search", "from_base": "fine_tuning"}
-"""Old names of modes, on old command lines."""
-
 
 def benchmark_align(
     *,
@@ -123,9 +120,7 @@ def benchmark_align(
     oracle: str = "min-human-distance",
     queries: int = 15,
     seed: int = 0,
-    noise: float = 0.0,
-    indifference: float = 0.0,
-    myopia_s: float | None = None,
+    response_model: ResponseModel = ALWAYS_RIGHT,
     n: int = 2_000,
     config: Config | None = None,
 ) -> dict[str, Any]:
@@ -139,7 +134,6 @@ def benchmark_align(
     to what is possible (`movement.best_possible`); null for an oracle outside the vocabulary. `against_instant` (mode
     conditioning_search): what the search found compared with the instant policy, whether it takes over or not.
     """
-    mode = MODES_BEFORE.get(mode, mode)
     if mode not in MODES:
         raise LearningError(f"mode = {mode!r}: known are {', '.join(MODES)}")
     chosen = MODES[mode]
@@ -147,9 +141,14 @@ def benchmark_align(
     base, neutral = load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(settings()["neutral"])
     query_config = QueryConfig(count=queries, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup])
     asked = generate_queries(load_ensemble(setup), query_config)
-    preferences = make_oracle(oracle, lapse_rate=noise, seed=seed, indifference=indifference, myopia_s=myopia_s).answer(
-        asked.queries
-    )
+    answering = response_model
+    preferences = make_oracle(
+        oracle,
+        seed=seed,
+        lapse_rate=answering.lapse_rate,
+        indifference=answering.indifference,
+        myopia_s=answering.myopia_s,
+    ).answer(asked.queries)
     seconds, made = _timed(chosen, setup, preferences, config)
     report_seed = FIRST_REPORT_SEED + seed
     compared = compare_policies(base, made.policy, n=n, seed=report_seed)
@@ -159,9 +158,9 @@ def benchmark_align(
         "setup": setup,
         "mode": mode,
         "oracle": oracle,
-        "noise": noise,
-        "indifference": indifference,
-        "myopia_s": myopia_s,
+        "noise": answering.lapse_rate,
+        "indifference": answering.indifference,
+        "myopia_s": answering.myopia_s,
         "queries": queries,
         "seed": seed,
         "seconds": seconds,

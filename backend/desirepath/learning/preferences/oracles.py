@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from desirepath.analysis.metrics import min_human_distance, path_length
 from desirepath.learning.errors import LearningError
@@ -171,18 +173,20 @@ def preference_of(name: str) -> OraclePreference:
 
 @dataclass(frozen=True)
 class ResponseModel:
-    """How answers stray from a preference.
+    """How answers stray from a preference. lapse_rate: one minus the psychometric function's upper asymptote. peak_end:
+    both moments count equally."""
 
-    lapse_rate: share of answers that are flipped, however clear the difference (one minus the psychometric function's
-    upper asymptote). indifference: a smaller difference, in units of typical ones, is not noticed and answered at
-    random. myopia_s: only so many seconds of each trajectory are judged, from the start on; None: all. peak_end: judged
-    are its most extreme moment and its last one, equally, instead of the whole.
-    """
-
-    lapse_rate: float = 0.0
-    indifference: float = 0.0
-    myopia_s: float | None = None
-    peak_end: bool = False
+    lapse_rate: Annotated[float, Field(ge=0, le=1, description="Chance that an answer is the wrong one.")] = 0.0
+    indifference: Annotated[
+        float, Field(ge=0, description="A smaller difference, in typical ones, is answered at random.")
+    ] = 0.0
+    myopia_s: Annotated[
+        float | None, Field(ge=0.2, description="Only so many seconds of each rollout are judged; default all.")
+    ] = None
+    peak_end: Annotated[
+        bool,
+        Field(description="Each rollout's most extreme second and its last one are judged, not the whole."),
+    ] = False
 
 
 ALWAYS_RIGHT = ResponseModel()

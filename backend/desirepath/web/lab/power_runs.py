@@ -19,7 +19,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pydantic.fields import FieldInfo
+
+from desirepath.grammar.configuration import limits_of, read_fields
 from desirepath.jobs.process import ONE_THREAD, environment_of
+from desirepath.report.planned_design import Assumed
 from desirepath.settings import Settings
 from desirepath.store.database import is_full
 
@@ -47,27 +51,24 @@ class Number:
         return self.step == 1
 
 
+PLACES = ("condition", "item", "ranking")
+"""Where the effect is, as the command's options name it; left out, the command takes the last, the first, the first."""
+FINE = ("first_choice", "tau", "tau_gain")
+
+
+def _number(name: str, field: FieldInfo) -> Number:
+    low, high = limits_of(field)
+    return Number(field.default, low or 0, 3 if high is None else high, 0.01 if name in FINE else 0.05)
+
+
 NUMBERS: dict[str, Number] = {
-    "effect": Number(0.5, 0, 3),
-    "first_choice": Number(0.5, 0.01, 0.99, 0.01),
-    "consistency": Number(0.8, 0.5, 1),
-    "own": Number(0.65, 0, 1),
-    "own_against_other": Number(None, 0, 1),
-    "items_alike": Number(0.0, 0, 1),
-    "drop_out": Number(0.0, 0, 1),
-    "shown": Number(1.0, 0, 1),
-    "tau": Number(0.42, 0, 0.95, 0.01),
-    "tau_gain": Number(0.1, 0, 0.95, 0.01),
+    **{n: _number(n, field) for n, field in read_fields(Assumed).items() if n not in (*PLACES, "seed")},
     "cohorts": Number(500, 20, 1000, 1),
 }
 """In the words of the command's options, which say what each means."""
 COHORTS = (
     200  # ours: what the page offers; the command's 500 take minutes more and tell a power to 0.04 instead of 0.07
 )
-
-
-PLACES = ("condition", "item", "ranking")
-"""Where the effect is, as the command's options name it; left out, the command takes the last, the first, the first."""
 
 
 class PowerAskedError(ValueError):

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from desirepath.cli.output import IndifferenceOption, JsonFlag, MyopiaOption, NoiseOption, plain_errors, say
+from desirepath.cli.options import RESPONSE_MODEL, Configured, configured
+from desirepath.cli.output import JsonFlag, plain_errors, say
 from desirepath_experiments.cli.benchmark.group import OutOption, commands, say_and_write
+
+if TYPE_CHECKING:
+    from desirepath.learning.preferences.oracles import ResponseModel
 
 
 @commands.command()
@@ -55,9 +60,11 @@ def parity(
     say(benchmark_parity(policy=policy, scenes=scenes, seed=seed), as_json)
 
 
-@commands.command()
+@commands.command(cls=Configured)
 @plain_errors
+@configured(response_model=replace(RESPONSE_MODEL, without=("peak_end",)))
 def align(
+    response_model: ResponseModel,
     setup: Annotated[str, typer.Option(help="study_room or open_field.")] = "open_field",
     mode: Annotated[
         str, typer.Option(help="instant, conditioning_search, fine_tuning or thesis.")
@@ -65,9 +72,6 @@ def align(
     oracle: Annotated[str, typer.Option(help="Who answers.")] = "min-human-distance",
     queries: Annotated[int, typer.Option(min=2)] = 15,
     seed: Annotated[int, typer.Option()] = 0,
-    noise: NoiseOption = 0.0,
-    indifference: IndifferenceOption = 0.0,
-    myopia: MyopiaOption = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Seconds from the last answer to a policy ready to show, and what it gained on fresh scenes."""
@@ -79,9 +83,7 @@ def align(
         oracle=oracle,
         queries=queries,
         seed=seed,
-        noise=noise,
-        indifference=indifference,
-        myopia_s=myopia,
+        response_model=response_model,
     )
     say(result, as_json)
 
