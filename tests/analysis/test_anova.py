@@ -9,8 +9,8 @@ from scipy import stats
 from statsmodels.stats.anova import AnovaRM
 
 from desirepath.analysis.anova import assumptions, rm_anova
+from desirepath.analysis.choices import kendall_tau_b
 from desirepath.analysis.factorial import Factorial
-from desirepath.analysis.rank_agreement import kendall_tau_b
 
 TWO = {"outline": ["without", "with"], "lidar": ["without", "with"]}
 

@@ -1,6 +1,7 @@
 """Analysis of variance of repeated measures, effect by effect, with what it assumes and the ranks beside it.
 
-Sums of squares and contrasts are `factorial.py`'s; what is compared, and with what names, the reports'.
+Sums of squares and contrasts are `factorial.py`'s; what is compared, and with what names, the reports'. statsmodels'
+`AnovaRM` says the same of factors within people, without groups and without Greenhouse and Geisser's correction.
 """
 
 from __future__ import annotations

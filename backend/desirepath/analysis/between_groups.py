@@ -1,6 +1,7 @@
 """Tests of groups of different people: Mann and Whitney's of two, Kruskal and Wallis's of more.
 
-Effect sizes, intervals and what a result says are here; p for few people is `exact.py`'s.
+Effect sizes, intervals and what a result says are here; p for few people is `exact.py`'s, since scipy counts exactly
+only where nobody ties.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Worths of what was compared in pairs, by the model of Bradley and Terry (1952), with intervals over people."""
+"""Worths of what was compared in pairs, by the model of Bradley and Terry (1952), with intervals over people.
+
+statsmodels' clustered logistic model says the same where nobody always wins; it knows no shared wins and losses.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Null distributions of rank statistics for few people, ties included: exact where all cases can be counted, else drawn
-by lot. Every function returns p, the smallest p that such data could give, and which way was taken. Which data are
-tested, and what p means, is its callers'.
+by lot; scipy's tests are exact without ties only. Every function returns p, the smallest p that such data could give,
+and which way was taken. Which data are tested, and what p means, is its callers'.
 """
 
 from __future__ import annotations

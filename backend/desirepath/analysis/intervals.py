@@ -80,6 +80,7 @@ def partial_eta_squared(statistic: float, df: float, df_error: float) -> Interva
 
 
 def _noncentral(below: Callable[[float], float], start: float, most: float) -> Interval:
+    """Ends by search: scipy's inverses (`ncfdtrinc`, `chndtrinc`) are right to three digits, and not a number at 0."""
     ends = []
     for chance in ((1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2):
         top = 10 * (start + 10)

@@ -1,4 +1,4 @@
-"""How well the items of a scale measure one thing: Cronbach's alpha and McDonald's omega."""
+"""How well the items of a scale measure one thing: Cronbach's alpha and McDonald's omega. statsmodels has neither."""
 
 from __future__ import annotations
 

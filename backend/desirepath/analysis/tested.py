@@ -75,12 +75,12 @@ class Tested:
         """The result in words, ready for a paper. Who could not have found anything is told so."""
         if self.no_spread:
             return f"{self.about[:1].upper()}{self.about[1:]}: {self.numbers()}."
-        found = "no difference was found"
+        result = "no difference was found"
         if self.significant(alpha):
-            found = self.direction
+            result = self.direction
         elif not self.possible(alpha):
-            found += f" and none could be with so few people (p cannot be below {self.least_p_corrected:.3f})"
-        return f"{self.about[:1].upper()}{self.about[1:]}: {found}, {self.numbers()}."
+            result += f" and none could be with so few people (p cannot be below {self.least_p_corrected:.3f})"
+        return f"{self.about[:1].upper()}{self.about[1:]}: {result}, {self.numbers()}."
 
     def numbers(self) -> str:
         """`chi2(2, N = 31) = 12.34, p = 0.002 (Holm), Kendall's W = 0.20`."""
@@ -115,22 +115,23 @@ def p_in_words(p: float) -> str:
 
 
 def holm(p: Sequence[float]) -> list[float]:
-    """p corrected for their number by Holm's step-down method (1979), in the order given."""
-    found = [0.0] * len(p)
+    """p corrected for their number by Holm's step-down method (1979), in the order given. statsmodels' `multipletests`
+    says the same, but collects garbage in each call: 50 ms, where a power analysis corrects thousands of families."""
+    corrected = [0.0] * len(p)
     largest = 0.0
     for rank, k in enumerate(np.argsort(p, kind="stable")):
         largest = max(largest, min(1.0, (len(p) - rank) * p[k]))
-        found[k] = largest
-    return found
+        corrected[k] = largest
+    return corrected
 
 
 def correct_tests(tests: Sequence[Tested], how: Correction) -> list[Tested]:
     """The same tests, in their order, with p corrected for their number."""
-    found, least = _corrected([t.p for t in tests], how), _corrected([t.least_p for t in tests], how)
+    corrected, least = _corrected([t.p for t in tests], how), _corrected([t.least_p for t in tests], how)
     words = CORRECTION_WORDS[how]
     return [
         replace(test, p_corrected=p, least_p_corrected=low, correction=words)
-        for test, p, low in zip(tests, found, least, strict=True)
+        for test, p, low in zip(tests, corrected, least, strict=True)
     ]
 
 

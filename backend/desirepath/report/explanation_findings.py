@@ -15,9 +15,9 @@ from itertools import product
 import numpy as np
 
 from desirepath.analysis.anova import Assumptions, assumptions, rm_anova
+from desirepath.analysis.choices import kendall_tau_b
 from desirepath.analysis.factorial import Factorial
 from desirepath.analysis.intervals import within
-from desirepath.analysis.rank_agreement import kendall_tau_b
 from desirepath.analysis.tested import Mean, Tested, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.rating_findings import Measure, name_in_words

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.analysis.rank_agreement import kendall_tau_b
+from desirepath.analysis.choices import kendall_tau_b
 from desirepath.report.explanation_findings import AWARENESS, FACTORS
 from desirepath.report.made_up_cohorts import CohortError, as_rated
 from desirepath.report.study_data import ImportanceRanking, ItemText, ParticipantRow, Rating, StudyData
