@@ -7,14 +7,14 @@ The product's own are found by looking into a package, under the module's name; 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cached_property
 from importlib import import_module
 from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 T = TypeVar("T")
 
@@ -30,7 +30,7 @@ def find_offer(group: str, lacking: str) -> Any:
     raise LookupError(lacking)
 
 
-class Registry(Generic[T]):
+class Registry(Mapping[str, T]):
     """group: of entry points; package: whose modules are looked at; attribute: what each plug-in's module ends with."""
 
     def __init__(self, group: str, package: str, attribute: str) -> None:
@@ -76,6 +76,9 @@ class Registry(Generic[T]):
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.modules)
+
+    def __len__(self) -> int:
+        return len(self.modules)
 
     def __contains__(self, name: object) -> bool:
         return name in self.modules

@@ -22,7 +22,6 @@ ENTRANCES = (
     "desirepath.web",
     "desirepath.jobs",
     "desirepath.report",
-    "desirepath.study.kinds",
     "desirepath.store.migrations",
     "desirepath.gymnasium_envs",
     "desirepath_stage",

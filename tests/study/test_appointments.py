@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import select
 
 from desirepath.store.models import Response, Session
-from desirepath.study.kinds import read_plan
+from desirepath.study.kind import read_plan
 from desirepath.study.links import next_token, token_hash
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine

@@ -22,7 +22,7 @@ from desirepath.report.study_report import write_study_report
 from desirepath.report.tidy_tables import read_folder
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.models import Response, Session
-from desirepath.study.kinds.base import Moment
+from desirepath.study.kind import Moment
 from desirepath.study.kinds.importance_ranking import KIND
 from desirepath.study.protocol.freezing import freeze_text, thaw
 from desirepath.study.simulated.in_process import walk_in_process

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sqlalchemy import select
 
 from desirepath.store.models import Participant, Session, utc_now
-from desirepath.study.kinds import stored
+from desirepath.study.kind import stored
 from desirepath.study.plan.assignment import assignment_table
 from desirepath.study.plan.counterbalancing import design_of, next_row, orders
 from desirepath.study.protocol.freezing import ProtocolError, thaw

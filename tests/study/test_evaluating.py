@@ -15,7 +15,7 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
 from desirepath.study.drawing import paths, strokes
-from desirepath.study.kinds import stored
+from desirepath.study.kind import stored
 from desirepath.study.kinds.demonstration import drawing_of
 from desirepath.study.links import next_token
 from desirepath.study.plan.counterbalancing import design_of

@@ -17,7 +17,7 @@ from desirepath.grammar.source import ProtocolError
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.erasure import erase_participant
 from desirepath.store.models import Participant, Response, Trial
-from desirepath.study.kinds.base import Moment
+from desirepath.study.kind import Moment
 from desirepath.study.kinds.importance_ranking import KIND
 from desirepath.study.protocol.freezing import thaw
 from desirepath.study.protocol.planning import example_queries, make_plan

@@ -13,7 +13,7 @@ from desirepath.installed import PROTOCOLS
 from desirepath.learning.preferences.from_paths import WeightsOfPaths, shipped_weights_of_paths
 from desirepath.simulation.demonstration_scenes import demonstration_scene
 from desirepath.store.models import Response, Session, StrokeRow, Trial, utc_now
-from desirepath.study.kinds.base import Moment
+from desirepath.study.kind import Moment
 from desirepath.study.personalising.about_person import about_person
 from desirepath.study.personalising.method_robots import METHODS
 from desirepath.study.plan.counterbalancing import design_of

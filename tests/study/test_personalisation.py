@@ -23,7 +23,7 @@ from desirepath.store.models import (
     utc_now,
 )
 from desirepath.store.outbox import Queue, queue_of
-from desirepath.study.kinds import read_step
+from desirepath.study.kind import read_step
 from desirepath.study.personalising.lending import policy_key
 from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.refusals import Refused

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from desirepath.installed import PROTOCOLS
-from desirepath.study.kinds import stored
+from desirepath.study.kind import stored
 from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.protocol.planning import PlanError, make_plan, session_seed
 

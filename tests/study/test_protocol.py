@@ -18,8 +18,7 @@ from desirepath.grammar.error_words import example_of, parse
 from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.source import Source
 from desirepath.installed import PROTOCOLS
-from desirepath.study.kinds import kind_of, read_step
-from desirepath.study.kinds.base import Page
+from desirepath.study.kind import Page, kind_of, read_step
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.protocol.freezing import (
     ProtocolError,

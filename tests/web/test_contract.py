@@ -16,7 +16,7 @@ from desirepath.store.models import Session
 from desirepath.store.plain_data import is_deeper
 from desirepath.study.drawing.strokes import MOST_POINTS
 from desirepath.study.drawing.walks import MOST_POSES
-from desirepath.study.kinds import KINDS
+from desirepath.study.kind import KINDS
 from desirepath.study.kinds.live import MOST_CHANGES, LiveAnswer
 from desirepath.study.links import token_hash
 from desirepath.web.core.contract import DEEPEST, MOST_CONTAINERS, MOST_VALUES

@@ -8,8 +8,8 @@ from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from desirepath.grammar.error_words import parse
 from desirepath.grammar.parts import Localized, Part, Slug, Value, an_example
-from desirepath.grammar.skipping import ItemWhen
 from desirepath.grammar.source import Source
+from desirepath.grammar.when import ItemWhen
 
 MARKS = ("timed_out", "passed")  # in a questionnaire's value beside the items' answers
 

@@ -10,11 +10,13 @@ from __future__ import annotations
 import platform
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from pathlib import Path
 from typing import TypeGuard
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from desirepath.jobs.heartbeat import silent_s
 from desirepath.store.database import shared_now
 from desirepath.store.models import Job, JobAttempt, WorkerProcess
 from desirepath.store.outbox import ENDED
@@ -111,3 +113,10 @@ def newest_sign_s(s: Session) -> float | None:
     """Seconds since any worker, on whichever machine, said that it lives; None where none ever did."""
     newest = s.scalar(select(WorkerProcess.seen_at).order_by(WorkerProcess.seen_at.desc()).limit(1))
     return None if newest is None else max(0.0, (shared_now(s) - newest).total_seconds())
+
+
+def workers_silent_s(data: Path, s: Session) -> float | None:
+    """Seconds since any worker said that it lives: in the database, or by its file in this data folder, which one whose
+    database is busy goes on touching. None where none ever did."""
+    signs = (newest_sign_s(s), silent_s(data))
+    return min((sign for sign in signs if sign is not None), default=None)

@@ -13,7 +13,7 @@ from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from sqlalchemy.exc import DataError
 from starlette.exceptions import HTTPException
-from starlette.responses import FileResponse, RedirectResponse, Response
+from starlette.responses import FileResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 
@@ -30,9 +30,6 @@ from desirepath.web.core.contract import trouble_in
 from desirepath.web.core.dependencies import Application, Services, route_of
 from desirepath.web.core.figure_process import FigureProcess
 from desirepath.web.core.heads import BoundedHeads
-from desirepath.web.core.health import CODES, Health, health_of
-from desirepath.web.core.lab_frame import lab_page
-from desirepath.web.core.media import PAGE
 from desirepath.web.core.monitoring import Monitoring
 from desirepath.web.core.openid import OpenId
 from desirepath.web.core.prose import prose
@@ -108,7 +105,7 @@ def _serving(script: Path) -> Callable[[Request], Response]:
 def create_application(services: Services) -> Application:
     """The pages and their API. Routes find everything they need in `dependencies.services_of`."""
     from desirepath.web.analyst import routes
-    from desirepath.web.core import auth, monitoring, published
+    from desirepath.web.core import auth, published, server_routes
     from desirepath.web.core.guard import Guard, trouble
     from desirepath.web.lab import account_pages, learnt_pages, openid_pages, sign_in_pages, study_pages
     from desirepath.web.participant import session_pages
@@ -120,27 +117,11 @@ def create_application(services: Services) -> Application:
         application.router.routes.append(Route(f"/static/js/kinds/{kind}.js", _serving(script)))
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
     lab = (sign_in_pages, openid_pages, account_pages, study_pages, learnt_pages, routes)
-    for module in (session_pages, *lab, published, monitoring):
+    for module in (session_pages, *lab, published, server_routes):
         application.include_router(module.router)
     application.include_router(openid_pages.behind)
     for exception, handler in (auth.exception_handlers | {Refused: refusal_page}).items():
         application.add_exception_handler(exception, handler)
-
-    @application.get("/", include_in_schema=False)
-    def home() -> Response:
-        return RedirectResponse("/lab/studies", status_code=303)
-
-    @application.get("/health", tags=["server"], response_model=Health, responses={200: {"content": {PAGE: {}}}})
-    def health(request: Request, response: Response, prepared: bool = False) -> Health | Response:
-        """For load balancers and containers, and as a page for browsers. 507: the disk is full, 503: the database does
-        not answer; in both no answer can be stored. What else is wrong stands in `problems` and stops nobody. With
-        `prepared` also 503 while what the first visitors would wait for is being loaded: whoever replaces a running
-        server asks so before it sends them here."""
-        found = health_of(services, prepared=prepared)
-        response.status_code = CODES.get(found.status, 200)
-        if PAGE in request.headers.get("accept", ""):
-            return lab_page(request, "lab/health.html", status=response.status_code, health=found, sign_in=None)
-        return found
 
     @application.exception_handler(HTTPException)
     def http(request: Request, problem: HTTPException) -> Response:

@@ -25,7 +25,7 @@ export function showAsked(form, answerOf) {
   }
 }
 
-/** As `Fitting.fits` in backend/desirepath/grammar/skipping.py. @param {Fitting} when @param {unknown} given */
+/** As `Fitting.fits` in backend/desirepath/grammar/when.py. @param {Fitting} when @param {unknown} given */
 function fits(when, given) {
   const { is, is_not, one_of, at_least, at_most } = when;
   if (given === null) return is_not !== undefined && [is, one_of, at_least, at_most].every((test) => test === undefined);

@@ -16,10 +16,10 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.grammar.words import View
 from desirepath.store.models import Session, StrokeRow, TrajectoryRow
 from desirepath.study.drawing import walks
+from desirepath.study.drawing.walks import PathStep
 
 if TYPE_CHECKING:
     from desirepath.simulation.scene import Scene
-    from desirepath.study.kinds.demonstration import DemonstrationStep
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Showing:
     walking: bool
 
 
-def scene_of(step: DemonstrationStep) -> Scene:
+def scene_of(step: PathStep) -> Scene:
     """The scene that a step's path is drawn in, the person standing."""
     from desirepath.simulation.demonstration_scenes import demonstration_scene  # numba comes with it
 
@@ -45,7 +45,7 @@ def latest_stroke(s: DatabaseSession, session_id: str, step_key: str) -> StrokeR
     return s.scalars(mine.order_by(StrokeRow.attempt.desc()).limit(1)).first()
 
 
-def kept_strokes(s: DatabaseSession, session_id: str, step: DemonstrationStep) -> Sequence[StrokeRow]:
+def kept_strokes(s: DatabaseSession, session_id: str, step: PathStep) -> Sequence[StrokeRow]:
     """What the participant kept in the situation of that step, in order."""
     mine = select(StrokeRow).where(
         StrokeRow.session_id == session_id,
@@ -61,7 +61,7 @@ def playback_id(stroke: StrokeRow) -> str:
     return hashlib.sha256(f"{stroke.id}:{stroke.shown_since}".encode()).hexdigest()[:24]
 
 
-def is_walked(step: DemonstrationStep, stroke: StrokeRow) -> bool:
+def is_walked(step: PathStep, stroke: StrokeRow) -> bool:
     """Whether the participant still has to walk beside the stroke's trajectory."""
     return step.person == "walks" and stroke.walk is None
 
@@ -71,7 +71,7 @@ def has_met_person(stroke: StrokeRow | None) -> bool:
     return stroke is not None and stroke.state == "refused" and (stroke.walk or {}).get("source") == "walked"
 
 
-def showing(step: DemonstrationStep, stroke: StrokeRow | None) -> Showing | None:
+def showing(step: PathStep, stroke: StrokeRow | None) -> Showing | None:
     """What the stage drives now, None if nothing. Who walked themselves then watches from outside."""
     if stroke is None or stroke.shown_since is None or stroke.trajectory is None:
         return None
@@ -80,7 +80,7 @@ def showing(step: DemonstrationStep, stroke: StrokeRow | None) -> Showing | None
     return Showing(stroke.trajectory, view, playback_id(stroke), walking)
 
 
-def state_of(s: DatabaseSession, session: Session, step: DemonstrationStep) -> dict[str, Any]:
+def state_of(s: DatabaseSession, session: Session, step: PathStep) -> dict[str, Any]:
     """What a page is told of a drawing: `phase` drawing, ready (drawn, waits to be driven), driving or watched."""
     stroke = latest_stroke(s, session.id, step.key)
     phase = "drawing"
@@ -101,7 +101,7 @@ def state_of(s: DatabaseSession, session: Session, step: DemonstrationStep) -> d
     }
 
 
-def kept_count(s: DatabaseSession, session_id: str, step: DemonstrationStep) -> int:
+def kept_count(s: DatabaseSession, session_id: str, step: PathStep) -> int:
     """How many paths were kept in the situation of that step."""
     counted = select(func.count(StrokeRow.id)).where(
         StrokeRow.session_id == session_id,

@@ -23,12 +23,11 @@ from desirepath.store.models import Session, StrokeRow, TrajectoryRow
 from desirepath.study.clock import elapsed_s
 from desirepath.study.drawing import walks
 from desirepath.study.drawing.paths import has_met_person, is_walked, latest_stroke, playback_id, scene_of
-from desirepath.study.drawing.walks import Walked
+from desirepath.study.drawing.walks import PathStep, Walked
 from desirepath.study.refusals import Refused
 
 if TYPE_CHECKING:
     from desirepath.demonstrations.demonstration import Demonstration
-    from desirepath.study.kinds.demonstration import DemonstrationStep
 
 MOST_POINTS = 4_000  # ours; the stage is told
 MOST_ATTEMPTS = 60  # ours, per step: who needs more is better served by a pause
@@ -52,7 +51,7 @@ class Attempt:
 # ---- a stroke comes in -----------------------------------------------------------------------------------------------
 
 
-def attempt_of(step: DemonstrationStep, given: Mapping[str, Any], *, simulated: bool) -> Attempt:
+def attempt_of(step: PathStep, given: Mapping[str, Any], *, simulated: bool) -> Attempt:
     """Turn what was sent into a demonstration, or say kindly why not; touches no table (about 0.1 s).
 
     Raises Refused for what is no stroke at all.
@@ -81,7 +80,7 @@ def add_stroke(
     s: DatabaseSession,
     files: ArtefactStore,
     session: Session,
-    step: DemonstrationStep,
+    step: PathStep,
     attempt: Attempt,
     *,
     request_id: str,
@@ -110,7 +109,7 @@ def add_stroke(
     return stroke
 
 
-def _known(s: DatabaseSession, session: Session, step: DemonstrationStep, request_id: str) -> StrokeRow | None:
+def _known(s: DatabaseSession, session: Session, step: PathStep, request_id: str) -> StrokeRow | None:
     """The stroke that the same request made before."""
     known = s.scalars(select(StrokeRow).where(StrokeRow.request_id == request_id)).first()
     if known is not None and (known.session_id != session.id or known.step_key != step.key):
@@ -120,7 +119,7 @@ def _known(s: DatabaseSession, session: Session, step: DemonstrationStep, reques
 
 def _new(
     session: Session,
-    step: DemonstrationStep,
+    step: PathStep,
     before: StrokeRow | None,
     drawn: dict[str, Any],
     pointer: str,
@@ -150,7 +149,7 @@ def _new(
 # ---- watched, taken back, kept ---------------------------------------------------------------------------------------
 
 
-def roll_out(s: DatabaseSession, session: Session, step: DemonstrationStep, *, now: datetime) -> StrokeRow:
+def roll_out(s: DatabaseSession, session: Session, step: PathStep, *, now: datetime) -> StrokeRow:
     """Let the robot drive the drawn path (again)."""
     stroke = _current(s, session, step)
     if stroke.shown_since is None:
@@ -163,7 +162,7 @@ def mark_watched(
     s: DatabaseSession,
     files: ArtefactStore,
     session: Session,
-    step: DemonstrationStep,
+    step: PathStep,
     playback: str | None,
     walked: Walked | None = None,
     *,
@@ -216,9 +215,7 @@ def _add_walk(s: DatabaseSession, files: ArtefactStore, session: Session, stroke
     _log(s, session, stroke, "stroke_walked", code=(walked.problem or {}).get("code"))
 
 
-def walk_again(
-    s: DatabaseSession, session: Session, step: DemonstrationStep, *, request_id: str, now: datetime
-) -> StrokeRow:
+def walk_again(s: DatabaseSession, session: Session, step: PathStep, *, request_id: str, now: datetime) -> StrokeRow:
     """The same path once more, walked beside anew: a stroke of its own, so that the walk before stays stored."""
     known = _known(s, session, step, request_id)
     if known is not None:
@@ -237,7 +234,7 @@ def walk_again(
     return stroke
 
 
-def interrupt(s: DatabaseSession, session: Session, step: DemonstrationStep, *, reason: str) -> bool:
+def interrupt(s: DatabaseSession, session: Session, step: PathStep, *, reason: str) -> bool:
     """A trajectory was not seen to its end (reload, hidden tab, lost picture): it can be begun again, nothing is lost.
 
     Returns whether anything was being driven.
@@ -250,7 +247,7 @@ def interrupt(s: DatabaseSession, session: Session, step: DemonstrationStep, *, 
     return True
 
 
-def redraw(s: DatabaseSession, session: Session, step: DemonstrationStep) -> StrokeRow:
+def redraw(s: DatabaseSession, session: Session, step: PathStep) -> StrokeRow:
     """Take the drawn path back; it stays stored, marked."""
     stroke = _current(s, session, step)
     stroke.state, stroke.shown_since = "redone", None
@@ -258,7 +255,7 @@ def redraw(s: DatabaseSession, session: Session, step: DemonstrationStep) -> Str
     return stroke
 
 
-def keep(s: DatabaseSession, session: Session, step: DemonstrationStep, value: Mapping[str, Any]) -> None:
+def keep(s: DatabaseSession, session: Session, step: PathStep, value: Mapping[str, Any]) -> None:
     """The answer to the step is being stored: mark its stroke as kept. Raises Refused for one that was not watched."""
     if value.get("skipped"):
         stroke = latest_stroke(s, session.id, step.key)
@@ -274,7 +271,7 @@ def keep(s: DatabaseSession, session: Session, step: DemonstrationStep, value: M
     _log(s, session, stroke, "stroke_kept")
 
 
-def _current(s: DatabaseSession, session: Session, step: DemonstrationStep) -> StrokeRow:
+def _current(s: DatabaseSession, session: Session, step: PathStep) -> StrokeRow:
     """The stroke of the step that can be driven."""
     stroke = latest_stroke(s, session.id, step.key)
     if stroke is None or stroke.state not in ("drawn", "watched"):

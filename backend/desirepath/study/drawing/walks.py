@@ -13,20 +13,32 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from desirepath.grammar.words import View
+from desirepath.grammar.words import PersonMode, View
 from desirepath.study.refusals import Refused
+from desirepath.study.steps import Step
 
 if TYPE_CHECKING:
     from desirepath.demonstrations.demonstration import Demonstration
     from desirepath.simulation.scene import Scene
     from desirepath.simulation.walks import Walk
-    from desirepath.study.kinds.demonstration import DemonstrationStep
 
 PLANNED = (("opposite", 0), ("opposite", 1), ("random", 2))  # mode and seed of the walks to choose from, ours
 LEAST_HZ = 20  # poses a second, ours; client/walk.js records 30
 MOST_POSES = 4_000
 BEGINS_WITHIN_M = 0.3  # of where the person stood
 BEGINS_WITHIN_S = 0.2
+
+
+class PathStep(Step):
+    """A step at which a path is drawn. pair: the environment's situation, from 0. person: steps of plans that are older
+    than walks stand still. optional: it can be left out.
+    """
+
+    environment: str
+    pair: int
+    view: View
+    person: PersonMode = "still"
+    optional: bool = False
 
 
 @dataclass(frozen=True)
@@ -42,7 +54,7 @@ class Walked:
     problem: dict[str, Any] | None
 
 
-def beside_view(step: DemonstrationStep) -> View:
+def beside_view(step: PathStep) -> View:
     """The view in which the participant walks: from their own eyes."""
     return "immersive" if step.view == "immersive" else "first_person"
 
@@ -74,12 +86,12 @@ def planned_walks(environment: str, pair: int) -> tuple[dict[str, Any], ...]:
     return tuple(found)
 
 
-def offered(step: DemonstrationStep) -> tuple[dict[str, Any], ...]:
+def offered(step: PathStep) -> tuple[dict[str, Any], ...]:
     """The walks that the participant chooses from before drawing, none where there is no choice."""
     return planned_walks(step.environment, step.pair) if step.person == "recorded" else ()
 
 
-def choose_walk(step: DemonstrationStep, given: Mapping[str, Any]) -> dict[str, Any] | None:
+def choose_walk(step: PathStep, given: Mapping[str, Any]) -> dict[str, Any] | None:
     """The walk that a stroke is drawn for, None where the person stands. Raises Refused for a choice there is not."""
     walks = offered(step)
     if not walks:
@@ -91,7 +103,7 @@ def choose_walk(step: DemonstrationStep, given: Mapping[str, Any]) -> dict[str, 
 
 
 def combine_with_walk(
-    step: DemonstrationStep, scene: Scene, drawn: Mapping[str, Any], beside: str | None, given: Any, *, simulated: bool
+    step: PathStep, scene: Scene, drawn: Mapping[str, Any], beside: str | None, given: Any, *, simulated: bool
 ) -> Walked:
     """A recorded walk with the path it was walked beside: what they make together; touches no table (about 0.1 s).
 

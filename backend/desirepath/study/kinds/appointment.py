@@ -12,10 +12,11 @@ from sqlalchemy import select
 from desirepath.grammar.parts import FileName
 from desirepath.store.events import log_event
 from desirepath.store.models import Session
-from desirepath.study.kinds.base import Acting, Ending, Moment, Planning, Stage, Step
+from desirepath.study.kind import Acting, Ending, Moment
 from desirepath.study.kinds.text_page import TextPage, TextStep
-from desirepath.study.kinds.wire import Confirmed
 from desirepath.study.links import next_token, token_hash, window_of
+from desirepath.study.steps import Planning, Stage, Step
+from desirepath.study.wire import Confirmed
 
 
 class AppointmentStage(Stage):

@@ -13,10 +13,11 @@ from pydantic import Field
 
 from desirepath.grammar.parts import Part
 from desirepath.grammar.words import View
-from desirepath.study.kinds.base import Kind, Moment, Pace, Page, Step
+from desirepath.study.kind import Kind, Moment, Page
 from desirepath.study.kinds.trial import ChooseBy, TrialStep
-from desirepath.study.kinds.wire import Confirmed
 from desirepath.study.personalising import alignment_jobs
+from desirepath.study.steps import Pace, Step
+from desirepath.study.wire import Confirmed
 
 
 class AskOn(Part):

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from desirepath.store.sides import Side
-from desirepath.study.kinds.base import Kind, Moment, Page, Simulated, Step
-from desirepath.study.kinds.wire import Besides, ChoiceAnswer
+from desirepath.study.kind import Kind, Moment, Page, Simulated
+from desirepath.study.steps import Step
+from desirepath.study.wire import Besides, ChoiceAnswer
 
 
 class AttentionStep(Step):

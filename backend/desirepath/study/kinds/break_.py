@@ -9,9 +9,10 @@ from pydantic import Field
 
 from desirepath.grammar.conditions import Condition
 from desirepath.grammar.parts import FileName
-from desirepath.study.kinds.base import BlockPart, Moment, Pace, Page, Planning, Stage, Step, seconds_left
+from desirepath.study.kind import Moment, Page, seconds_left
 from desirepath.study.kinds.text_page import TextPage, TextStep
-from desirepath.study.kinds.wire import Confirmed
+from desirepath.study.steps import BlockPart, Pace, Planning, Stage, Step
+from desirepath.study.wire import Confirmed
 
 
 class BlockBreak(BlockPart):

@@ -1,21 +1,28 @@
 """Kind of step `comparison`: the own policy against the base policy or another's in a new scene, blind.
 
-The trials are made when the policy is there (`personalising/alignment_jobs.py`); comparisons without one are passed
-over.
+The trials are made when the policy is there; comparisons without one are passed over.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 from pydantic import AliasChoices, Field, field_validator
 
 from desirepath.grammar.words import View
-from desirepath.study.kinds.base import Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step
+from desirepath.store.job_results import Learned, Rollouts
+from desirepath.store.models import TrajectoryRow, Trial
+from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated
 from desirepath.study.kinds.guess import GuessStep
 from desirepath.study.kinds.trial import Viewing
-from desirepath.study.kinds.wire import AboutQuery, ChoiceAnswer
+from desirepath.study.personalising import alignment_jobs
+from desirepath.study.personalising.lending import policy_key
+from desirepath.study.steps import Pace, Planning, Stage, Step
+from desirepath.study.wire import AboutQuery, ChoiceAnswer
+
+MADE_FOR = {"base": "comparisons", "neutral": "neutral", "other": "yoked"}
+"""Opponent -> where a job's result has the rollouts against it."""
 
 
 class ComparisonStage(Stage):
@@ -122,6 +129,55 @@ class Comparison(Kind[ComparisonStep, ChoiceAnswer]):
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         return {"choice": participant.choose(step, *participant.watch(step, "ab"))}
+
+
+def make_comparisons(acting: Acting) -> int:
+    """The comparison trials from the job's rollouts; sides as the plan's lot says. Returns how many there are."""
+    s, session = acting.s, acting.session
+    job = alignment_jobs.ready_job(s, session)
+    result = job.result_as(Learned) if job is not None else None
+    if job is None or result is None:
+        return 0
+    made: dict[str, Iterator[Rollouts]] = {
+        against: iter(getattr(result, there, ())) for against, there in MADE_FOR.items()
+    }
+    count = 0
+    for index, step in enumerate(acting.plan):
+        if not isinstance(step, ComparisonStep):
+            continue
+        against = step.against
+        rollouts = next(made[against], None)
+        if rollouts is None:
+            continue
+        count += 1
+        rival = s.get(TrajectoryRow, rollouts.of(against))
+        policies = {"own": result.policy, against: rival.made_by if rival is not None else None}
+        if job.kind == alignment_jobs.PATHS_JOB:
+            policies["base"] = "dwa"  # which is no artefact
+        a, b = ("own", against) if step.sides_swapped else (against, "own")
+        arms: dict[str, Any] = {"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"}
+        if against != "base":
+            arms[against] = "b" if a == "own" else "a"
+        if against == "other" and policies["other"] is not None:
+            arms["lent"] = policy_key(s, policies["other"])
+            if job.params.get("other") is None:
+                arms["stand_in"] = True
+        s.add(
+            Trial(
+                session_id=session.id,
+                step_key=step.key,
+                index=index,
+                block=step.stage,
+                kind="comparison",
+                view=step.view,
+                trajectory_a=rollouts.of(a),
+                trajectory_b=rollouts.of(b),
+                arms={**arms, "look_alike": rollouts.look_alike},
+                phase_since=acting.now,
+            )
+        )
+    s.flush()
+    return count
 
 
 KIND = Comparison()

@@ -10,11 +10,13 @@ from sqlalchemy import select
 
 from desirepath.grammar.parts import FileName, Slug
 from desirepath.grammar.questionnaires import Questionnaire
-from desirepath.grammar.skipping import Earlier, is_asked
+from desirepath.grammar.skipping import is_asked
 from desirepath.grammar.source import Path
+from desirepath.grammar.when import Earlier
 from desirepath.store.models import Response
-from desirepath.study.kinds.base import Moment, Page, Planning, Stage, Step
+from desirepath.study.kind import Moment, Page
 from desirepath.study.kinds.questionnaire import Asking, AskingStep
+from desirepath.study.steps import Planning, Stage, Step
 
 
 class ComprehensionStage(Stage):

@@ -12,9 +12,10 @@ from desirepath.grammar.parts import FileName, Localized, Version
 from desirepath.grammar.source import Path
 from desirepath.grammar.texts import local
 from desirepath.store.models import Participant
-from desirepath.study.kinds.base import Acting, Moment, Page, Planning, Simulated, Stage, Step
+from desirepath.study.kind import Acting, Moment, Page, Simulated
 from desirepath.study.kinds.text_page import TextPage, TextStep
-from desirepath.study.kinds.wire import Answer, BadValue, Besides, Flag
+from desirepath.study.steps import Planning, Stage, Step
+from desirepath.study.wire import Answer, BadValue, Besides, Flag
 
 POINT = re.compile(r"^- \[ \] +(.+)$", re.MULTILINE)
 _POINT_LINES = re.compile(r"^- \[ \] +.+\n?", re.MULTILINE)
@@ -86,7 +87,7 @@ class Consent(TextPage[ConsentStep, ConsentAnswer]):
 
     def payload(self, step: ConsentStep, page: Page) -> dict[str, Any]:
         shown = super().payload(step, page)
-        consent, text = page.frozen.consent, shown["text"]
+        consent, text = page.frozen.stage(ConsentStage), shown["text"]
         return shown | {
             "text": _POINT_LINES.sub("", text).strip(),
             "points": [match.group(1).strip() for match in POINT.finditer(text)],
@@ -95,7 +96,8 @@ class Consent(TextPage[ConsentStep, ConsentAnswer]):
         }
 
     def check(self, step: ConsentStep, answer: ConsentAnswer, page: Page) -> dict[str, Any]:
-        version, asked = page.frozen.consent.version, page.frozen.consent.purposes
+        consent = page.frozen.stage(ConsentStage)
+        version, asked = consent.version, consent.purposes
         if answer.version is not None and answer.version != version:
             raise BadValue("value.version", answer.version, f"must be {version}, the version that was shown")
         if not set(answer.purposes) <= set(asked):

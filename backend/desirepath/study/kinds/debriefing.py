@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from desirepath.grammar.parts import Address, Code, FileName
-from desirepath.study.kinds.base import Acting, Ending, Moment, Page, Planning, Stage, Step
+from desirepath.study.kind import Acting, Ending, Moment, Page
 from desirepath.study.kinds.text_page import TextPage, TextStep
-from desirepath.study.kinds.wire import Confirmed
 from desirepath.study.links import code_and_way_back
 from desirepath.study.personalising.about_person import about_person
+from desirepath.study.steps import Planning, Stage, Step
+from desirepath.study.wire import Confirmed
 
 
 class DebriefingStage(Stage):

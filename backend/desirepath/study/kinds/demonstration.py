@@ -17,9 +17,10 @@ from desirepath.grammar.words import PersonMode, View
 from desirepath.simulation.scene import Scene
 from desirepath.store.models import Session
 from desirepath.study.drawing import paths, strokes, walks
-from desirepath.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step
-from desirepath.study.kinds.wire import Answer, BadValue, Besides, Flag, Progress
+from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated
 from desirepath.study.refusals import Refused
+from desirepath.study.steps import Pace, Planning, Stage, Step
+from desirepath.study.wire import Answer, BadValue, Besides, Flag, Progress
 
 SECONDS_PER_PATH = 50  # drawn in about 10 s and driven at 0.2 m/s over 6 m, ours; redrawing included
 
@@ -91,21 +92,14 @@ class DemonstrationsStage(Stage):
         return {"places": self.pairs, "paths": self.pairs * self.per_pair}
 
 
-class DemonstrationStep(Step):
-    """One path. pair: the environment's situation, from 0; place: which of this participant's; number, of: its
-    paths. person: steps of plans that are older than walks stand still.
-    """
+class DemonstrationStep(walks.PathStep):
+    """place: which of this participant's situations; number, of: its paths."""
 
     kind: Literal["demonstration"]
-    environment: str
-    pair: int
-    view: View
-    person: PersonMode = "still"
     place: int
     places: int
     number: int
     of: int
-    optional: bool = False
 
 
 _WHICH = "must be the id of the stroke that is kept"

@@ -12,12 +12,13 @@ from desirepath.grammar.conditions import Condition
 from desirepath.grammar.parts import Slug
 from desirepath.grammar.source import Path
 from desirepath.grammar.words import View
-from desirepath.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
+from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated, make_trial
 from desirepath.study.kinds.demonstration import DemonstrationsStage
 from desirepath.study.kinds.questionnaire import QuestionnaireStep
 from desirepath.study.kinds.wait import WaitStep
-from desirepath.study.kinds.wire import AboutQuery, Confirmed
 from desirepath.study.personalising.controller_rollouts import rollouts_for
+from desirepath.study.steps import Pace, Planning, Stage, Step
+from desirepath.study.wire import AboutQuery, Confirmed
 
 CONTROLLERS = ("social_cost", "dwa", "own")  # ch. 2
 

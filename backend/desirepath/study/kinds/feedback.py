@@ -15,14 +15,15 @@ from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.words import View
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.events import log_event
-from desirepath.study.kinds.base import Acting, Moment, Page, Simulated, Stage, Step
+from desirepath.study.kind import Acting, Moment, Page, Simulated
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.evaluation import EvaluationStage
 from desirepath.study.kinds.live import LiveKind, LiveStep, Setup, Weights, began_with
 from desirepath.study.kinds.trial import TrialStep
-from desirepath.study.kinds.wire import Answer, Flag
 from desirepath.study.personalising.believed import believed_of
 from desirepath.study.personalising.live_rollouts import condition_on
+from desirepath.study.steps import Stage, Step
+from desirepath.study.wire import Answer, Flag
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import Policy

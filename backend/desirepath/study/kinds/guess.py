@@ -9,8 +9,9 @@ from sqlalchemy import select
 
 from desirepath.store.models import Trial
 from desirepath.store.sides import Side
-from desirepath.study.kinds.base import Acting, Kind, Page, Simulated, Step
-from desirepath.study.kinds.wire import ChoiceAnswer
+from desirepath.study.kind import Acting, Kind, Page, Simulated
+from desirepath.study.steps import Step
+from desirepath.study.wire import ChoiceAnswer
 
 
 class GuessStep(Step):

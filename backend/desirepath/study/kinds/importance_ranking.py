@@ -18,13 +18,14 @@ from desirepath.grammar.conditions import Condition, Crossed
 from desirepath.grammar.parts import FileName, Slug, an_example
 from desirepath.grammar.source import Path
 from desirepath.store.ranking_sets import StoredScores, scores_of
-from desirepath.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
+from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated, make_trial
 from desirepath.study.kinds.break_ import BreakStep
 from desirepath.study.kinds.instruction import InstructionStep
 from desirepath.study.kinds.questionnaire import QuestionnaireStep
-from desirepath.study.kinds.wire import Answer, BadValue, Besides, WholeNumber
 from desirepath.study.plan.asked_queries import Needs, Pair
 from desirepath.study.protocol_rows import row_of
+from desirepath.study.steps import Pace, Planning, Stage, Step
+from desirepath.study.wire import Answer, BadValue, Besides, WholeNumber
 
 RANKING_S = 15.0  # ours: until five objects are ranked
 HOLD_S = 1.0  # ch. 8: what is shown stays so long after the halt

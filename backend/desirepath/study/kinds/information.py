@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from desirepath.study.kinds.base import Planning, Step
 from desirepath.study.kinds.text_page import TextPage, TextStage, TextStep
-from desirepath.study.kinds.wire import Confirmed
+from desirepath.study.steps import Planning, Step
+from desirepath.study.wire import Confirmed
 
 
 class InformationStage(TextStage):

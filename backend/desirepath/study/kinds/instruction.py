@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 from desirepath.grammar.conditions import Condition
 from desirepath.grammar.parts import FileName
-from desirepath.study.kinds.base import BlockPart, Planning, Step
 from desirepath.study.kinds.text_page import TextPage, TextStage, TextStep
-from desirepath.study.kinds.wire import Confirmed
+from desirepath.study.steps import BlockPart, Planning, Step
+from desirepath.study.wire import Confirmed
 
 
 class BlockText(BlockPart):

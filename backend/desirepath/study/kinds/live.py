@@ -17,9 +17,10 @@ from desirepath.grammar.words import View
 from desirepath.simulation.setups import preference_setups, setups_with
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Event
-from desirepath.study.kinds.base import Kind, Moment, Page, Simulated, Step
-from desirepath.study.kinds.wire import Answer, BadValue, Besides
+from desirepath.study.kind import Kind, Moment, Page, Simulated
 from desirepath.study.personalising.live_rollouts import MOST_PLACES, condition_on
+from desirepath.study.steps import Step
+from desirepath.study.wire import Answer, BadValue, Besides
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import Policy

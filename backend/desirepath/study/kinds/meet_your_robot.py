@@ -16,8 +16,8 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.events import log_event
 from desirepath.store.job_results import Learned
 from desirepath.store.models import Artefact
+from desirepath.study.kind import Acting, Moment, Page, Simulated
 from desirepath.study.kinds.appointment import AppointmentStage
-from desirepath.study.kinds.base import Acting, Moment, Pace, Page, Planning, Simulated, Stage
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.evaluation import EvaluationStage
 from desirepath.study.kinds.live import (
@@ -37,10 +37,11 @@ from desirepath.study.kinds.live import (
 )
 from desirepath.study.kinds.questionnaire import within
 from desirepath.study.kinds.wait import TrainStage
-from desirepath.study.kinds.wire import WholeNumber
 from desirepath.study.personalising.alignment_jobs import ready_job
 from desirepath.study.personalising.believed import believed_of
 from desirepath.study.personalising.live_rollouts import condition_on, shipped_base
+from desirepath.study.steps import Pace, Planning, Stage
+from desirepath.study.wire import WholeNumber
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import Policy

@@ -17,10 +17,11 @@ from desirepath.grammar.words import View
 from desirepath.store.artefacts import save_trajectories
 from desirepath.store.models import Participant
 from desirepath.store.who_counts import lets_us_learn
-from desirepath.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
+from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated, make_trial
 from desirepath.study.kinds.trial import Viewing
-from desirepath.study.kinds.wire import AboutQuery, ChoiceAnswer
 from desirepath.study.personalising.method_robots import Method, hard_to_tell, make_robots, noted_robots, rollouts_in
+from desirepath.study.steps import Pace, Planning, Stage, Step
+from desirepath.study.wire import AboutQuery, ChoiceAnswer
 
 
 class TaughtByMethods(Stage):

@@ -11,24 +11,16 @@ from sqlalchemy import select
 from desirepath.grammar.conditions import Condition
 from desirepath.grammar.parts import Slug
 from desirepath.grammar.questionnaires import Item, Questionnaire
-from desirepath.grammar.skipping import Earlier, ItemWhen, asks_anything, is_asked, may_ask, may_ask_something
+from desirepath.grammar.skipping import asks_anything, is_asked, may_ask, may_ask_something
 from desirepath.grammar.source import Path
 from desirepath.grammar.texts import local
+from desirepath.grammar.when import Earlier, ItemWhen
 from desirepath.store.models import Participant, Response, Session, Study
-from desirepath.study.kinds.base import (
-    BlockPart,
-    Kind,
-    Moment,
-    Page,
-    Planning,
-    Simulated,
-    Stage,
-    Step,
-    seconds_left,
-)
-from desirepath.study.kinds.wire import Answer, BadValue, Besides, Flag, whole
+from desirepath.study.kind import Kind, Moment, Page, Simulated, seconds_left
 from desirepath.study.personalising.controller_rollouts import rollouts_for
 from desirepath.study.plan.assignment import places_held_by
+from desirepath.study.steps import BlockPart, Planning, Stage, Step
+from desirepath.study.wire import Answer, BadValue, Besides, Flag, whole
 
 if TYPE_CHECKING:
     import numpy as np

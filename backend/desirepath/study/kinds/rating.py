@@ -11,10 +11,11 @@ from desirepath.grammar.conditions import Crossed
 from desirepath.grammar.parts import Localized, Part, an_example
 from desirepath.grammar.source import Path
 from desirepath.grammar.texts import local
-from desirepath.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Simulated, Stage, Step, make_trial
+from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated, make_trial
 from desirepath.study.kinds.questionnaire import within
-from desirepath.study.kinds.wire import Answer, Besides, WholeNumber
 from desirepath.study.plan.asked_queries import Needs
+from desirepath.study.steps import Pace, Planning, Stage, Step
+from desirepath.study.wire import Answer, Besides, WholeNumber
 
 RATING = "rating"
 
@@ -109,8 +110,8 @@ class Rating(Kind[RatingStep, RatingAnswer]):
     previewed = True
 
     def payload(self, step: RatingStep, page: Page) -> dict[str, Any]:
-        stage = next(one for key, one in page.frozen.protocol.keyed_stages if key == step.stage)
-        assert isinstance(stage, RatingStage)  # noqa: S101  that is what planned it
+        stage = page.stage_of(step, RatingStage)
+        assert stage is not None  # noqa: S101  that is what planned it
         words = {name: local(getattr(stage.scale, name), page.language) for name in ("question", "low", "high")}
         return {"view": step.view, "number": step.number, "of": step.of, "points": step.points, **words}
 

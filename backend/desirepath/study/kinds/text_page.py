@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any, Literal, TypeVar
 
 from desirepath.grammar.parts import FileName
-from desirepath.study.kinds.base import Kind, Page, Stage, Step
-from desirepath.study.kinds.wire import Answer
+from desirepath.study.kind import Kind, Page
+from desirepath.study.steps import Stage, Step
+from desirepath.study.wire import Answer
 
 
 class TextStep(Step):

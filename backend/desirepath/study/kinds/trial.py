@@ -11,23 +11,18 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import AliasChoices, Field
+from sqlalchemy import select
 
 from desirepath.grammar.parts import Part
-from desirepath.learning.queries.choosing import STRATEGIES
+from desirepath.learning.queries.choosing import STRATEGIES, StoppingRule
 from desirepath.store.events import log_event
+from desirepath.store.models import Trial as Row
 from desirepath.store.sides import Side
-from desirepath.study.kinds.base import (
-    Acting,
-    Kind,
-    Moment,
-    Page,
-    Simulated,
-    Step,
-    make_trial,
-)
-from desirepath.study.kinds.wire import AboutQuery, Answer, BadValue, Flag
+from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated, make_trial
 from desirepath.study.personalising import next_query
 from desirepath.study.plan.asked_queries import Pair
+from desirepath.study.steps import Step
+from desirepath.study.wire import AboutQuery, Answer, BadValue, Flag
 
 # ---- in the protocol -------------------------------------------------------------------------------------------------
 
@@ -242,7 +237,9 @@ class Trial(Kind[TrialStep, TrialAnswer]):
 
     def passed_over(self, step: TrialStep, index: int, acting: Acting) -> int:
         """Past the queries that are chosen, once the stopping rule ends them."""
-        if step.choose is None or not next_query.little_left(acting, step):
+        if step.choose is None or step.stop is None:
+            return index
+        if not next_query.little_left(acting, step.choose, StoppingRule(**step.stop.model_dump())):
             return index
         log_event(acting.s, "queries_ended", session_id=acting.session.id, step=step.key)
         while isinstance(one := acting.plan[index], TrialStep) and one.choose and one.again is None:
@@ -258,7 +255,7 @@ class Trial(Kind[TrialStep, TrialAnswer]):
         return step.round is None or step.round == getattr(moment.step, "round", None)
 
     def arrive(self, step: TrialStep, acting: Acting) -> None:
-        asked = next_query.query_of_trial(acting, step)
+        asked = _asked(step, acting)
         trial = make_trial(
             acting,
             step,
@@ -293,6 +290,19 @@ class Trial(Kind[TrialStep, TrialAnswer]):
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         return {"choice": participant.choose(step, *participant.watch(step, "ab"))}
+
+
+def _asked(step: TrialStep, acting: Acting) -> next_query.Asked:
+    """What the step's trial shows: again what another one did, what the plan says, or what is chosen now."""
+    if step.again is not None:
+        again = select(Row).where(Row.session_id == acting.session.id, Row.step_key == step.again)
+        before = acting.s.scalars(again).one()
+        sides = (before.trajectory_a, before.trajectory_b)
+        a, b = sides[::-1] if step.role == "swap" else sides
+        return next_query.Asked(str(before.query_id), a, b, step.sides_swapped, probe_of=before.id)
+    if step.query is not None:
+        return next_query.Asked(step.query, str(step.trajectory_a), str(step.trajectory_b), step.sides_swapped)
+    return next_query.choose_query(acting, step.choose or "random", sides_swapped=step.sides_swapped)
 
 
 KIND = Trial()

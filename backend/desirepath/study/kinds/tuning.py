@@ -14,7 +14,7 @@ from desirepath.grammar.parts import Localized
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.texts import local
 from desirepath.store.events import log_event
-from desirepath.study.kinds.base import Acting, Moment, Pace, Page, Planning, Simulated, Stage
+from desirepath.study.kind import Acting, Moment, Page, Simulated
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.live import (
     AboutLive,
@@ -32,6 +32,7 @@ from desirepath.study.kinds.live import (
     startable,
 )
 from desirepath.study.personalising.believed import believed_of
+from desirepath.study.steps import Pace, Planning, Stage
 
 TAKES_S = 120.0  # ours
 STARTED_RANDOMLY = 3  # of seven sliders, so that the start differs from neutral to the eye
@@ -104,9 +105,8 @@ class Tuning(LiveKind[TuningStep, LiveAnswer]):
     }
 
     def payload(self, step: TuningStep, page: Page) -> dict[str, Any]:
-        stage = next((one for key, one in page.frozen.protocol.keyed_stages if key == step.stage), None)
-        question = stage.question if isinstance(stage, TuningStage) else None
-        asked = local(question, page.language) if question else None
+        stage = page.stage_of(step, TuningStage)
+        asked = local(stage.question, page.language) if stage is not None and stage.question else None
         return super().payload(step, page) | {"question": asked, "start": step.begins}
 
     def payload_now(self, step: TuningStep, moment: Moment) -> dict[str, Any]:

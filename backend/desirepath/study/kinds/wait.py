@@ -11,14 +11,15 @@ from desirepath.grammar.parts import Part, Slug
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.words import View
 from desirepath.store.events import log_event
+from desirepath.study.kind import Acting, Kind, Moment, Page
 from desirepath.study.kinds.asking_on import AskingOnStep, AskOn
-from desirepath.study.kinds.base import Acting, Kind, Moment, Pace, Page, Planning, Stage, Step
-from desirepath.study.kinds.comparison import ComparisonStage, ComparisonStep
+from desirepath.study.kinds.comparison import ComparisonStage, ComparisonStep, make_comparisons
 from desirepath.study.kinds.guess import GuessStep
 from desirepath.study.kinds.questionnaire import QuestionnaireStep
-from desirepath.study.kinds.wire import Confirmed
 from desirepath.study.personalising import alignment_jobs
 from desirepath.study.plan.asked_queries import Needs
+from desirepath.study.steps import Pace, Planning, Stage, Step
+from desirepath.study.wire import Confirmed
 
 
 class Meanwhile(Part):
@@ -133,8 +134,7 @@ class Wait(Kind[WaitStep, Confirmed]):
         if more is not None and outcome == "not_surely_better":
             log_event(acting.s, "asked_on", session_id=acting.session.id, round=more.round, pairs=more.pairs)
             return acting.session.position + 1
-        planned = [(i, step) for i, step in enumerate(acting.plan) if isinstance(step, ComparisonStep)]
-        shown = alignment_jobs.make_comparisons(acting, planned) if outcome == "shown" else 0
+        shown = make_comparisons(acting) if outcome == "shown" else 0
         acting.session.personalisation = outcome
         acting.session.predictive_check = alignment_jobs.check_of(acting.s, acting.session)
         log_event(acting.s, "personalisation", session_id=acting.session.id, outcome=outcome, comparisons=shown)

@@ -14,7 +14,7 @@ from desirepath.grammar.parts import Localized
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.texts import local
 from desirepath.learning.words.lexicon import LONGEST, Language
-from desirepath.study.kinds.base import Moment, Pace, Page, Planning, Simulated, Stage
+from desirepath.study.kind import Moment, Page, Simulated
 from desirepath.study.kinds.live import (
     OBJECTIVES,
     OPPOSITES,
@@ -29,7 +29,8 @@ from desirepath.study.kinds.live import (
     distance,
     slid,
 )
-from desirepath.study.kinds.wire import BadValue, Besides
+from desirepath.study.steps import Pace, Planning, Stage
+from desirepath.study.wire import BadValue, Besides
 
 if TYPE_CHECKING:  # the objectives bring numba along; a server that starts need not wait for it
     from desirepath.learning.words.understanding import Understood
@@ -141,9 +142,8 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
     }
 
     def payload(self, step: WordsStep, page: Page) -> dict[str, Any]:
-        stage = next((one for key, one in page.frozen.protocol.keyed_stages if key == step.stage), None)
-        question = stage.question if isinstance(stage, WordsStage) else None
-        asked = local(question, page.language) if question else None
+        stage = page.stage_of(step, WordsStage)
+        asked = local(stage.question, page.language) if stage is not None and stage.question else None
         own = {"question": asked, "longest": LONGEST, "correct": step.correct}
         return super().payload(step, page) | own
 

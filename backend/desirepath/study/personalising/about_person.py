@@ -15,7 +15,7 @@ from desirepath.study.personalising.clicking import chosen_letters, position_bia
 from desirepath.study.personalising.method_robots import noted_robots
 
 if TYPE_CHECKING:
-    from desirepath.study.kinds.base import Moment
+    from desirepath.study.kind import Moment
 
 RANKED_BY_PREFERENCE = "preference"  # the item at which methods are ranked by which one they would rather use
 

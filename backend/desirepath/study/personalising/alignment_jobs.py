@@ -1,33 +1,32 @@
-"""From a participant's answers to the comparison: starts the alignment, and turns its result into blind trials.
+"""From a participant's answers to what may be shown of them: starts the alignment, and says how its result stands.
 
 The alignment itself is a job (`backend/desirepath/jobs`); what the session does meanwhile is `kinds/wait.py`'s.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.demonstration_snapshots import StrokeError, take_demonstrations
 from desirepath.store.events import log_event
-from desirepath.store.job_results import AlignResult, Learned, Rollouts
-from desirepath.store.models import Job, Participant, Response, Session, TrajectoryRow, Trial
+from desirepath.store.job_results import AlignResult
+from desirepath.store.models import Job, Participant, Response, Session
 from desirepath.store.outbox import ENDED, NOBODY_WAITS, PARTICIPANT_WAITS, REFINES, cancel_job, enqueue_job
 from desirepath.store.snapshots import SnapshotError, take_snapshot
+from desirepath.study.frozen import Training
 from desirepath.study.personalising.clicking import without_comparing
 from desirepath.study.personalising.earlier import earlier_snapshots
-from desirepath.study.personalising.lending import Lent, lent_policy, policy_key
+from desirepath.study.personalising.lending import Lent, lent_policy
 from desirepath.study.personalising.verdicts import verdict
 
 if TYPE_CHECKING:
-    from desirepath.study.kinds.base import Acting, Moment
-    from desirepath.study.kinds.comparison import ComparisonStep
+    from desirepath.study.kind import Acting, Moment
 
 BOT_PATIENCE = 10  # ours: nobody sits in front of a bot, and its comparisons are what a simulation is for
 PATHS_JOB = "train_demonstrations"
@@ -36,35 +35,9 @@ UPDATES_WHILE_ONE_WAITS = 16_000
 """Of the job above, instead of its own default: demonstrated starts are followed after half of these already, and
 somebody waits for them. What more would buy is unseen goals (docs/numbers.md)."""
 EVERY_PAIR = 4  # ch. 2: situations of an environment
-MADE_FOR = {"base": "comparisons", "neutral": "neutral", "other": "yoked"}
-"""Opponent -> where a job's result has the rollouts against it."""
 SURELY_BETTER = 0.9
 """With what probability a policy has to be better for this very person before it is shown as theirs."""
 LARGEST_JOB_SEED = 9_999  # backend/desirepath/jobs/kinds.py: seeds of a job name scene sets
-
-
-@dataclass(frozen=True)
-class Training:
-    """What a protocol says about learning from its own answers, gathered from the stages that say it.
-
-    prior: what own answers are read by the light of. scenes: of the comparison, 0 where there is none; opponents: of
-    the own policy in it; stand_ins: lend while nobody's is ready. rated: rollouts are rated one by one. environments:
-    that paths are drawn in, in the order of the stages.
-    """
-
-    job: Literal["align", "demonstrations"]
-    recipe: str
-    prior: Literal["none", "earlier_participants"]
-    give_up_after_s: int
-    scenes: int
-    opponents: tuple[str, ...]
-    stand_ins: bool
-    rated: bool
-    environments: tuple[str, ...]
-
-    @property
-    def learns_from(self) -> Literal["answers", "paths"]:
-        return "paths" if self.job == "demonstrations" else "answers"
 
 
 def start_training(acting: Acting) -> None:
@@ -293,53 +266,3 @@ def _together(each: Sequence[str | None]) -> str | None:
     if each[-1] == "not_surely_better":
         return each[-1]
     return None if None in each else each[-1]
-
-
-def make_comparisons(acting: Acting, planned: Sequence[tuple[int, ComparisonStep]]) -> int:
-    """The comparison trials from the job's rollouts; sides as the plan's lot says. Returns how many there are.
-
-    planned: the plan's comparisons with their index.
-    """
-    s, session = acting.s, acting.session
-    job = ready_job(s, session)
-    result = job.result_as(Learned) if job is not None else None
-    if job is None or result is None:
-        return 0
-    made: dict[str, Iterator[Rollouts]] = {
-        against: iter(getattr(result, there, ())) for against, there in MADE_FOR.items()
-    }
-    count = 0
-    for index, step in planned:
-        against = step.against
-        rollouts = next(made[against], None)
-        if rollouts is None:
-            continue
-        count += 1
-        rival = s.get(TrajectoryRow, rollouts.of(against))
-        policies = {"own": result.policy, against: rival.made_by if rival is not None else None}
-        if job.kind == PATHS_JOB:
-            policies["base"] = "dwa"  # which is no artefact
-        a, b = ("own", against) if step.sides_swapped else (against, "own")
-        arms: dict[str, Any] = {"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"}
-        if against != "base":
-            arms[against] = "b" if a == "own" else "a"
-        if against == "other" and policies["other"] is not None:
-            arms["lent"] = policy_key(s, policies["other"])
-            if job.params.get("other") is None:
-                arms["stand_in"] = True
-        s.add(
-            Trial(
-                session_id=session.id,
-                step_key=step.key,
-                index=index,
-                block=step.stage,
-                kind="comparison",
-                view=step.view,
-                trajectory_a=rollouts.of(a),
-                trajectory_b=rollouts.of(b),
-                arms={**arms, "look_alike": rollouts.look_alike},
-                phase_since=acting.now,
-            )
-        )
-    s.flush()
-    return count

@@ -21,7 +21,7 @@ from desirepath.study.personalising.live_rollouts import condition_on, roll_out
 if TYPE_CHECKING:
     from desirepath.simulation.scene import Scene
     from desirepath.simulation.trajectory import Trajectory
-    from desirepath.study.kinds.base import Acting, Moment
+    from desirepath.study.kind import Acting, Moment
 
 Method = Literal["choices", "drawing", "words", "sliders"]
 METHODS: tuple[Method, ...] = get_args(Method)

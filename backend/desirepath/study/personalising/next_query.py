@@ -25,8 +25,7 @@ from desirepath.store.who_counts import TEACHING_ROLES
 from desirepath.study.protocol_rows import newest_number, protocol_row, row_of
 
 if TYPE_CHECKING:
-    from desirepath.study.kinds.base import Acting
-    from desirepath.study.kinds.trial import TrialStep
+    from desirepath.study.kind import Acting
 
 if TYPE_CHECKING:  # numba and the simulator come with these; a server that never chooses need not load them
     from desirepath.learning.measures.pairs import PairDifferences
@@ -179,14 +178,9 @@ def _situation(
     return measured, memory.beyond(measured, pairs, answers), Candidates(pairs, left)
 
 
-def query_of_trial(acting: Acting, step: TrialStep) -> Asked:
-    """What the trial of that step shows."""
+def choose_query(acting: Acting, how: str, *, sides_swapped: bool) -> Asked:
+    """The query that teaches most now by that strategy."""
     s, session = acting.s, acting.session
-    if step.again is not None:
-        return _asked_again(s, session, step)
-    if step.query is not None:
-        return Asked(step.query, str(step.trajectory_a), str(step.trajectory_b), step.sides_swapped)
-    how = step.choose or "random"
     used = set(s.scalars(select(Trial.query_id).where(Trial.session_id == session.id)))
     used |= {query for one in acting.plan if (query := getattr(one, "query", None)) is not None}
     answers = answers_of(s, session)
@@ -195,23 +189,14 @@ def query_of_trial(acting: Acting, step: TrialStep) -> Asked:
     chosen = STRATEGIES[how].ask_next(posterior, candidates, random)
     query = measured.queries[candidates.left[chosen.index]]
     sides = (query.trajectory_a, query.trajectory_b)
-    a, b = sides[::-1] if step.sides_swapped else sides
+    a, b = sides[::-1] if sides_swapped else sides
     why = {"by": how, "bits": round(chosen.bits, 4), "answers": len(answers), "of": len(candidates.left)}
-    return Asked(query.id, a, b, step.sides_swapped, why=why)
+    return Asked(query.id, a, b, sides_swapped, why=why)
 
 
-def _asked_again(s: DatabaseSession, session: Session, step: TrialStep) -> Asked:
-    before = s.scalars(select(Trial).where(Trial.session_id == session.id, Trial.step_key == step.again)).one()
-    sides = (before.trajectory_a, before.trajectory_b)
-    a, b = sides[::-1] if step.role == "swap" else sides
-    return Asked(str(before.query_id), a, b, step.sides_swapped, probe_of=before.id)
-
-
-def little_left(acting: Acting, step: TrialStep) -> bool:
-    """Does the protocol's stopping rule end the chosen queries here?"""
-    if step.stop is None:
-        return False
-    rule, strategy = StoppingRule(**step.stop.model_dump()), STRATEGIES[step.choose or "random"]
+def little_left(acting: Acting, how: str, rule: StoppingRule) -> bool:
+    """Does the protocol's stopping rule end the queries here that are chosen by that strategy?"""
+    strategy = STRATEGIES[how]
     answers = answers_of(acting.s, acting.session)
     promised = [np.inf] * len(answers)  # only the last ones count
     for after in range(max(1, len(answers) - rule.in_a_row + 1), len(answers) + 1):

@@ -22,7 +22,7 @@ from desirepath.store.outbox import ENDED, queue_of
 from desirepath.study.personalising import alignment_jobs
 
 if TYPE_CHECKING:
-    from desirepath.study.kinds.base import Moment
+    from desirepath.study.kind import Moment
 
 USUAL_S = {"instant": 5.0, "conditioning_search": 60.0, "train_demonstrations": 45.0}
 """Where nothing of that sort was learned here yet: docs/numbers.md, processor seconds of one core."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from sqlalchemy import Row, select
@@ -17,10 +17,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.models import Participant, Session, Study, utc_now
 from desirepath.store.who_counts import left_out, same_kind
-from desirepath.study.plan.counterbalancing import Place, design_of, next_row
-
-if TYPE_CHECKING:
-    from desirepath.study.protocol.schema import Assignment, Protocol
+from desirepath.study.plan.counterbalancing import Assigning, Assignment, Place, design_of, next_row
 
 STANDINGS = ("completed", "active", "lapsed", "expired", "withdrawn", "screened_out", "excluded")
 """How somebody stands: done; under way; not heard of for longer than the lease; and the ways of being out."""
@@ -49,7 +46,7 @@ class Places:
     the orders each for themselves, pilots too.
     """
 
-    def __init__(self, s: DatabaseSession, study: Study, protocol: Protocol, *, now: datetime) -> None:
+    def __init__(self, s: DatabaseSession, study: Study, protocol: Assigning, *, now: datetime) -> None:
         self._s, self._study, self._protocol, self._now = s, study, protocol, now
         self._design = design_of(protocol)
         self._held: dict[bool, list[int]] = {}
@@ -99,7 +96,7 @@ class Places:
 
 
 def assignment_table(
-    s: DatabaseSession, study: Study, protocol: Protocol, *, now: datetime, simulated: bool = False
+    s: DatabaseSession, study: Study, protocol: Assigning, *, now: datetime, simulated: bool = False
 ) -> list[OrderLine]:
     """Every order with who got it and what became of them, the orders that nobody got yet too; [] without conditions.
 
@@ -119,7 +116,7 @@ def assignment_table(
 
 
 def places_held_by(
-    s: DatabaseSession, study: Study, protocol: Protocol, *, simulated: bool, pilot: bool, now: datetime | None = None
+    s: DatabaseSession, study: Study, protocol: Assigning, *, simulated: bool, pilot: bool, now: datetime | None = None
 ) -> set[str]:
     """Ids of the participants who hold a place now: completed or under way."""
     at = now or utc_now()
@@ -130,7 +127,7 @@ def places_held_by(
     }
 
 
-def people_taken(s: DatabaseSession, study: Study, protocol: Protocol) -> int:
+def people_taken(s: DatabaseSession, study: Study, protocol: Assigning) -> int:
     """How many people count as taken in: done, or able to go on; not bots, a pilot's people only while it is one."""
     now = utc_now()
     people = _people(s, study, simulated=False, pilot=study.pilot)
@@ -142,7 +139,7 @@ def _key(given: dict[str, Any]) -> tuple[Any, ...]:
     return given["design"], given["row"], order, tuple(given["groups"].values())
 
 
-def _line(key: tuple[Any, ...], counts: Counter[str], protocol: Protocol) -> OrderLine:
+def _line(key: tuple[Any, ...], counts: Counter[str], protocol: Assigning) -> OrderLine:
     _, row, order, groups = key
     gone = counts["expired"] + counts["withdrawn"] + counts["lapsed"] + counts["screened_out"]
     ended = counts["completed"] + gone
@@ -156,7 +153,7 @@ def _line(key: tuple[Any, ...], counts: Counter[str], protocol: Protocol) -> Ord
     )
 
 
-def _holds(standing: str, protocol: Protocol) -> bool:
+def _holds(standing: str, protocol: Assigning) -> bool:
     """Whether the place is taken. An exclusion frees one only where the protocol said so beforehand."""
     if standing == "excluded":
         return protocol.assignment.excluded == "keep_place"

@@ -10,16 +10,42 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 from math import factorial, prod
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal, Protocol
 
 import numpy as np
+from pydantic import Field
 
 from desirepath.grammar.conditions import Condition, Ordered
-
-if TYPE_CHECKING:
-    from desirepath.study.protocol.schema import Protocol
+from desirepath.grammar.parts import Part
 
 MOST_ROWS = 5040  # ours: 7!; a protocol with more orders than that can never be balanced
+
+
+class Assignment(Part):
+    """How participants differ. Queries and sides are always each participant's own, from `seed` and their code.
+
+    scheme: the orders of a block's conditions. `random` draws each one's by lot; `all_orders` (every permutation),
+    `williams` (every condition follows every other equally often) and `latin_square` (every condition stands in every
+    place equally often) fill their orders evenly, by completed and active sessions.
+    lease_hours: an unfinished session holds its place so long after its last sign of life. excluded: whether excluding
+    somebody frees their place; it must be declared before the study.
+    """
+
+    scheme: Literal["random", "all_orders", "williams", "latin_square"] = "random"
+    seed: int = Field(0, ge=0)
+    lease_hours: float = Field(24.0, gt=0, le=24 * 365)  # ours
+    excluded: Literal["keep_place", "free_place"] = "keep_place"
+
+
+class Assigning(Protocol):
+    """What of a study protocol says who meets what; the whole is `protocol/schema.py`'s."""
+
+    @property
+    def assignment(self) -> Assignment: ...
+    @property
+    def participants(self) -> int | None: ...
+    @property
+    def keyed_stages(self) -> Sequence[tuple[str, Part]]: ...
 
 
 @dataclass(frozen=True)
@@ -77,7 +103,7 @@ class Design:
         }
 
 
-def design_of(protocol: Protocol) -> Design:
+def design_of(protocol: Assigning) -> Design:
     """The places of a protocol; none where nothing has conditions. ValueError: more than `MOST_ROWS`."""
     keyed = protocol.keyed_stages
     blocks = {key: one for key, one in keyed if isinstance(one, Ordered) and (one.each or one.one_of)}

@@ -11,13 +11,12 @@ from pydantic import Field, model_validator
 from desirepath.grammar.conditions import Condition, Crossed
 from desirepath.grammar.parts import an_example
 from desirepath.grammar.source import Path, Problem, Source
-from desirepath.study.kinds import Stage, Step
 from desirepath.study.kinds.attention import AttentionStep
-from desirepath.study.kinds.base import Pace, Planning
 from desirepath.study.kinds.feedback import TAKES_S, Feedback, mixed_with_blind
 from desirepath.study.kinds.trial import Queries, Trials, TrialStep, Viewing, plan_trials
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.protocol.pages_around import BlockEntry, PagesAround
+from desirepath.study.steps import Pace, Planning, Stage, Step
 
 
 class BlockStage(Crossed, PagesAround):

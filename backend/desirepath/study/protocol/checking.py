@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 from desirepath.grammar import source as yaml_source
 from desirepath.grammar.error_words import meant
 from desirepath.grammar.questionnaires import Questionnaire
-from desirepath.grammar.skipping import ItemWhen, When, problems_with
+from desirepath.grammar.skipping import problems_with
 from desirepath.grammar.source import Path, Problem, Source
+from desirepath.grammar.when import ItemWhen, When
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.comprehension import ComprehensionStage
 from desirepath.study.kinds.consent import ConsentStage

@@ -20,12 +20,12 @@ from desirepath.grammar.texts import local, variant
 from desirepath.installed import PROTOCOLS
 from desirepath.simulation.setups import setup_folders
 from desirepath.store.models import ProtocolVersion, Study, protocol_digest
+from desirepath.study.frozen import Training
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.consent import ConsentStage
 from desirepath.study.kinds.demonstration import DemonstrationsStage
 from desirepath.study.kinds.evaluation import EvaluationStage
 from desirepath.study.kinds.wait import TrainStage
-from desirepath.study.personalising.alignment_jobs import Training
 from desirepath.study.protocol.analysis_checks import analysis_problems
 from desirepath.study.protocol.checking import problems_across
 from desirepath.study.protocol.naming import all_questionnaires, all_texts

@@ -17,8 +17,6 @@ from desirepath.grammar.parts import Part
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.words import View
 from desirepath.simulation.setups import setups_with
-from desirepath.study.kinds import Stage, Step
-from desirepath.study.kinds.base import Pace, Planning
 from desirepath.study.kinds.demonstration import SECONDS_PER_PATH, DemonstrationStep
 from desirepath.study.kinds.live import PersonSetup
 from desirepath.study.kinds.method_comparison import TaughtByMethods
@@ -30,6 +28,7 @@ from desirepath.study.personalising.live_rollouts import MOST_PLACES
 from desirepath.study.personalising.method_robots import METHODS, Method
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.protocol.pages_around import BlockEntry, PagesAround
+from desirepath.study.steps import Pace, Planning, Stage, Step
 
 MOST_PATHS = 4  # of the setup's scenes
 

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from desirepath.grammar.texts import local, variant
-from desirepath.study.kinds import Step
-from desirepath.study.kinds.base import PAGE_S, Pace
 from desirepath.study.plan.counterbalancing import design_of
 from desirepath.study.protocol.freezing import FrozenProtocol
 from desirepath.study.protocol.numbers_in_texts import fill_in
 from desirepath.study.protocol.planning import example_queries, make_plan
 from desirepath.study.protocol.schema import Protocol
 from desirepath.study.protocol.stages import StageEntry, stage_keys
+from desirepath.study.steps import PAGE_S, Pace, Step
 
 SECONDS_ALONE = 35.0  # ours: a rollout of 6 m at about 0.2 m/s, and a press on the button
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from desirepath.grammar.conditions import Condition
 from desirepath.grammar.one_of import OneOf, with_keys
 from desirepath.grammar.source import Path
-from desirepath.study.kinds import BlockPart, Stage, Step, block_parts
-from desirepath.study.kinds.base import Planning
+from desirepath.study.kind import block_parts
+from desirepath.study.steps import BlockPart, Planning, Stage, Step
 
 
 class BlockEntryBase(OneOf):

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from desirepath.grammar.conditions import Ordered
-from desirepath.study.kinds import Step
-from desirepath.study.kinds.base import Planning
 from desirepath.study.plan.asked_queries import AnyQuery, Placeholder, PlanError, draw, placeholders
 from desirepath.study.plan.counterbalancing import Place, design_of
+from desirepath.study.steps import Planning, Step
 
 if TYPE_CHECKING:
     from desirepath.study.protocol.schema import Protocol

@@ -8,28 +8,13 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from desirepath.grammar.parts import Address, Code, FileName, Language, Localized, Part, Slug, Value
+from desirepath.grammar.parts import Address, Code, FileName, Language, Localized, Part, Slug
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.study.kinds import Stage
+from desirepath.study.frozen import Quota
 from desirepath.study.plan.asked_queries import Needs, Sample
+from desirepath.study.plan.counterbalancing import Assignment
 from desirepath.study.protocol.stages import StageEntry, T, stage_keys
-
-
-class Assignment(Part):
-    """How participants differ. Queries and sides are always each participant's own, from `seed` and their code.
-
-    scheme: the orders of a block's conditions. `random` draws each one's by lot; `all_orders` (every permutation),
-    `williams` (every condition follows every other equally often) and `latin_square` (every condition stands in every
-    place equally often) fill their orders evenly, by completed and active sessions.
-    lease_hours: an unfinished session holds its place so long after its last sign of life. excluded: whether excluding
-    somebody frees their place; it must be declared before the study.
-    """
-
-    scheme: Literal["random", "all_orders", "williams", "latin_square"] = "random"
-    seed: int = Field(0, ge=0)
-    lease_hours: float = Field(24.0, gt=0, le=24 * 365)  # ours
-    excluded: Literal["keep_place", "free_place"] = "keep_place"
-
+from desirepath.study.steps import Stage
 
 UPRIGHT, LARGE = (320, 480), (740, 500)  # ours: the smallest phone's window; the room beside its bars
 
@@ -49,15 +34,6 @@ class DeviceGate(Part):
     pointers: list[Literal["fine", "coarse"]] = Field(["fine", "coarse"], min_length=1)
     min_frame_rate: float | None = Field(None, gt=0, le=120)
     light_below: float | None = Field(None, gt=0, le=120)
-
-
-class Quota(Part):
-    """At most `most` participants (completed or under way) may give this answer; who comes later leaves kindly."""
-
-    questionnaire: Slug
-    item: Slug
-    is_: Value = Field(alias="is")
-    most: int = Field(ge=0)
 
 
 class ScreenOut(Part):

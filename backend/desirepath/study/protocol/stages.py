@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, TypeVar
 
 from desirepath.grammar.one_of import OneOf, with_keys
 from desirepath.grammar.parts import an_example
-from desirepath.grammar.skipping import When
-from desirepath.study.kinds import Stage, stage_kinds
+from desirepath.grammar.when import When
+from desirepath.study.kind import stage_kinds
 from desirepath.study.protocol.block import BlockStage
 from desirepath.study.protocol.methods import MethodsStage
+from desirepath.study.steps import Stage
 
 T = TypeVar("T", bound=Stage)
 

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from desirepath.store.models import Session, utc_now
-from desirepath.study.kinds import Step, kind_of
+from desirepath.study.kind import kind_of
+from desirepath.study.steps import Step
 
 
 def end_of(plan: Sequence[Step], appointment: int | None) -> int:

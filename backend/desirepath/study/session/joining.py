@@ -16,7 +16,7 @@ from desirepath.store.events import log_event
 from desirepath.store.models import Participant, RecruitingId, Session, Study, new_id, utc_now
 from desirepath.store.query_sets import StoredQuery, require_files
 from desirepath.store.worker_signals import Signal, signal_workers
-from desirepath.study.kinds import stored
+from desirepath.study.kind import stored
 from desirepath.study.links import CODE_LETTERS, token_hash
 from desirepath.study.plan.assignment import Places
 from desirepath.study.protocol.planning import PlanError, make_plan, session_seed
@@ -27,9 +27,9 @@ from desirepath.study.session.versions import newest_protocol
 from desirepath.study.studies import StudyError, queries_of_study
 
 if TYPE_CHECKING:
-    from desirepath.study.kinds import Step
     from desirepath.study.plan.counterbalancing import Place
     from desirepath.study.protocol.schema import Protocol
+    from desirepath.study.steps import Step
 
 CODE_LENGTH = 5
 TOKEN_BYTES = 24

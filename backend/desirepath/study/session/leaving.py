@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.store.events import log_event
 from desirepath.store.models import Participant, ProblemReport, Session
 from desirepath.store.snapshots import set_aside_snapshots
-from desirepath.study.kinds import kind_of
+from desirepath.study.kind import kind_of
 from desirepath.study.personalising import alignment_jobs
 from desirepath.study.session import states
 from desirepath.study.session.versions import protocol_of

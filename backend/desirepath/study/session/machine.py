@@ -21,9 +21,7 @@ from desirepath.store.events import log_event
 from desirepath.store.models import Response, Session, Trial
 from desirepath.store.sides import Side
 from desirepath.study.clock import elapsed_s
-from desirepath.study.kinds import Step, begin, kind_of
-from desirepath.study.kinds.base import Acting, Moment, Page, timed_out
-from desirepath.study.kinds.wire import BadValue
+from desirepath.study.kind import Acting, Moment, Page, begin, kind_of, timed_out
 from desirepath.study.personalising import alignment_jobs
 from desirepath.study.personalising.waiting import Waiting, waiting_of
 from desirepath.study.refusals import Refused
@@ -52,6 +50,8 @@ from desirepath.study.session.watching import (
     viewing_of,
     watch_again,
 )
+from desirepath.study.steps import Step
+from desirepath.study.wire import BadValue
 
 __all__ = [
     "Playback",
@@ -115,7 +115,8 @@ def submit(
         log_event(s, "duplicate_request", session_id=session.id, trial_id=known.trial_id, step=step_key)
         return Submitted(known.id, duplicate=True)
     require_active(session, now)
-    acting = Acting(s, session, protocol_of(s, session), now, files)
+    frozen = protocol_of(s, session)
+    acting = Acting(s, session, frozen, now, files)
     step = acting.step
     if step.key != step_key:
         raise not_current(s, session, step_key)
@@ -158,7 +159,7 @@ def submit(
     session.started_at = session.started_at or now
     reason = kind.ends(step, acting, stored)
     if reason is not None:
-        ending = acting.frozen.protocol.screen_out
+        ending = frozen.protocol.screen_out
         states.end(acting, "screen_out", completion_code=ending.completion_code if ending else "random", because=reason)
         alignment_jobs.end_what_nobody_waits_for(s, session)
     else:

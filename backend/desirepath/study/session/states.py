@@ -19,7 +19,7 @@ from desirepath.store.models import Session, Trial
 from desirepath.study.refusals import Refused
 
 if TYPE_CHECKING:
-    from desirepath.study.kinds.base import Acting
+    from desirepath.study.kind import Acting
 
 Who = Literal["participant", "study", "clock"]
 """Who may: the participant, the study itself (what its protocol says happens), the clock."""

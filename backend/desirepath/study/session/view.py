@@ -17,14 +17,15 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.grammar.words import LABEL_S, PLAYING
 from desirepath.store.models import Response, Session, TrajectoryRow, Trial, utc_now
 from desirepath.store.sides import Side, shown_on
-from desirepath.study.kinds import KINDS, Step, kind_of, read_step
-from desirepath.study.kinds.base import Moment, Page
+from desirepath.study.kind import KINDS, Moment, Page, kind_of, read_step
 from desirepath.study.links import code_and_way_back, window_of
 from desirepath.study.protocol.freezing import FrozenProtocol
 from desirepath.study.protocol.outline import minutes_left
+from desirepath.study.protocol.schema import Protocol
 from desirepath.study.refusals import Refused
 from desirepath.study.session import appointments
 from desirepath.study.session.versions import protocol_of
+from desirepath.study.steps import Step
 
 
 @dataclass(frozen=True)
@@ -94,19 +95,20 @@ def playing(trial: Trial | None) -> Playback | None:
 
 def current(s: DatabaseSession, session: Session, *, now: datetime | None = None) -> StepView:
     """Where the session stands, with the texts of its language. Changes nothing. now: tells whether it is too soon."""
-    moment = Moment(s, session, protocol_of(s, session), now or utc_now())
-    behind = _progress(moment)
+    frozen = protocol_of(s, session)
+    moment = Moment(s, session, frozen, now or utc_now())
+    behind = _progress(moment, frozen.protocol)
     if session.state == "withdrawn":
         return StepView("withdrawn", "withdrawn", payload={"declined": has_declined(s, session)}, **behind)
     if session.state in ("paused", "expired"):
         return StepView(session.state, session.state, **behind)
     if session.state == "screened_out":
-        payload = ending_payload(moment.frozen, session.language, session.completion_code)
+        payload = ending_payload(frozen, session.language, session.completion_code)
         return StepView("screened_out", "screened_out", payload=payload, **behind)
     if not appointments.is_open(session, now):
         return StepView("too_soon", "too_soon", payload=window_of(session), **behind)
     step, kind = moment.step, kind_of(moment.step)
-    page = Page(moment.frozen, session.language, session.completion_code, moment.answer_to)
+    page = Page(frozen, session.language, session.completion_code, moment.answer_to)
     payload = kind.payload(step, page) | kind.payload_now(step, moment)
     trial = trial_of(s, session) if kind.shows == "trajectories" else None
     state = _trial_state(s, trial) if trial is not None else kind.state(step, moment)
@@ -141,9 +143,9 @@ def has_declined(s: DatabaseSession, session: Session) -> bool:
     return session.state == "withdrawn" and consent_in_force(s, session) is None
 
 
-def _progress(moment: Moment) -> dict[str, Any]:
+def _progress(moment: Moment, protocol: Protocol) -> dict[str, Any]:
     """How much of this appointment lies behind, and how much there will be as far as the answers tell."""
-    session, plan, protocol = moment.session, moment.plan, moment.frozen.protocol
+    session, plan = moment.session, moment.plan
     answered = set(moment.s.scalars(select(Response.step_key).where(Response.session_id == session.id)))
     end = appointments.end_of(plan, session.appointment)
     left = [step for step in plan[session.position + 1 : end] if moment.may_come(step)]

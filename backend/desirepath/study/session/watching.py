@@ -14,7 +14,7 @@ from desirepath.store.events import log_event
 from desirepath.store.models import Session, Trial
 from desirepath.store.sides import Side
 from desirepath.study.clock import elapsed_s
-from desirepath.study.kinds import kind_of
+from desirepath.study.kind import kind_of
 from desirepath.study.kinds.trial import Viewing, viewing_in
 from desirepath.study.session.states import set_phase
 from desirepath.study.session.view import (

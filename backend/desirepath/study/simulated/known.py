@@ -9,8 +9,7 @@ from typing import Any
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.models import Session, utc_now
-from desirepath.study.kinds import kind_of
-from desirepath.study.kinds.base import Moment
+from desirepath.study.kind import Moment, kind_of
 from desirepath.study.session.versions import protocol_of
 from desirepath.study.session.view import StepView
 

@@ -22,7 +22,7 @@ from desirepath.report.made_up_cohorts import Cohort, MadeUpPerson
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.sides import Side
-from desirepath.study.kinds import KINDS
+from desirepath.study.kind import KINDS
 from desirepath.study.kinds.live import PERSON_SETUPS
 
 POLL_S = 0.5  # how often a waiting bot looks

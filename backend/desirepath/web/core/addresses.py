@@ -13,17 +13,10 @@ from fastapi import Request
 from starlette.requests import HTTPConnection
 
 from desirepath.settings import in_url
-from desirepath.web.core.dependencies import configured_url
 
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
 STRICT_TRANSPORT = ("Strict-Transport-Security", "max-age=31536000")
 """A year; nothing about other names of the domain, which are not ours to promise for."""
-
-
-def public_url(request: Request) -> str:
-    """Address of the pages without a trailing slash, to be handed on: the setting, else the environment's, else as the
-    browser asked, where that is a name of this machine or an address in a private network; else the machine's own."""
-    return (configured_url(request) or _asked(request)).rstrip("/")
 
 
 def insists_on_tls(request: HTTPConnection) -> bool:
@@ -47,7 +40,9 @@ def is_from_here(request: Request) -> bool:
         return False
 
 
-def _asked(request: Request) -> str:
+def safe_base_url(request: Request) -> str:
+    """The address that the browser asked for, where it is a name of this machine or an address in a private network;
+    else the machine's own."""
     asked = str(request.base_url)
     host, port = request.scope.get("server") or (LOOPBACK_NAMES[1], None)
     if _is_ours(request.base_url.hostname or "", host):

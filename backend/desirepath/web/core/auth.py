@@ -24,9 +24,8 @@ from starlette.responses import JSONResponse, RedirectResponse, Response
 
 from desirepath.store.database import Database
 from desirepath.store.models import SignIn, StudyRole, User, utc_now
-from desirepath.web.core.addresses import public_url
 from desirepath.web.core.auditing import note_in_audit
-from desirepath.web.core.dependencies import Db, route_of, services_of
+from desirepath.web.core.dependencies import Db, public_url, route_of, services_of
 from desirepath.web.core.lab_frame import LabRefusal, SignInState, lab_refusal
 from desirepath.web.core.permits import allows
 from desirepath.web.core.roles import ROLES, rights_of, rule_of

@@ -15,6 +15,7 @@ from desirepath.settings import Settings, in_url
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.models import Setting
+from desirepath.web.core.addresses import safe_base_url
 
 if TYPE_CHECKING:
     from limits.strategies import RateLimiter
@@ -102,13 +103,14 @@ def route_of(request: Request) -> str:
     return getattr(request.scope.get("route"), "path", "(no route)")
 
 
-def configured_url(request: Request) -> str:
-    """Address of the pages as it is set in the browser, else in the environment; empty where it is not."""
+def public_url(request: Request) -> str:
+    """Address of the pages without a trailing slash, to be handed on: as it is set in the browser, else in the
+    environment, else as the browser asked where that can be ours."""
     services = services_of(request)
     with services.database.session() as s:
         row = s.get(Setting, "public_url")
         stored = str(row.value.get("url", "")) if row else ""
-    return stored or services.settings.public_url or ""
+    return (stored or services.settings.public_url or safe_base_url(request)).rstrip("/")
 
 
 def contact(request: Request) -> str:

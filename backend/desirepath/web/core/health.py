@@ -20,8 +20,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.jobs.heartbeat import SILENT_S, silent_s
-from desirepath.jobs.leases import newest_sign_s
-from desirepath.settings import Settings
+from desirepath.jobs.leases import workers_silent_s
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import StorageError
 from desirepath.store.models import Job, utc_now
@@ -60,7 +59,7 @@ def health_of(services: Services, *, prepared: bool = False) -> Health:
         with services.database.session() as s:
             s.connection().exec_driver_sql("SELECT 1")
             waiting = _nobody_works(s)
-            silent = workers_silent_s(services.settings, s)
+            silent = workers_silent_s(services.settings.data, s)
     except (SQLAlchemyError, StorageError) as problem:
         log.error("the database does not answer", problem=str(problem)[:300])
         problems.append("database_away")
@@ -77,13 +76,6 @@ def health_of(services: Services, *, prepared: bool = False) -> Health:
         problems.append("loading")
         status = "loading"
     return Health(status=status, problems=problems, free_mb=room.free_mb, worker_silent_s=silent)
-
-
-def workers_silent_s(settings: Settings, s: DatabaseSession) -> float | None:
-    """Seconds since any worker said that it lives: in the database, or by its file in this data folder, which one whose
-    database is busy goes on touching. None where none ever did."""
-    signs = (newest_sign_s(s), silent_s(settings.data))
-    return min((one for one in signs if one is not None), default=None)
 
 
 def _nobody_works(s: DatabaseSession) -> bool:

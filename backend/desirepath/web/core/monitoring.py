@@ -5,36 +5,28 @@ For this machine, or for who has `DESIREPATH_METRICS_TOKEN`. Whether the server 
 
 from __future__ import annotations
 
-import hmac
 import os
 from collections.abc import Iterator
 from datetime import timedelta
 
-from fastapi import APIRouter, Request
-from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Histogram, generate_latest
+from prometheus_client import CollectorRegistry, Histogram, generate_latest
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.multiprocess import MultiProcessCollector
 from prometheus_client.registry import Collector
 from sqlalchemy import func, select
-from starlette.responses import Response
 
 from desirepath.jobs.heartbeat import SILENT_S
-from desirepath.store.database import shared_now
+from desirepath.jobs.leases import workers_silent_s
+from desirepath.settings import Settings
+from desirepath.store.database import Database, shared_now
 from desirepath.store.models import Job, Session, WorkerProcess, utc_now
 from desirepath.store.models import Response as Answer
-from desirepath.study.refusals import Refused
-from desirepath.web.core.addresses import is_from_here
-from desirepath.web.core.dependencies import Services, services_of
 from desirepath.web.core.disk import room_left
-from desirepath.web.core.health import workers_silent_s
-from desirepath.web.core.throttle import TOKENS_PER_ADDRESS, count, network_of
 
 BUCKETS_S = (0.01, 0.025, 0.05, 0.1, 0.15, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0)
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
 COUNTED_TOGETHER = "PROMETHEUS_MULTIPROC_DIR"  # the library's own name: it reads it when it is loaded
 PRESENT_S = 60  # ours: whose page said something within this is here
-
-router = APIRouter(tags=["server"])
 
 
 class Monitoring:
@@ -58,31 +50,13 @@ class Monitoring:
         known = method if method in METHODS else "other"  # it is whatever its sender wrote
         self._requests.labels(known, route, str(status)).observe(seconds)
 
-    def text(self, services: Services) -> bytes:
+    def text(self, settings: Settings, database: Database) -> bytes:
         """Everything, in Prometheus' text format."""
         requests = self.registry
         if self._counted_together:
             requests = CollectorRegistry()
             MultiProcessCollector(requests, self._counted_together)  # type: ignore[no-untyped-call]
-        return generate_latest(requests) + generate_latest(_once(_Standing(services)))
-
-
-@router.get("/metrics", include_in_schema=False)
-def metrics(request: Request) -> Response:
-    """403 for everybody else, 429 for who tries many tokens."""
-    services = services_of(request)
-    tries = not is_from_here(request) and "authorization" in request.headers
-    if tries and not count(request, TOKENS_PER_ADDRESS, "metrics", network_of(request)):
-        raise Refused(429, "too_many", "Too many requests from here; wait a minute and try again.")
-    if not (is_from_here(request) or _has_token(request, services.settings.metrics_token)):
-        said = "Metrics are for this machine, or for who sends DESIREPATH_METRICS_TOKEN as a bearer token."
-        raise Refused(403, "metrics_from_elsewhere", said)
-    return Response(services.monitoring.text(services), media_type=CONTENT_TYPE_LATEST)
-
-
-def _has_token(request: Request, token: str) -> bool:
-    sent = request.headers.get("authorization", "").encode()
-    return bool(token) and hmac.compare_digest(sent, f"Bearer {token}".encode())
+        return generate_latest(requests) + generate_latest(_once(_Standing(settings, database)))
 
 
 def _once(collector: Collector) -> CollectorRegistry:
@@ -94,15 +68,15 @@ def _once(collector: Collector) -> CollectorRegistry:
 class _Standing(Collector):
     """How sessions, answers, jobs, disk and worker stand now."""
 
-    def __init__(self, services: Services) -> None:
-        self._services = services
+    def __init__(self, settings: Settings, database: Database) -> None:
+        self._settings, self._database = settings, database
 
     def describe(self) -> list[Metric]:
         return []  # known without asking the database
 
     def collect(self) -> Iterator[Metric]:
         """One family after the other."""
-        with self._services.database.session() as s:
+        with self._database.session() as s:
             by_state = s.execute(
                 select(Session.state, Session.simulated, func.count()).group_by(Session.state, Session.simulated)
             ).all()
@@ -110,7 +84,7 @@ class _Standing(Collector):
             present = s.scalar(select(func.count()).where(recent, Session.state == "active"))
             answers = s.scalar(select(func.count()).select_from(Answer))
             jobs = s.execute(select(Job.kind, Job.state, func.count()).group_by(Job.kind, Job.state)).all()
-            silent = workers_silent_s(self._services.settings, s)
+            silent = workers_silent_s(self._settings.data, s)
             heard_of = WorkerProcess.seen_at > shared_now(s) - timedelta(seconds=SILENT_S)
             workers = s.scalar(select(func.count()).select_from(WorkerProcess).where(heard_of))
         sessions = GaugeMetricFamily("desirepath_sessions", "Sessions by state", labels=["state", "simulated"])
@@ -123,7 +97,7 @@ class _Standing(Collector):
         for kind, state, number in jobs:
             of_jobs.add_metric([kind, state], number)
         yield of_jobs
-        room = room_left(self._services.settings)
+        room = room_left(self._settings)
         yield GaugeMetricFamily(
             "desirepath_free_bytes", "Free on the fullest disk that is written on", value=room.free_mb * 2**20
         )

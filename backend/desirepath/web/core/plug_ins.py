@@ -14,7 +14,7 @@ from desirepath.grammar.source import file_text
 from desirepath.jobs.alignment import REGISTRY as ALIGNMENTS
 from desirepath.learning.queries.choosing import STRATEGIES
 from desirepath.learning.rewards.kinds import FITTINGS
-from desirepath.study.kinds import REGISTRY as KINDS
+from desirepath.study.kind import KINDS
 
 REGISTRIES = (KINDS, STRATEGIES, FITTINGS, ALIGNMENTS)
 STEPS = "participant/steps/"

@@ -14,7 +14,6 @@ from starlette.responses import RedirectResponse, Response
 from desirepath.store.database import Database
 from desirepath.store.models import Identity, User
 from desirepath.web.core import second_factor
-from desirepath.web.core.addresses import public_url
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import (
     SECOND_FACTOR,
@@ -24,7 +23,7 @@ from desirepath.web.core.auth import (
     change_password,
     verify_password,
 )
-from desirepath.web.core.dependencies import Db
+from desirepath.web.core.dependencies import Db, public_url
 from desirepath.web.core.lab_frame import LabRefusal, lab_page
 from desirepath.web.core.sign_ins import COOKIE, end_all, end_one, hashed, list_sign_ins
 from desirepath.web.core.throttle import seconds_to_wait, wait_in_words

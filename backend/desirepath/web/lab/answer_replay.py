@@ -22,12 +22,12 @@ from desirepath.store.models import Artefact, Event, Participant, Session, Strok
 from desirepath.store.models import Response as Answered
 from desirepath.store.sides import Side
 from desirepath.study.drawing import paths, walks
-from desirepath.study.kinds import kind_of, read_plan
-from desirepath.study.kinds.base import Moment, Page, Step
+from desirepath.study.kind import Moment, Page, kind_of, read_plan
 from desirepath.study.kinds.demonstration import DemonstrationStep
 from desirepath.study.kinds.trial import viewing_in
 from desirepath.study.session.machine import StepView
 from desirepath.study.session.versions import protocol_of
+from desirepath.study.steps import Step
 from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, contact, page, services_of

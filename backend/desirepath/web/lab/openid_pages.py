@@ -21,7 +21,6 @@ from desirepath.store.audit import record
 from desirepath.store.database import Database
 from desirepath.store.events import log_event
 from desirepath.store.models import Identity, Invitation, SignInUnderWay, User
-from desirepath.web.core.addresses import public_url
 from desirepath.web.core.admission_by_openid import account_of, invite, link, new_account
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import (
@@ -37,7 +36,7 @@ from desirepath.web.core.auth import (
     signed_in,
     verify_password,
 )
-from desirepath.web.core.dependencies import Db, services_of
+from desirepath.web.core.dependencies import Db, public_url, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_page
 from desirepath.web.core.openid import OpenId, OpenIdError, Someone
 from desirepath.web.core.sign_ins import begin_under_way, keep_under_way_cookie, under_way

@@ -19,8 +19,7 @@ from desirepath.store.models import Study
 from desirepath.store.payment_codes import REMOVED
 from desirepath.store.query_sets import query_sets_here
 from desirepath.store.sides import Side, is_side
-from desirepath.study.kinds import kind_of
-from desirepath.study.kinds.base import Page
+from desirepath.study.kind import Page, kind_of
 from desirepath.study.kinds.trial import viewing_in
 from desirepath.study.protocol.freezing import FrozenProtocol, ProtocolError
 from desirepath.study.protocol.planning import Step, example_queries, make_plan

@@ -24,7 +24,6 @@ from desirepath.store.models import (
     User,
 )
 from desirepath.web.core import second_factor
-from desirepath.web.core.addresses import public_url
 from desirepath.web.core.admission_by_openid import INVITED_ROLES
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import (
@@ -36,7 +35,7 @@ from desirepath.web.core.auth import (
     reset_password,
     set_role,
 )
-from desirepath.web.core.dependencies import Db, contact
+from desirepath.web.core.dependencies import Db, contact, public_url
 from desirepath.web.core.lab_frame import LabRefusal, lab_page
 from desirepath.web.core.roles import ROLES
 from desirepath.web.core.sign_ins import end_all

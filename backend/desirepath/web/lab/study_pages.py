@@ -27,11 +27,10 @@ from desirepath.study.protocol.outline import describe_stages
 from desirepath.study.session.joining import UNFILLED
 from desirepath.study.session.platforms import PLATFORMS
 from desirepath.study.session.versions import newest_protocol
-from desirepath.web.core.addresses import public_url
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, SignedIn, check_csrf
 from desirepath.web.core.contract import reply_of
-from desirepath.web.core.dependencies import Db, Files, contact
+from desirepath.web.core.dependencies import Db, Files, contact, public_url
 from desirepath.web.core.lab_frame import LabRefusal, lab_page, rights_in
 from desirepath.web.core.media import answers_with
 from desirepath.web.core.permits import in_studies

@@ -11,14 +11,13 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
 from desirepath.store.models import Session, utc_now
-from desirepath.study.kinds import kind_of
-from desirepath.study.kinds.base import Moment
+from desirepath.study.kind import Moment, kind_of
 from desirepath.study.kinds.live import LiveKind, LiveStep, clean_weights
-from desirepath.study.kinds.wire import BadValue
 from desirepath.study.kinds.words import MEANT, MOST_QUESTIONS, WordsStep, language_of, mark_stretches, understood
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
 from desirepath.study.session.versions import protocol_of
+from desirepath.study.wire import BadValue
 from desirepath.web.core.contract import reply_of
 from desirepath.web.core.dependencies import TheServices, services_of
 from desirepath.web.participant.replies import LivePaths, PlaceShown, WordsUnderstood

@@ -19,7 +19,7 @@ from starlette.responses import RedirectResponse, Response
 
 from desirepath.grammar.texts import local
 from desirepath.store.models import RecruitingId, Session, Study, utc_now
-from desirepath.study.kinds import kind_of
+from desirepath.study.kind import kind_of
 from desirepath.study.links import normalise_token, token_hash
 from desirepath.study.protocol.stages import STAGES
 from desirepath.study.refusals import Refused

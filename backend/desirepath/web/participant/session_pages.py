@@ -18,8 +18,7 @@ from starlette.responses import RedirectResponse, Response
 from desirepath.store.events import log_event
 from desirepath.store.models import Participant, Session, utc_now
 from desirepath.store.models import Response as Answer
-from desirepath.study.kinds import kind_of, read_plan
-from desirepath.study.kinds.base import Page
+from desirepath.study.kind import Page, kind_of, read_plan
 from desirepath.study.kinds.consent import ConsentStep
 from desirepath.study.links import token_hash
 from desirepath.study.protocol.freezing import FrozenProtocol

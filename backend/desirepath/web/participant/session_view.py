@@ -11,15 +11,15 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.grammar.texts import local
 from desirepath.store.models import Participant, Session, utc_now
-from desirepath.study.kinds import KINDS, Step, kind_of, read_plan
+from desirepath.study.kind import KINDS, kind_of, read_plan
 from desirepath.study.refusals import Refused, log_refusal
 from desirepath.study.session import machine
 from desirepath.study.session.finding import acting, find_session
 from desirepath.study.session.leaving import LONGEST_PROBLEM
 from desirepath.study.session.versions import protocol_of
 from desirepath.study.simulated.known import known_to_simulated
-from desirepath.web.core.addresses import public_url
-from desirepath.web.core.dependencies import Services, contact, stage_origin
+from desirepath.study.steps import Step
+from desirepath.web.core.dependencies import Services, contact, public_url, stage_origin
 from desirepath.web.stage.admission import stage_token
 
 HELPED = ("words", "tuning", "feedback", "meet_your_robot")

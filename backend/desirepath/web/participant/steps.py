@@ -15,7 +15,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from typing_extensions import TypeAliasType
 
-from desirepath.study.kinds import KINDS, Kind
+from desirepath.study.kind import KINDS, Kind
 from desirepath.web.core.contract import AnswerValue, Clock, Reply, Sent
 
 RequestId = Annotated[

@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.store.database import DatabaseBusy
 from desirepath.store.models import Session, utc_now
 from desirepath.study.drawing import paths
-from desirepath.study.kinds import kind_of
+from desirepath.study.kind import kind_of
 from desirepath.study.kinds.demonstration import DemonstrationStep
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine

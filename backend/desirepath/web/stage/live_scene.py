@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from desirepath.store.database import Database
 from desirepath.store.models import Session
-from desirepath.study.kinds import kind_of
+from desirepath.study.kind import kind_of
 from desirepath.study.kinds.live import LiveKind, LiveStep
 from desirepath.study.session import machine
 

@@ -21,8 +21,7 @@ from desirepath.store.database import Database, DatabaseBusy
 from desirepath.store.models import Session, utc_now
 from desirepath.store.sides import Side
 from desirepath.study.drawing import paths
-from desirepath.study.kinds import kind_of
-from desirepath.study.kinds.base import Moment
+from desirepath.study.kind import Moment, kind_of
 from desirepath.study.session import machine
 from desirepath.study.session.versions import protocol_of
 from desirepath.study.session.watching import viewing_of

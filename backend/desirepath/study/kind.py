@@ -1,213 +1,39 @@
-"""What every kind of step is made of: its stage in the protocol, its step in the plan, and what it does in a session.
+"""What every kind of step is made of besides its stage and steps (`steps.py`): its page, and what it does in a session.
 
-A kind's own file fills these in and ends with `KIND = ...`; `kinds/__init__.py` finds it there. Nothing here, and
-nothing in the session machine, knows a kind by name. Kinds know no protocol as a whole: they are handed what they need.
+A kind's own file in `kinds` fills these in and ends with `KIND = ...`; it is found there, or by an entry point of
+`desirepath.kinds` in another package, so that whoever adds one touches no list. Nothing here, and nothing in the
+session machine, knows a kind by name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, Protocol, TypeVar
+from functools import cache, reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import Field, TypeAdapter
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
-from desirepath.grammar.conditions import Condition, Ordered
-from desirepath.grammar.parts import Part
-from desirepath.grammar.skipping import Earlier, When
-from desirepath.grammar.source import Path, Problem, Source
-from desirepath.grammar.words import View
+from desirepath.grammar.when import Earlier, When
+from desirepath.registries import Registry
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Response, Session, Trial
 from desirepath.store.sides import Side
 from desirepath.study.clock import elapsed_s
-from desirepath.study.kinds.wire import Answer, Besides, Confirmed, Progress, TrialState
-from desirepath.study.plan.asked_queries import DrawnQueries, Needs
+from desirepath.study.frozen import Frozen
 from desirepath.study.refusals import Refused
+from desirepath.study.steps import BlockPart, Stage, Step, T
+from desirepath.study.wire import Answer, Besides, Confirmed, Progress, TrialState
 
 if TYPE_CHECKING:
     from desirepath.explain.shown_explanation import ShownExplanation
     from desirepath.report.made_up_cohorts import MadeUpPerson
     from desirepath.simulation.trajectory import Trajectory
-    from desirepath.study.protocol.freezing import FrozenProtocol
-
-PAGE_S = 30.0  # ours: how long a page is read
-
-# ---- in the protocol -------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Pace:
-    """What people take, seconds: a page; a trial of two trajectories, letters and choice; one trajectory alone."""
-
-    page_s: float
-    trial_s: float
-    single_s: float
-
-
-@dataclass
-class Planning:
-    """What a stage is planned with. key: the stage's own; stages: all of the protocol; conditions: in this
-    participant's order, none where the stage has none; view: of the block before; drawn: this participant's queries.
-    """
-
-    key: str
-    stages: Sequence[Stage]
-    conditions: Sequence[Condition]
-    view: View
-    drawn: DrawnQueries
-    random: np.random.Generator
-
-    def of(self, stage: type[T]) -> list[T]:
-        """The protocol's stages of that class."""
-        return [one for one in self.stages if isinstance(one, stage)]
-
-
-class Stage(Part):
-    """Base of what a protocol says about one of its stages. Class variables are what other stages must know of it."""
-
-    asks: ClassVar[bool] = False
-    """Asks something of the participant, so it stands after the consent."""
-    teaches: ClassVar[Literal["align", "demonstrations"] | None] = None
-    """Which job learns from what is answered there; a protocol needs one such stage at least."""
-    measures: ClassVar[bool] = False
-    """Asks what a study may be about by itself, though nothing learns from it."""
-    once: ClassVar[bool] = False
-    """Stands at most once in a protocol."""
-    for_everybody: ClassVar[bool] = False
-    """Cannot stand beside `when`."""
-    sets_view: ClassVar[bool] = False
-    """What follows without a view of its own is shown in this stage's."""
-    begins: ClassVar[Literal["train"] | None] = None
-    """What the answer before it begins (`Kind.begun`)."""
-    draws: ClassVar[bool] = False
-    """Paths are drawn, for which a phone is too small."""
-
-    @property
-    def views(self) -> set[View]:
-        """What rooms are shown in, where the stage says so itself."""
-        own: View | None = getattr(self, "view", None)
-        groups = range(len(self.groups)) if isinstance(self, Ordered) else ()
-        conditions = [one for group in groups for one in self.conditions(group)]  # type: ignore[attr-defined]
-        return {view for view in (own, *(one.view for one in conditions)) if view is not None}
-
-    def plan(self, at: Planning) -> list[Step]:
-        """This participant's steps, in order."""
-        raise NotImplementedError
-
-    def own_name(self) -> str | None:
-        """What the stage is called in plans; default its kind."""
-        return None
-
-    def needs(self) -> Needs:
-        """What it needs of the query set."""
-        return Needs()
-
-    def trials_asked(self) -> int:
-        """How many trials it asks under each of its conditions."""
-        return 0
-
-    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
-        """How long it takes, breaks included."""
-        return pace.page_s
-
-    def numbers(self) -> dict[str, int]:
-        """What it adds to the numbers that texts may name in braces (`protocol/numbers_in_texts.py`); `pairs_per_block`
-        is a maximum, all others are sums.
-        """
-        return {}
-
-    def texts(self) -> Iterator[tuple[str, Path]]:
-        """(name of a markdown text, where in the stage it is named)."""
-        text = getattr(self, "text", None)
-        if text is not None:
-            yield text, ("text",)
-
-    def questionnaires(self) -> Iterator[tuple[str, Path]]:
-        """(name of a questionnaire, where in the stage it is named)."""
-        yield from ()
-
-    def local_texts(self) -> Iterator[tuple[dict[str, str], Path]]:
-        """Texts per language that stand in the protocol file itself, and where in the stage."""
-        yield from ()
-
-    def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
-        """What its numbers cannot be together, or beside the other stages. here: its place in the file."""
-        yield from ()
-
-
-T = TypeVar("T", bound=Stage)
-
-
-class BlockPart(Part):
-    """Base of a page in a block's `before`, `after` or `between`."""
-
-    def step(self, prefix: str, place: str, condition: Condition, where: Mapping[str, Any]) -> Step:
-        """Its step under one condition. prefix: of the condition's keys; place: `before_1` and so on."""
-        raise NotImplementedError
-
-    def texts(self, conditions: Sequence[Condition]) -> Iterator[tuple[str, str]]:
-        """(name of a markdown text, field that names it), one per condition that it differs in."""
-        text = getattr(self, "text", None)
-        if text is not None:
-            for name in sorted({condition.filled(text) for condition in conditions}):
-                yield name, "text"
-
-    def questionnaires(self) -> Iterator[tuple[str, str]]:
-        """(name of a questionnaire, field that names it)."""
-        yield from ()
-
-
-# ---- in the plan -----------------------------------------------------------------------------------------------------
-
-
-class Step(BaseModel):
-    """Base of a step in a participant's plan. key: unique in the plan; stage: the stage's; block: the condition's name.
-
-    `when`: not everybody meets it. `then`: what its answer begins. `rates`: its answer's field that is a number and
-    rates what its trial shows; data sets and reports find ratings by it, reward models those of trials of kind
-    `rating`. Plans are stored as JSON with what was set alone; what older plans say that nobody reads any more is
-    passed over.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="ignore", populate_by_name=True)
-
-    kind: str
-    key: str
-    stage: str
-    block: str | None = None
-    view: View | None = None
-    when: When | None = None
-    then: Literal["train", "train_again"] | None = None
-    rates: str | None = None
-
-    def least_s(self, *, timed_out: bool) -> int:
-        """How long its page must stand before it can be answered. timed_out: half filled, because its time is over."""
-        return 0
-
-    @property
-    def most_s(self) -> int | None:
-        """How long it may be answered, if not for ever: what comes later counts as half filled."""
-        return None
-
-    @property
-    def title_of(self) -> tuple[Literal["text", "questionnaire"], str] | None:
-        """The text or questionnaire whose title names the step to experimenters, where there is one."""
-        return None
-
-    @property
-    def sort(self) -> tuple[str, ...]:
-        """What tells it from steps that look otherwise: a preview shows one of each sort."""
-        return (self.stage, self.block or "", self.kind)
-
-    def as_stored(self) -> dict[str, Any]:
-        """The step as the session's plan holds it."""
-        return self.model_dump(mode="json", by_alias=True, exclude_unset=True)
-
 
 S = TypeVar("S", bound=Step)
 A = TypeVar("A", bound=Answer)
@@ -219,7 +45,7 @@ A = TypeVar("A", bound=Answer)
 class Page:
     """What a step's texts are made from. earlier: answers by which items are left out; None: none is."""
 
-    frozen: FrozenProtocol
+    frozen: Frozen
     language: str
     completion_code: str | None = None
     earlier: Earlier | None = None
@@ -229,6 +55,11 @@ class Page:
         title, body = self.frozen.text(text, self.language)
         return {"title": title, "text": body}
 
+    def stage_of(self, step: Step, stage: type[T]) -> T | None:
+        """The stage that planned the step, None where it is none of that class."""
+        found = next((one for key, one in self.frozen.protocol.keyed_stages if key == step.stage), None)
+        return found if isinstance(found, stage) else None
+
 
 @dataclass
 class Moment:
@@ -236,7 +67,7 @@ class Moment:
 
     s: DatabaseSession
     session: Session
-    frozen: FrozenProtocol
+    frozen: Frozen
     now: datetime
 
     @property
@@ -247,8 +78,6 @@ class Moment:
     @property
     def plan(self) -> list[Step]:
         """The participant's plan; it never changes, so it is read once in a transaction."""
-        from desirepath.study.kinds import read_plan  # the kinds are found after this file is read
-
         known: dict[str, list[Step]] = self.s.info.setdefault("plans", {})
         if self.session.id not in known:
             known[self.session.id] = read_plan(self.session.plan)
@@ -271,14 +100,10 @@ class Moment:
 
     def is_asked(self, step: Step) -> bool:
         """Whether this person is asked that step, now that they come to it."""
-        from desirepath.study.kinds import kind_of
-
         return (step.when is None or self._is_met(step.when)) and kind_of(step).is_asked(step, self)
 
     def may_come(self, step: Step) -> bool:
         """Whether a later step counts as ahead: not what an answer has ruled out, or what its kind does not count."""
-        from desirepath.study.kinds import kind_of
-
         ruled_out = step.when and self.answer_to(step.when.questionnaire) is not None and not self._is_met(step.when)
         return not ruled_out and kind_of(step).may_come(step, self)
 
@@ -322,8 +147,6 @@ class Acting(Moment):
 
     def arrive(self) -> Ending | None:
         """What coming to the current step means, and whether that ends the session."""
-        from desirepath.study.kinds import kind_of
-
         return kind_of(self.step).arrive(self.step, self)
 
 
@@ -485,6 +308,58 @@ class Kind(Generic[S, A]):
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         """A simulated participant's answer. step: as the API tells it, with what `known_to_simulated` adds."""
         return {}
+
+
+# ---- all that there are ----------------------------------------------------------------------------------------------
+
+KINDS: Registry[Kind[Any, Any]] = Registry("desirepath.kinds", "desirepath.study.kinds", "KIND")
+"""name -> kind."""
+
+
+def kind_of(step: Step) -> Kind[Any, Any]:
+    """The kind of a step."""
+    return KINDS[step.kind]
+
+
+def begin(then: str, acting: Acting) -> None:
+    """What the answer to a step begins that says so."""
+    for kind in KINDS.values():
+        if then in kind.begun:
+            kind.begun[then](acting)
+
+
+@cache
+def _readers() -> tuple[TypeAdapter[Step], TypeAdapter[list[Step]]]:
+    """Of one step, and of a plan: the union of what the kinds plan."""
+    any_step: Any = Annotated[reduce(or_, (kind.step for kind in KINDS.values())), Field(discriminator="kind")]
+    return TypeAdapter(any_step), TypeAdapter(list[any_step])
+
+
+def read_step(stored: Mapping[str, Any]) -> Step:
+    """A step as plans hold it, also those that older versions made."""
+    return _readers()[0].validate_python(stored)
+
+
+def read_plan(stored: Sequence[Mapping[str, Any]]) -> list[Step]:
+    """A whole plan, likewise."""
+    return _readers()[1].validate_python(stored)
+
+
+def stored(plan: Iterable[Step]) -> list[dict[str, Any]]:
+    """A plan as sessions hold it."""
+    return [step.as_stored() for step in plan]
+
+
+@cache
+def stage_kinds() -> Mapping[str, type[Stage]]:
+    """Key in the protocol's `stages` -> what it may say."""
+    return {name: stage for kind in KINDS.values() for name, stage in kind.stages.items()}
+
+
+@cache
+def block_parts() -> Mapping[str, type[BlockPart]]:
+    """Key in a block's `before`, `after` and `between` -> what it may say."""
+    return {name: part for kind in KINDS.values() for name, part in kind.block_parts.items()}
 
 
 def make_trial(acting: Acting, step: Step, *, kind: str, trajectory_a: str, trajectory_b: str, **rest: Any) -> Trial:
