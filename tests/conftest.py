@@ -2,10 +2,13 @@
 
 import os
 import shutil
+import socket
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 import structlog
@@ -48,9 +51,15 @@ SLOW_PLACES = (
     "simulation/test_parity.py",
     "report/test_made_up_cohorts.py",
     "test_notebook.py",
+    "test_own_setup.py",
     "test_recipes.py",
     "test_compiled_functions.py",
 )
+
+
+STARTED = {"chromium", "initdb", "caddy", "moto.server", "serve", "worker"}
+"""Words of commands that start a browser, a server or a worker."""
+_running: list[pytest.Item] = []
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -70,6 +79,30 @@ def _speed_of(place: str, fixtures: frozenset[str]) -> str:
 
 def _lies_in(place: str, places: tuple[str, ...]) -> bool:
     return any(place == one or place.startswith(f"{one}/") for one in places)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    _running[:] = [item]
+    try:
+        return (yield)
+    finally:
+        _running.clear()
+
+
+def _hold_fast_to_it(event: str, arguments: tuple[Any, ...]) -> None:
+    """A test that is marked fast, or a fixture made for it, starts no server, worker or browser."""
+    if event == "socket.bind":
+        starts = arguments[0].family != socket.AF_UNIX
+    elif event == "subprocess.Popen":
+        starts = bool(STARTED & {Path(os.fsdecode(word)).name for word in arguments[1]})
+    else:
+        return
+    if starts and any(item.get_closest_marker("fast") for item in _running):
+        raise AssertionError(f"{_running[0].nodeid} is marked fast: {event} {arguments[1]}; see tests/conftest.py")
+
+
+sys.addaudithook(_hold_fast_to_it)
 
 
 @pytest.fixture(scope="module")  # not longer: playwright keeps an event loop running, which other tests cannot have

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import struct
 import subprocess
 import sys
-import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +15,7 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
-from desirepath.installed import DATASETS, DOCS
+from desirepath.installed import DATASETS
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.queries.queries import Query, QuerySet
 from desirepath.simulation import setups
@@ -31,17 +29,12 @@ from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.studies import create_study
 from desirepath_stage import bodies, scene_nodes
 from desirepath_stage.views import camera_for
+from tests.fences import fences_of, install
 from tests.study.small_protocol import small_protocol
 
+SECTIONS = ("A robot and its setup", "A world")
+TINY = "updates=100 --set n_envs=32 --set selection_scenes=50"
 CACHES = (setups.setup_folders, setups.get_setup, setups.preference_setups, setups.trainable_setups)
-
-
-def fences() -> dict[str, str]:
-    """The recipes' files by the name in their first line."""
-    text = (DOCS / "extending.md").read_text()
-    part = text[text.index("## A robot and its setup") : text.index("## An objective")]
-    found = re.findall(r"```(?:yaml|python|toml)\n# (\S+)\n(.*?)```", part, re.S)
-    return dict(found)
 
 
 def forget() -> None:
@@ -54,19 +47,10 @@ def forget() -> None:
 @pytest.fixture
 def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A laboratory's folder with what the recipes write, its package installed, its setups named."""
-    for name, text in fences().items():
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+    install([fence for section in SECTIONS for fence in fences_of("docs/extending.md", section)], tmp_path)
     own = (tmp_path / "setups/porter_room/setup.yaml").read_text()
     (tmp_path / "porter/porter_passage").mkdir()
     (tmp_path / "porter/porter_passage/setup.yaml").write_text(own.replace("name: study_room", "name: passage"))
-    info = tmp_path / "porter-1.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: porter\nVersion: 1\n")
-    named = tomllib.loads((tmp_path / "pyproject.toml").read_text())["project"]["entry-points"]
-    lines = [f"[{group}]\n" + "".join(f"{k} = {v}\n" for k, v in entries.items()) for group, entries in named.items()]
-    (info / "entry_points.txt").write_text("\n".join(lines))
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setenv("DESIREPATH_SETUPS", str(tmp_path / "setups"))
     monkeypatch.chdir(tmp_path)
@@ -100,7 +84,7 @@ class Recorded:
 
 def test_a_larger_robot_with_another_lidar_trains_drives_in_a_session_and_is_seen(lab, database, files):
     notebook: dict[str, object] = {}
-    exec(fences()["notebook.py"], notebook)
+    exec((lab / "notebook.py").read_text(), notebook)
     policy, setup = Policy.load(lab / "porter_room.npz"), get_setup("porter_room")
     assert (setup.robot.radius_m, setup.robot.lidar.range_m) == (0.3, 8.0)
     assert policy.setup == "porter_room"
@@ -131,6 +115,18 @@ def test_a_larger_robot_with_another_lidar_trains_drives_in_a_session_and_is_see
         scene_nodes.build(api, "/s", scene, "top_down", camera_for(scene, "top_down"), (bodies.NEUTRAL,))
         seen[scene.setup] = body_radius_m(api.glb["/s/robot0/body"])
     assert seen == {"porter_passage": pytest.approx(0.3, rel=0.03), "study_room": pytest.approx(0.18, rel=0.03)}
+
+
+def test_the_commands_of_the_recipe_train_and_measure_it(lab):
+    (commands,) = (one.text for one in fences_of("docs/extending.md", SECTIONS[0]) if one.language == "bash")
+    assert "updates=600" in commands
+    quickly = commands.replace("updates=600", TINY)
+    search = {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    search["PYTHONPATH"] = os.pathsep.join(filter(None, sys.path))
+    done = subprocess.run(["bash", "-ec", quickly], env=os.environ | search, cwd=lab, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]
+    assert Policy.load(lab / "porter_room.npz").setup == "porter_room"
+    assert "success" in done.stdout
 
 
 def test_scenes_of_an_own_world_leave_the_robot_its_room(lab):

@@ -24,8 +24,11 @@ ENSEMBLE_DEPARTURES = ("ensemble_start", "ensemble_choice")
 
 
 def config_of(params: TrainBaseParams) -> BaseConfig:
-    """The training that is asked for, with the network that the setup's base policy has."""
-    return replace(base_config(params.setup), **params.model_dump())
+    """The training that is asked for, with the network that the setup's base policy has; a short one, asked for to see
+    that it runs, is smoothed no longer than it learns."""
+    shipped = base_config(params.setup)
+    smoothing = min(shipped.smoothing_updates, params.updates)
+    return replace(shipped, smoothing_updates=smoothing, **params.model_dump())
 
 
 def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
