@@ -49,7 +49,7 @@ SLOW_PLACES = (
     "learning",
     "demonstrations/test_td3_bc.py",
     "simulation/test_parity.py",
-    "report/test_made_up_cohorts.py",
+    "report/test_simulated_cohorts.py",
     "test_notebook.py",
     "test_own_setup.py",
     "test_recipes.py",

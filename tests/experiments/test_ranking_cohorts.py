@@ -1,4 +1,4 @@
-"""What is put into made-up rankers is found in their studies, and little else."""
+"""What is put into simulated rankers is found in their studies, and little else."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from desirepath.cli.main import app
-from desirepath.report.made_up_rankers import PUBLISHED, RankerCohort
-from desirepath.report.planned_design import Assumed, PlannedDesign
-from desirepath.report.ranking_power import RankedDesign, ranking_found
-from desirepath.report.simulated_power import power
+from desirepath.report.planned_design import Assumed, PlannedDesign, RankedDesign
+from desirepath.report.simulated_power import count_found_rankings, power
+from desirepath.report.simulated_rankers import PUBLISHED, RankerCohort
 from desirepath_experiments.cohorts.ranking_cohorts import ANY, ranking_cohorts
 
 
@@ -30,10 +29,10 @@ def test_effects_put_in_are_found_and_nulls_are_not() -> None:
 def test_power_grows_with_people_and_falls_with_who_leaves() -> None:
     design = RankedDesign(("outline", "lidar"))
     outline, lidar, both = design.tests
-    few, many = (ranking_found(design, PUBLISHED, size, 8) for size in (6, 30))
+    few, many = (count_found_rankings(design, PUBLISHED, size, 8) for size in (6, 30))
     assert few[outline] < many[outline]
     assert many[lidar] + many[both] <= 2
-    assert ranking_found(design, PUBLISHED, 30, 8, drop_out=0.9)[outline] < many[outline]
+    assert count_found_rankings(design, PUBLISHED, 30, 8, drop_out=0.9)[outline] < many[outline]
 
 
 def test_a_planned_study_of_rankings_is_told_the_power_of_each_of_their_tests() -> None:

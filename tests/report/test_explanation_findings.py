@@ -12,12 +12,12 @@ import pytest
 from scipy import stats
 
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.explanation_figures import explanation_pictures
 from desirepath.report.explanation_findings import Explained, explained, trials_of
 from desirepath.report.explanation_text import explanation_brief, explanation_sections
 from desirepath.report.findings import analyse
-from desirepath.report.made_up_cohorts import CohortError
-from desirepath.report.made_up_rankers import PUBLISHED, RankerCohort, draw_ranking, made_up_rankings, noise_for
+from desirepath.report.report_figures import explanation_pictures
+from desirepath.report.simulated_cohorts import CohortError
+from desirepath.report.simulated_rankers import PUBLISHED, RankerCohort, draw_ranking, noise_for, simulate_rankings
 from desirepath.report.study_data import ImportanceRanking, StudyData
 from desirepath.report.study_report import write_study_report
 
@@ -37,7 +37,7 @@ def found(data: StudyData) -> Explained:
 
 @pytest.fixture(scope="module")
 def published() -> StudyData:
-    return made_up_rankings(replace(PUBLISHED, seed=4), 24)
+    return simulate_rankings(replace(PUBLISHED, seed=4), 24)
 
 
 def ranking(order: str, scores: dict[str, float], role: str = "regular") -> ImportanceRanking:
@@ -103,13 +103,13 @@ def test_two_people_are_described_and_not_tested(published: StudyData) -> None:
 
 
 def test_a_study_with_outlines_alone_has_one_effect() -> None:
-    of = found(made_up_rankings(replace(PUBLISHED, seed=1), 12, factors=("outline",)))
+    of = found(simulate_rankings(replace(PUBLISHED, seed=1), 12, factors=("outline",)))
     assert list(of.agreement.means) == ["neither", "outline"]
     assert [test.about for test in of.agreement.tests] == ["tau, outline"]
 
 
 @pytest.mark.parametrize("tau", [0.1, 0.42, 0.8])
-def test_made_up_people_agree_as_well_as_stated(tau: float) -> None:
+def test_simulated_people_agree_as_well_as_stated(tau: float) -> None:
     random = np.random.default_rng(0)
     scores = random.random((20_000, 5))
     places = draw_ranking(scores, tau, random)

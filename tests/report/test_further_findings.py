@@ -16,8 +16,8 @@ from desirepath.analysis.scale_wordings import SCALES
 from desirepath.report.analysis_plan import AnalysisPlan, Equivalence
 from desirepath.report.findings import Findings, analyse
 from desirepath.report.further_findings import Further
-from desirepath.report.made_up_cohorts import Cohort, made_up_study
 from desirepath.report.report_text import sections
+from desirepath.report.simulated_cohorts import Cohort, simulate_data
 from desirepath.report.study_data import Choice, Comparison, ParticipantRow, Rating, StudyData
 
 PLAN = AnalysisPlan(metrics=())
@@ -82,7 +82,7 @@ def test_period_of_three_conditions_is_friedmans() -> None:
 
 
 def test_agreement_between_views_is_tested_against_agreement_with_oneself() -> None:
-    data = made_up_study(Cohort(steady=0.95, consistency={"top_down": 0.6}), 24, repeats=10)
+    data = simulate_data(Cohort(steady=0.95, consistency={"top_down": 0.6}), 24, repeats=10)
     of, beside = found(data)
     test = beside.against_retest
     assert test is not None
@@ -129,7 +129,7 @@ def test_equivalence_and_bayes_factors_only_where_declared() -> None:
 
 def test_reliability_of_a_scale_counts_turned_items() -> None:
     sus = SCALES["sus"]
-    data = made_up_study(Cohort(items_alike=0.6), 40, items=(), rankings=(), scales=[sus], conditions=("x", "y"))
+    data = simulate_data(Cohort(items_alike=0.6), 40, items=(), rankings=(), scales=[sus], conditions=("x", "y"))
     of, beside = found(data)
     assert [(one.scale, one.condition, one.of.items) for one in beside.reliabilities] == [
         ("SUS", "x", 10),
@@ -138,7 +138,7 @@ def test_reliability_of_a_scale_counts_turned_items() -> None:
     assert all(one.of.alpha > 0.85 for one in beside.reliabilities)
     assert "SUS" in said(of, "Reliability of scales")
     for people, counted in ((3, ["SUS"]), (2, [])):
-        few = made_up_study(Cohort(), people, items=(), rankings=(), scales=[sus], conditions=("x",), queries=0)
+        few = simulate_data(Cohort(), people, items=(), rankings=(), scales=[sus], conditions=("x",), queries=0)
         assert [one.scale for one in found(few)[1].reliabilities] == counted
 
 
@@ -173,7 +173,7 @@ def test_answers_that_separate_the_conditions_have_a_test_but_no_odds_ratio() ->
 
 
 def test_mixed_models_beside_the_tests() -> None:
-    data = made_up_study(
+    data = simulate_data(
         Cohort(ratings={"fun": {"immersive": 1.5}}, second_shown=0.0), 24, items=("fun",), comparisons=4
     )
     of, beside = found(data, AnalysisPlan(metrics=(), models=True))
@@ -262,7 +262,7 @@ def test_a_scale_s_answers_are_turned_and_only_whole_ones_count() -> None:
 
 
 def test_a_model_of_choices_is_of_the_second_shown_by_condition_and_of_own_choices_a_chance() -> None:
-    data = made_up_study(
+    data = simulate_data(
         Cohort(second_shown=0.3), 12, items=(), rankings=(), queries=8, comparisons=5, opponents=("base",)
     )
     _, beside = found(data, AnalysisPlan(metrics=(), models=True))

@@ -1,4 +1,4 @@
-"""A made-up study's whole report, word by word: whatever changes in it is seen, and looked at, before it is accepted.
+"""A simulated study's whole report, word by word: whatever changes in it is seen, and looked at, before it is accepted.
 
 The numbers themselves are tested against other programs elsewhere. After a change that is wanted:
 `python -m tests.report.test_known_report` writes the expected report anew.
@@ -15,9 +15,9 @@ from desirepath.analysis.scale_wordings import SCALES
 from desirepath.explain.printed import Section
 from desirepath.report.analysis_plan import AnalysisPlan, Equivalence
 from desirepath.report.findings import Findings, analyse
-from desirepath.report.made_up_cohorts import Cohort, made_up_study
 from desirepath.report.planned_design import Assumed, PlannedDesign
 from desirepath.report.report_text import brief, every_test, facts, sections
+from desirepath.report.simulated_cohorts import Cohort, simulate_data
 from desirepath.report.simulated_power import enough, power
 from desirepath.report.study_data import Choice, Guess, ItemText, Rating, StudyData
 from desirepath.report.study_report import answer_rows, findings_dict, scale_rows
@@ -40,7 +40,7 @@ def three_views() -> StudyData:
         seed=4,
     )
     items = ("ease", "fun")
-    data = made_up_study(
+    data = simulate_data(
         cohort,
         PEOPLE,
         items=items,
@@ -116,7 +116,7 @@ def _swapped(person: str, n: int, *, steady: bool) -> Choice:
 
 def two_by_two() -> StudyData:
     cohort = Cohort(ratings={"fun": {"immersive": 1.5}}, seed=2)
-    return made_up_study(
+    return simulate_data(
         cohort,
         12,
         items=("fun",),

@@ -10,8 +10,8 @@ import pytest
 from desirepath.analysis.scale_wordings import SCALES
 from desirepath.report.analysis_plan import AnalysisPlan, Equivalence
 from desirepath.report.findings import analyse
-from desirepath.report.made_up_cohorts import CONDITIONS, Cohort, CohortError, made_up_study
 from desirepath.report.planned_design import Assumed, PlannedDesign, as_planned
+from desirepath.report.simulated_cohorts import CONDITIONS, Cohort, CohortError, simulate_data
 from desirepath.report.simulated_power import Power, power
 from desirepath.report.study_design import StudyDesign
 
@@ -75,7 +75,7 @@ def test_a_scale_is_found_by_its_score() -> None:
 
 
 def test_who_drops_out_is_not_analysed() -> None:
-    data = made_up_study(Cohort(drop_out=0.4, seed=2), 200)
+    data = simulate_data(Cohort(drop_out=0.4, seed=2), 200)
     gone = sum(one.state == "expired" for one in data.people)
     assert 60 <= gone <= 100
     few, none = (
@@ -101,7 +101,7 @@ def test_own_against_base_and_against_other_apart() -> None:
 def test_who_is_shown_no_policy_as_theirs_compares_nothing() -> None:
     """With drop-out: of a hundred, a fifth is gone, and of those who finish half compare."""
     cohort = Cohort(shown=0.5, drop_out=0.2, seed=4)
-    data = made_up_study(cohort, 100, conditions=("x",), items=(), rankings=(), queries=1, comparisons=2)
+    data = simulate_data(cohort, 100, conditions=("x",), items=(), rankings=(), queries=1, comparisons=2)
     compared = {one.person for one in data.comparisons}
     assert compared == {one.code for one in data.people if one.own_policy == "shown"}
     assert 35 <= len(compared) <= 65
@@ -121,7 +121,7 @@ def test_who_is_shown_no_policy_as_theirs_compares_nothing() -> None:
 
 def test_items_can_be_correlated() -> None:
     def correlation(alike: float) -> float:
-        data = made_up_study(
+        data = simulate_data(
             Cohort(items_alike=alike), 300, items=("a", "b"), conditions=("x",), rankings=(), queries=1
         )
         a, b = ([one.value for one in data.ratings if one.item == item] for item in ("a", "b"))

@@ -15,7 +15,6 @@ from desirepath.analysis.tested import Mean
 from desirepath.explain.pictures import Picture
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings, analyse
-from desirepath.report.made_up_cohorts import CONDITIONS, ITEMS, Cohort, made_up_study
 from desirepath.report.planned_design import Assumed
 from desirepath.report.report_figures import (
     PLACES,
@@ -27,6 +26,7 @@ from desirepath.report.report_figures import (
     power_picture,
     ranking_picture,
 )
+from desirepath.report.simulated_cohorts import CONDITIONS, ITEMS, Cohort, simulate_data
 from desirepath.report.simulated_power import Power, rate
 
 DIFFERENT = Cohort(
@@ -40,7 +40,7 @@ SEVEN = ("fun", "ease", *ITEMS[3:8])
 
 @pytest.fixture(scope="module")
 def found() -> Findings:
-    data = made_up_study(
+    data = simulate_data(
         DIFFERENT, 24, items=SEVEN, rankings=("usefulness", "ease_of_use"), queries=6, repeats=5, comparisons=3
     )  # fmt: skip
     return analyse(data, lambda _: None, "simulated", AnalysisPlan(metrics=()))
@@ -148,7 +148,7 @@ def test_brackets_stand_over_the_pairs_that_differ_and_no_others(found: Findings
 def test_two_conditions_have_one_bracket_and_factors_none() -> None:
     cohort = Cohort(ratings={"fun": {"immersive": 2.5}}, seed=1)
     two = analyse(
-        made_up_study(cohort, 20, items=("fun",), rankings=(), conditions=("immersive", "top_down"), queries=2),
+        simulate_data(cohort, 20, items=("fun",), rankings=(), conditions=("immersive", "top_down"), queries=2),
         lambda _: None, "simulated", AnalysisPlan(metrics=(), pairs="always", pairs_over="item"),
     )  # fmt: skip
     picture = items_picture(two)
@@ -157,7 +157,7 @@ def test_two_conditions_have_one_bracket_and_factors_none() -> None:
     assert "an item's pairs; *" in picture.caption
     factors = {"view": ("immersive", "top_down"), "speed": ("slow", "quick")}
     crossed = analyse(
-        made_up_study(cohort, 20, items=("fun",), rankings=(), within=factors, queries=2),
+        simulate_data(cohort, 20, items=("fun",), rankings=(), within=factors, queries=2),
         lambda _: None, "simulated", AnalysisPlan(metrics=()),
     )  # fmt: skip
     (ax,) = shown(items_picture(crossed))
@@ -166,7 +166,7 @@ def test_two_conditions_have_one_bracket_and_factors_none() -> None:
 
 
 def test_scores_have_a_panel_with_the_scales_own_ends() -> None:
-    data = made_up_study(DIFFERENT, 8, items=("fun",), rankings=(), queries=2, scales=[SCALES["sus"]])
+    data = simulate_data(DIFFERENT, 8, items=("fun",), rankings=(), queries=2, scales=[SCALES["sus"]])
     found = analyse(data, lambda _: None, "simulated", AnalysisPlan(metrics=()))
     fun, sus = shown(items_picture(found))
     assert {bar[1] for bar in bars(sus)} == {0.0}
@@ -331,7 +331,7 @@ def test_power_is_drawn_over_participants_with_its_intervals() -> None:
 def test_brackets_are_as_high_as_the_scale_is_long() -> None:
     """Of a scale of 0 to 100 a sixth is what a point is of 1 to 7."""
     cohort = Cohort(ratings={"sus": {"immersive": 2.5, "top_down": 1.2}}, seed=2)
-    data = made_up_study(cohort, 20, items=(), rankings=(), queries=2, scales=[SCALES["sus"]])
+    data = simulate_data(cohort, 20, items=(), rankings=(), queries=2, scales=[SCALES["sus"]])
     found = analyse(data, lambda _: None, "simulated", AnalysisPlan(metrics=()))
     (ax,) = shown(items_picture(found))
     highest = max(mean.mean + mean.se for mean in found.items[0].means.values())

@@ -12,7 +12,7 @@ import pytest
 from desirepath.analysis.scale_wordings import SCALES
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import NothingToReport
-from desirepath.report.made_up_cohorts import Cohort, made_up_study
+from desirepath.report.simulated_cohorts import Cohort, simulate_data
 from desirepath.report.study_data import StudyData
 from desirepath.report.study_report import write_study_report
 
@@ -31,7 +31,7 @@ def rows(file: Path) -> list[dict[str, str]]:
 @pytest.fixture(scope="module")
 def data() -> StudyData:
     cohort = Cohort(ratings={"fun": {"immersive": 2.0}}, own=0.9, seed=1)
-    made = made_up_study(
+    made = simulate_data(
         cohort, 12, items=("fun",), rankings=("usefulness",), queries=3, comparisons=3, scales=[SCALES["sus"]]
     )
     return replace(made, protocol={"protocol": "views", "version": 3}, protocol_hash="abc")

@@ -14,8 +14,7 @@ from desirepath.learning.measures.named import NAMED
 from desirepath.learning.preferences.objectives import NAMES, names_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import analyse
-from desirepath.report.meeting_findings import met as met_of
-from desirepath.report.meeting_text import meeting_section
+from desirepath.report.meeting import meeting_section, summarise_meetings
 from desirepath.report.study_data import Meeting
 from desirepath.report.tidy_tables import read_study
 from desirepath.store.models import Job, Session, Study
@@ -265,19 +264,19 @@ def test_the_report_shows_agreement_and_correction_beside_everything_tested(taug
         data, load = read_study(s, files, s.get_one(Study, taught.session.study_id))
     found = analyse(data, load, "people", AnalysisPlan(sessions="all"), intervals=False)
     assert (found.met.shown, found.met.agreement.mean, found.met.corrected.mean) == (1, 4, 1)
-    section = meeting_section(found)
+    section = meeting_section(found.met)
     assert section.sentences[0].startswith("After everything blind, 1 people met")
     assert [row[1] for row in section.tables[0].rows][:2] == ["4.00", "1.00"]
 
 
 def test_intervals_stand_beside_what_people_said():
     people = [Meeting(f"S{k}", 3 + k % 3, k % 2 == 0, 0.4 * (k % 2 == 0)) for k in range(12)]
-    found = met_of(people)
+    found = summarise_meetings(people)
     assert found.agreement.low < 4 < found.agreement.high
     assert 0 <= found.corrected.low < 0.5 < found.corrected.high <= 1
     assert found.distance.mean == pytest.approx(0.2)
     assert (found.moved.n, found.moved.mean) == (6, pytest.approx(0.4))
-    assert met_of([]) is None
+    assert summarise_meetings([]) is None
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,8 @@ from sqlalchemy import select
 from desirepath.installed import PROTOCOLS
 from desirepath.learning.preferences.oracles import ResponseModel
 from desirepath.report.findings import analyse
-from desirepath.report.made_up_cohorts import Cohort, made_up_study
 from desirepath.report.planned_design import Assumed
+from desirepath.report.simulated_cohorts import Cohort, simulate_data
 from desirepath.report.simulated_power import analyse_simulated
 from desirepath.report.study_report import write_study_report
 from desirepath.report.tidy_tables import read_folder, read_study
@@ -118,10 +118,10 @@ def test_the_report_reads_what_the_bots_were_made_with(in_process, tmp_path):
     assert [one.item.key for one in found.items][:2] == ["ease", "confidence"]  # as the questionnaire asks them
     assert not found.deviations
     assert found.declared_hash == found.plan_hash
-    made_up = analyse_simulated(made_up_study(CHARACTER.cohort, BOTS), found.plan)
+    simulated = analyse_simulated(simulate_data(CHARACTER.cohort, BOTS), found.plan)
     means = {one.item.key: {name: mean.mean for name, mean in one.means.items()} for one in found.items}
-    assert means == {one.item.key: {name: mean.mean for name, mean in one.means.items()} for one in made_up.items}
-    assert {one.item.key: one.places for one in found.rankings} == {o.item.key: o.places for o in made_up.rankings}
+    assert means == {one.item.key: {name: mean.mean for name, mean in one.means.items()} for one in simulated.items}
+    assert {one.item.key: one.places for one in found.rankings} == {o.item.key: o.places for o in simulated.rankings}
     export_study(services.database, services.files, study.id, tmp_path / "export")
     again, load_again = read_folder(tmp_path / "export")
     assert analyse(again, load_again, "simulated") == found

@@ -196,7 +196,7 @@ def simulate(
     as_json: JsonFlag = False,
 ) -> None:
     """Walk simulated participants through whole sessions over HTTP; their data are marked as simulated."""
-    from desirepath.report.made_up_cohorts import read_cohort
+    from desirepath.report.simulated_cohorts import read_cohort
     from desirepath.store.models import Study
     from desirepath.study.simulated.http import simulate_study
     from desirepath.study.simulated.participant import Character

@@ -5,7 +5,6 @@ Numbers are `choice_findings.py`'s; the report's other parts `report_text.py`'s.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 from desirepath.analysis.tested import Mean
@@ -15,71 +14,78 @@ from desirepath.report.analysis_plan import METRICS
 from desirepath.report.choice_findings import Agreement
 from desirepath.report.findings import Findings
 from desirepath.report.own_findings import ARMS, Personalised
-from desirepath.report.report_cells import NONE, number_words, pair_words, percent, share_words
+from desirepath.report.report_cells import (
+    NONE,
+    interval_cell,
+    name_in_words,
+    number_words,
+    pair_words,
+    percent,
+    share_words,
+    table_section,
+)
 
 
 def agreement_section(found: Findings) -> Section:
     """Agreement between and within conditions, circular triads, position."""
     if not found.of_condition:
         return Section("Agreement")
-    tables = []
-    if found.between:
-        rows = [[pair_words(pair), *_agreement_cells(of)] for pair, of in found.between.items()]
-        tables.append(Table("Between conditions, the same person and query.", _AGREEMENT_HEADS, rows))
+    between = [[pair_words(pair), *_agreement_cells(of)] for pair, of in found.between.items()]
     again = [
-        [f"{name.replace('_', ' ')}, {words}", *_agreement_cells(of)]
-        for name, one in found.of_condition.items()
-        for words, of in (("asked again", one.repeat), ("sides exchanged", one.swap))
-        if of.share.n
+        [f"{name_in_words(name)}, {words}", *_agreement_cells(agreement)]
+        for name, of in found.of_condition.items()
+        for words, agreement in (("asked again", of.repeat), ("sides exchanged", of.swap))
+        if agreement.share.n
     ]
-    if again:
-        caption = (
-            "Within a condition: a person's second answer against the first. People with fewer than "
-            f"{found.plan.min_probes} repeated queries are left out."
-        )
-        tables.append(Table(caption, _AGREEMENT_HEADS, again))
-    rows = [
+    triads = [
+        [name_in_words(name), str(of.triads), str(of.circular), share_words(of.share), str(of.share.n)]
+        for name, of in found.triads.items()
+    ]
+    position = [
         [
-            name.replace("_", " "),
-            f"{one.answers:,}",
-            share_words(one.second_shown),
-            number_words(one.decision_s.mean, "{:.1f}"),
+            name_in_words(name),
+            f"{of.answers:,}",
+            share_words(of.second_shown),
+            number_words(of.decision_s.mean, "{:.1f}"),
         ]
-        for name, one in found.of_condition.items()
+        for name, of in found.of_condition.items()
     ]
-    position = "Position: an answer that follows the order of showing looks like agreement."
-    if found.triads:
-        triad_rows = [
-            [name.replace("_", " "), str(of.triads), str(of.circular), share_words(of.share), str(of.share.n)]
-            for name, of in found.triads.items()
-        ]
-        caption = (
+    heads = ["", "agreement", "SD", "95 % interval", "kappa", "people", "kappa not defined"]
+    tables = [
+        Table("Between conditions, the same person and query.", heads, between),
+        Table(
+            "Within a condition: a person's second answer against the first. People with fewer than "
+            f"{found.plan.min_probes} repeated queries are left out.",
+            heads,
+            again,
+        ),
+        Table(
             "Circular triads: of three trajectories compared in all three pairs, A was chosen over B, B over C and C "
-            f"over A. Choosing by coin makes {CHANCE_CIRCULAR:.0%} of them circular, an order of preference none."
-        )
-        shares = "share of a person's, mean, 95 % interval"
-        tables.append(Table(caption, ["condition", "triads", "circular", shares, "people"], triad_rows))
-    heads = ["condition", "answers", "P(second shown), 95 % interval", "decision (s, mean of medians)"]
-    tables.append(Table(position, heads, rows))
+            f"over A. Choosing by coin makes {CHANCE_CIRCULAR:.0%} of them circular, an order of preference none.",
+            ["condition", "triads", "circular", "share of a person's, mean, 95 % interval", "people"],
+            triads,
+        ),
+        Table(
+            "Position: an answer that follows the order of showing looks like agreement.",
+            ["condition", "answers", "P(second shown), 95 % interval", "decision (s, mean of medians)"],
+            position,
+        ),
+    ]
     sentence = (
         "Shares of equal answers per person, then mean and SD over people; intervals over people (Wilson's, of as many "
         "independent answers as people's shares vary like). Cohen's kappa is that of the trajectories chosen, by the "
         "place (first or second shown) that each had at first: it is near 0 where people agree only because they like "
         "one place. It is not defined for who always chose the same place."
     )
-    return Section("Agreement", [sentence], tables)
-
-
-_AGREEMENT_HEADS = ["", "agreement", "SD", "95 % interval", "kappa", "people", "kappa not defined"]
+    return Section("Agreement", [sentence], [table for table in tables if table.rows])
 
 
 def _agreement_cells(of: Agreement) -> list[str]:
-    interval = NONE if math.isnan(of.share.low) else f"{percent(of.share.low)} to {percent(of.share.high)}"
     return [
         percent(of.share.mean),
         percent(of.share.sd),
-        interval,
-        number_words(of.kappa.mean, "{:.2f}"),
+        interval_cell(100 * of.share.low, 100 * of.share.high, "{:.1f} %"),
+        number_words(of.kappa.mean),
         str(of.share.n),
         str(of.no_kappa),
     ]
@@ -87,14 +93,16 @@ def _agreement_cells(of: Agreement) -> list[str]:
 
 def disagreement_section(found: Findings) -> Section:
     """What changes in the preferred trajectory where a choice flips."""
-    rows = [
-        [pair_words(pair, " → "), *(_with_se(metrics[name]) for name in found.plan.metrics)]
-        for pair, metrics in found.disagreement.items()
-        if any(of.n for of in metrics.values())
-    ]
-    heads = ["from → to", *(METRICS[name][0] for name in found.plan.metrics)]
-    caption = "Change in z, mean ± standard error over the people who chose differently at least once."
-    return Section("What changes where choices differ", [], [Table(caption, heads, rows)] if rows else [])
+    return table_section(
+        "What changes where choices differ",
+        "Change in z, mean ± standard error over the people who chose differently at least once.",
+        ["from → to", *(METRICS[name][0] for name in found.plan.metrics)],
+        [
+            [pair_words(pair, " → "), *(_with_se(metrics[name]) for name in found.plan.metrics)]
+            for pair, metrics in found.disagreement.items()
+            if any(of.n for of in metrics.values())
+        ],
+    )
 
 
 def _with_se(mean: Mean) -> str:
@@ -115,8 +123,8 @@ def _units(one: Personalised) -> str:
 def personalised_section(found: Findings) -> Section:
     """The own policy against the base policy and against another person's."""
     if not found.personalised:
-        said = [who_compared(found)] if _refused(found) else []
-        return Section("Does it personalise?", [*said, *who_was_asked_on(found)])
+        refusals = [who_compared(found)] if _refused(found) else []
+        return Section("Does it personalise?", [*refusals, *who_was_asked_on(found)])
     alpha = found.plan.alpha
     paragraphs = [personalised_sentence(found, k) for k in range(len(found.personalised))]
     paragraphs += [who_compared(found)] if found.own_policies else []

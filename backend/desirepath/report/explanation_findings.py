@@ -20,7 +20,8 @@ from desirepath.analysis.factorial import Factorial
 from desirepath.analysis.intervals import within
 from desirepath.analysis.tested import Mean, Tested, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.rating_findings import Measure, name_in_words
+from desirepath.report.rating_findings import Measure
+from desirepath.report.report_cells import name_in_words
 from desirepath.report.study_data import ImportanceRanking, ItemText
 
 FACTORS = ("outline", "lidar")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from desirepath.analysis.tested import p_in_words
 from desirepath.explain.printed import Section, Table
 from desirepath.report.explanation_findings import Explained, Outcome
 from desirepath.report.findings import Findings
-from desirepath.report.report_cells import NONE, effect_cell, number_words, p_cells, statistic_cell
+from desirepath.report.report_cells import number_words, p_cell, statistic_cell, test_row
 
 RANKINGS_TITLE = "Importance rankings"
 RATED_TITLE = "What was said of the explanations"
@@ -26,7 +25,7 @@ def explanation_brief(found: Findings) -> list[str]:
     if found.explained is None:
         return []
     agreement = found.explained.agreement
-    means = ", ".join(f"{name} {number_words(mean.mean, '{:.2f}')}" for name, mean in agreement.means.items())
+    means = ", ".join(f"{name} {number_words(mean.mean)}" for name, mean in agreement.means.items())
     sentences = [f"Agreement of rankings with what moved the robot, Kendall's tau-b: {means}."]
     return sentences + [test.sentence(found.plan.alpha) for test in agreement.tests]
 
@@ -81,29 +80,24 @@ def _how(outcomes: Sequence[Outcome], found: Findings) -> list[str]:
 
 
 def _tables(outcomes: Sequence[Outcome], found: Findings) -> list[Table]:
-    names = list(outcomes[0].means)
     means = [
-        [one.text, *(f"{number_words(m.mean, '{:.2f}')} ({number_words(m.sd, '{:.2f}')})" for m in one.means.values()),
-         str(max((m.n for m in one.means.values()), default=0))]
-        for one in outcomes
+        [of.text, *(f"{number_words(m.mean)} ({number_words(m.sd)})" for m in of.means.values()),
+         str(max((m.n for m in of.means.values()), default=0))]
+        for of in outcomes
     ]  # fmt: skip
-    tables = [Table("Mean (SD) over people of what was shown.", ["", *names, "n"], means)]
     rows = [
         [
-            test.about,
-            statistic_cell(test),
-            *p_cells(test, found.plan.alpha)[:2],
-            effect_cell(test),
-            _p(check.shapiro_p),
+            *test_row(test, found.plan.alpha, "about statistic p corrected effect"),
+            p_cell(check.shapiro_p),
             statistic_cell(check.ranks) + ("" if check.ranks.no_spread else f", {p_in_words(check.ranks.p)}"),
             str(test.n),
         ]
-        for one in outcomes
-        for test, check in zip(one.tests, one.checks, strict=True)
+        for of in outcomes
+        for test, check in zip(of.tests, of.checks, strict=True)
     ]
     heads = ["effect", "F", "p", "p, corrected", "partial η², 95 %", "normal: p", "aligned ranks", "n"]
-    return [*tables, Table("Effects.", heads, rows)] if rows else tables
-
-
-def _p(value: float) -> str:
-    return NONE if math.isnan(value) else p_in_words(value).removeprefix("p ").removeprefix("= ")
+    tables = [
+        Table("Mean (SD) over people of what was shown.", ["", *outcomes[0].means, "n"], means),
+        Table("Effects.", heads, rows),
+    ]
+    return [table for table in tables if table.rows]

@@ -27,7 +27,7 @@ from desirepath.report.choice_findings import (
 from desirepath.report.explanation_findings import Explained, explained
 from desirepath.report.further_findings import Further, further
 from desirepath.report.item_tests import ItemResult, item_results
-from desirepath.report.meeting_findings import Met, met
+from desirepath.report.meeting import Met, summarise_meetings
 from desirepath.report.method_findings import Methods, methods_of
 from desirepath.report.own_findings import Guessed, Personalised, guessed, personalised
 from desirepath.report.rating_findings import (
@@ -170,7 +170,7 @@ def analyse(
         own_policies=dict(Counter(one.own_policy for one in kept if one.own_policy is not None)),
         asked_on={one.code: one.further for one in kept if one.further},
         guessed=guessed(own.guesses),
-        met=met(own.meetings),
+        met=summarise_meetings(own.meetings),
         ways=methods_of(own.method_choices, own.taught, used),
         further=further(own, rated, designs, used, list(combinations(queried, 2)))
         if (intervals if beside is None else beside)

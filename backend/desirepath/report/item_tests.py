@@ -18,7 +18,8 @@ from desirepath.analysis.intervals import within
 from desirepath.analysis.repeated_measures import friedman, pairs_of, wilcoxon
 from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.rating_findings import Measure, name_in_words
+from desirepath.report.rating_findings import Measure
+from desirepath.report.report_cells import name_in_words
 from desirepath.report.study_data import ItemText
 from desirepath.report.study_design import StudyDesign
 

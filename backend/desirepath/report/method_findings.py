@@ -16,9 +16,8 @@ from desirepath.analysis.intervals import clustered_share, within
 from desirepath.analysis.repeated_measures import friedman, pairs_of, wilcoxon
 from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.study_data import MethodChoice, Taught
+from desirepath.report.study_data import FARTHEST, MethodChoice, Taught
 
-FARTHEST = 3.0  # of two vectors of nine weights from 0 to 1
 ABOUT = "share of comparisons that the method's robot won"
 Pair = tuple[str, str]
 

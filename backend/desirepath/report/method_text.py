@@ -2,21 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
-from desirepath.analysis.tested import Mean, Tested
 from desirepath.explain.printed import Section, Table
 from desirepath.report.findings import Findings
 from desirepath.report.method_findings import Methods
-from desirepath.report.report_cells import (
-    NONE,
-    effect_cell,
-    name_in_words,
-    p_cells,
-    pair_words,
-    shift_cell,
-    statistic_cell,
-)
+from desirepath.report.report_cells import interval_cell, name_in_words, number_words, pair_words, test_row
 
 TITLE = "Ways of telling the robot"
 
@@ -52,22 +41,22 @@ def methods_sentence(found: Findings) -> list[str]:
 
 
 def _remarks(ways: Methods) -> list[str]:
-    said = []
+    remarks = []
     if ways.look_alike:
-        said.append(f"In {ways.look_alike} of the comparisons a person can hardly tell the two apart; they count.")
+        remarks.append(f"In {ways.look_alike} of the comparisons a person can hardly tell the two apart; they count.")
     if ways.unfinished:
-        said.append(
+        remarks.append(
             f"{ways.unfinished} of the people answered fewer comparisons than the others, because they broke off or "
             "have not come to the end yet; what they answered counts."
         )
     if any(ways.nothing.values()):
         who = ", ".join(f"{name_in_words(name)} {count}" for name, count in ways.nothing.items() if count)
-        said.append(f"Taught nothing, so that the robot drove without preferences: {who} (people).")
-    return said
+        remarks.append(f"Taught nothing, so that the robot drove without preferences: {who} (people).")
+    return remarks
 
 
 def _overview(ways: Methods) -> Table:
-    worths = {one.name: one for one in ways.worths}
+    worths = {worth.name: worth for worth in ways.worths}
     rows = []
     for name in ways.methods:
         won, worth, (minutes, median) = ways.won[name], worths[name], ways.minutes[name]
@@ -75,11 +64,11 @@ def _overview(ways: Methods) -> Table:
             [
                 name_in_words(name),
                 f"{100 * won.mean:.0f} %",
-                _interval(won, 100, 0),
+                interval_cell(100 * won.low, 100 * won.high, "{:.0f}"),
                 f"{worth.log_worth:.2f}",
-                NONE if math.isnan(worth.low) else f"{worth.low:.2f} to {worth.high:.2f}",
-                NONE if math.isnan(median) else f"{median:.1f}",
-                _interval(minutes, 1, 1),
+                interval_cell(worth.low, worth.high),
+                number_words(median, "{:.1f}"),
+                interval_cell(minutes.low, minutes.high, "{:.1f}"),
                 str(won.n),
             ]
         )
@@ -98,10 +87,10 @@ def _pairs(ways: Methods) -> Table:
         rows.append(
             [
                 pair_words(pair),
-                NONE if math.isnan(share.mean) else f"{100 * share.mean:.0f} %",
-                _interval(share, 100, 0),
-                NONE if not apart.n else f"{apart.mean:.2f}",
-                _interval(apart, 1, 2),
+                number_words(100 * share.mean, "{:.0f} %"),
+                interval_cell(100 * share.low, 100 * share.high, "{:.0f}"),
+                number_words(apart.mean),
+                interval_cell(apart.low, apart.high),
                 str(share.n),
             ]
         )
@@ -110,11 +99,9 @@ def _pairs(ways: Methods) -> Table:
 
 
 def _tested(ways: Methods, alpha: float) -> Table:
-    def row(test: Tested) -> list[str]:
-        return [test.about, statistic_cell(test), *p_cells(test, alpha), effect_cell(test), shift_cell(test)]
-
     heads = ["about", "statistic", "p", "p corrected", "method", "effect [95 %]", "shift [95 %]"]
-    return Table("Tests of the shares won.", heads, [row(test) for test in ways.tests])
+    rows = [test_row(test, alpha, "about statistic p corrected method effect shift") for test in ways.tests]
+    return Table("Tests of the shares won.", heads, rows)
 
 
 def _weights(ways: Methods) -> Table:
@@ -123,9 +110,3 @@ def _weights(ways: Methods) -> Table:
         [name_in_words(name), *(f"{ways.weights[way].get(name, 0.0):.2f}" for way in ways.methods)] for name in names
     ]
     return Table("Mean weights, over people.", ["objective", *map(name_in_words, ways.methods)], rows)
-
-
-def _interval(mean: Mean, factor: float, digits: int) -> str:
-    if not (math.isfinite(mean.low) and math.isfinite(mean.high)):
-        return NONE
-    return f"{factor * mean.low:.{digits}f} to {factor * mean.high:.{digits}f}"

@@ -1,6 +1,6 @@
-"""What a planned study compares, what is assumed to differ in it, and which tests should then find it.
+"""What a planned study compares, and what is assumed to differ in it.
 
-How often they do is counted in `simulated_power.py`.
+Which tests should then find it, and how often they do, is `simulated_power.py`'s.
 """
 
 from __future__ import annotations
@@ -14,10 +14,8 @@ from typing import Annotated
 from pydantic import Field
 
 from desirepath.analysis.scales import Scale
-from desirepath.report.findings import Findings
-from desirepath.report.item_tests import ItemResult
-from desirepath.report.made_up_cohorts import OPPONENTS, Cohort, made_up_study
-from desirepath.report.ranking_power import RankedDesign
+from desirepath.report.simulated_cohorts import OPPONENTS, Cohort, simulate_data
+from desirepath.report.simulated_rankers import TRIALS
 from desirepath.report.study_data import StudyData
 from desirepath.report.study_design import CONDITION, StudyDesign
 
@@ -73,6 +71,21 @@ class Assumed:
 
 
 @dataclass(frozen=True)
+class RankedDesign:
+    """What of a study its rankings' power depends on. factors: of outline, attention and lidar those that vary, within
+    people; trials: rankings of everybody in each condition."""
+
+    factors: tuple[str, ...] = ()
+    trials: int = TRIALS
+
+    @property
+    def tests(self) -> list[str]:
+        """What the power is told of, in order."""
+        effects = [*self.factors, " × ".join(self.factors)] if len(self.factors) > 1 else list(self.factors)
+        return [f"tau, {effect} (over {len(effects)} test{'s' if len(effects) > 1 else ''})" for effect in effects]
+
+
+@dataclass(frozen=True)
 class PlannedDesign:
     """What of a study the power depends on, read from its protocol. conditions: as answers carry them. within, between:
     factors with their levels; without any the conditions are one that everybody meets. scales: with items of theirs in
@@ -90,9 +103,9 @@ class PlannedDesign:
     ranked: RankedDesign = field(default_factory=RankedDesign)
 
     def study(self, cohort: Cohort, participants: int, first: int) -> StudyData:
-        """A made-up study of this design."""
+        """A simulated study of this design."""
         scored = {scale.name for scale in self.scales}
-        return made_up_study(
+        return simulate_data(
             cohort,
             participants,
             first=first,
@@ -124,79 +137,6 @@ class PlannedDesign:
         """Where an effect can be put: conditions, and levels of factors."""
         levels = [level for of in self.factors.values() for level in of]
         return tuple(dict.fromkeys((*self.conditions, *levels)))
-
-
-def power_tests(design: PlannedDesign, assumed: Assumed) -> list[str]:
-    """The names of the tests whose power is told, in order."""
-    tests: list[str] = []
-    if design.items and design.factors:
-        number = len(design.items) * len(design.effects)
-        for effect in design.effects:
-            tests.append(_omnibus(design, effect, assumed, number))
-            if len(effect) == 1 and assumed.condition in design.factors[effect[0]]:
-                tests += _against_others(design, effect[0])
-    if design.rankings and len(design.conditions) > 1:
-        tests.append(f"Chi-square, {assumed.ranking} {_over(len(design.rankings), 'ranking')}")
-    if design.comparisons:
-        tests += [f"Sign test, own against {opponent}" for opponent in design.opponents]
-        tests += [f"Signed ranks, own against {opponent}" for opponent in design.opponents]
-    return tests
-
-
-def _omnibus(design: PlannedDesign, effect: tuple[str, ...], assumed: Assumed, number: int) -> str:
-    if len(design.factors) > 1:
-        return f"{' × '.join(effect)}, {assumed.item} {_over(number, 'test')}"
-    two = len(design.factors[effect[0]]) == 2
-    name = ("Mann-Whitney" if two else "Kruskal-Wallis") if design.between else ("Wilcoxon" if two else "Friedman")
-    return f"{name}, {assumed.item} {_over(number, 'item')}"
-
-
-def _against_others(design: PlannedDesign, factor: str) -> list[str]:
-    levels = design.factors[factor]
-    if len(levels) < 3:
-        return []
-    name = "Mann-Whitney" if factor in design.between else "Wilcoxon"
-    others = "both others" if len(levels) == 3 else "all others"
-    return [f"{name}, against {others}" if len(design.factors) == 1 else f"{name}, {factor}, against {others}"]
-
-
-def _over(number: int, what: str) -> str:
-    return f"(over {number} {what}{'s' if number != 1 else ''})"
-
-
-def found_tests(findings: Findings, design: PlannedDesign, assumed: Assumed, alpha: float) -> list[str]:
-    """Which of `power_tests` found what was assumed."""
-    tests: list[str] = []
-    number = len(design.items) * len(design.effects)
-    for one in findings.items:
-        if one.item.key == assumed.item:
-            for effect, test in zip(design.effects, one.tests, strict=True):
-                if test.significant(alpha):
-                    tests.append(_omnibus(design, effect, assumed, number))
-            tests += _pairs_found(one, design, assumed, alpha)
-    for ranking in findings.rankings:
-        if ranking.item.key == assumed.ranking and ranking.test.significant(alpha):
-            tests.append(f"Chi-square, {assumed.ranking} {_over(len(findings.rankings), 'ranking')}")
-    for of in findings.personalised:
-        names = ("Sign test", "Signed ranks") if of.test.test == "Sign test" else ("Signed ranks", "Sign test")
-        tests += [f"{names[0]}, own against {of.against}"] if of.test.significant(alpha) else []
-        tests += [f"{names[1]}, own against {of.against}"] if of.beside.p <= alpha else []
-    return tests
-
-
-def _pairs_found(one: ItemResult, design: PlannedDesign, assumed: Assumed, alpha: float) -> list[str]:
-    """Whether the assumed level was found to differ from every other one of its factor."""
-    tests = []
-    for factor, levels in design.factors.items():
-        if assumed.condition in levels and len(levels) > 2:
-            about = one.tests[design.effects.index((factor,))].about
-            pairs = [pair for pair in one.pairs if pair.about.startswith(f"{about}, ")]
-            mine = [
-                pair for names, pair in zip(combinations(levels, 2), pairs, strict=False) if assumed.condition in names
-            ]
-            if mine and all(pair.significant(alpha) for pair in mine):
-                tests += _against_others(design, factor)
-    return tests
 
 
 def as_planned(design: StudyDesign) -> dict[str, Mapping[str, Sequence[str]]]:

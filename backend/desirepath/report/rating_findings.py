@@ -17,6 +17,7 @@ from desirepath.analysis.intervals import within
 from desirepath.analysis.scales import Scale
 from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
+from desirepath.report.report_cells import name_in_words
 from desirepath.report.study_data import ItemText, Rating, StudyData, asked_about, askings
 
 
@@ -203,8 +204,3 @@ def scale_results(data: StudyData) -> list[ScaleResult]:
         if given:
             found.append(ScaleResult(questionnaire, scale, scores, means, incomplete))
     return found
-
-
-def name_in_words(name: str) -> str:
-    """A key in words."""
-    return name.replace("_", " ")

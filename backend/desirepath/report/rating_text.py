@@ -5,7 +5,6 @@ Numbers are `rating_findings.py`'s; the report's other parts `report_text.py`'s.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from desirepath.explain.printed import Section, Table
@@ -13,13 +12,12 @@ from desirepath.report.findings import Findings
 from desirepath.report.item_tests import ItemResult
 from desirepath.report.report_cells import (
     NONE,
-    effect_cell,
+    interval_cell,
     name_in_words,
     number_words,
-    p_cells,
-    shift_cell,
+    plural,
     significant_points,
-    statistic_cell,
+    test_row,
 )
 from desirepath.report.study_data import ItemText
 from desirepath.report.study_design import StudyDesign
@@ -39,88 +37,69 @@ FACTORIAL = (
 
 def items_section(found: Findings) -> Section:
     """Ratings of every item and scale under every condition, tested as the design asks."""
-    title = "Ratings after each block"
-    if not found.items:
-        return Section(title)
     sentences, tables = [], []
     for design in found.designs:
-        of = [one for one in found.items if one.design is design]
-        if of:
-            sentences.append(_how(of, design, found))
-            tables += _tables(of, found)
+        if results := [result for result in found.items if result.design is design]:
+            sentences.append(_how(results, design, found))
+            tables += _tables(results, found.plan.alpha)
     points = [
-        test.sentence(found.plan.alpha)
-        for one in found.items
-        for test in significant_points(one.tests, one.pairs, found)
+        point for result in found.items for point in significant_points(result.tests, result.pairs, found.plan.alpha)
     ]
-    return Section(title, sentences, tables, points)
+    return Section("Ratings after each block", sentences, tables, points)
 
 
-def _how(of: Sequence[ItemResult], design: StudyDesign, found: Findings) -> str:
-    tests = FACTORIAL if design.factorial else TESTS[of[0].test.test]
-    number = sum(len(one.tests) for one in of)
-    family = f"p corrected over {'these' if number > 1 else 'this'} {number} test{'s' if number > 1 else ''}"
+def _how(results: Sequence[ItemResult], design: StudyDesign, found: Findings) -> str:
+    tests = FACTORIAL if design.factorial else TESTS[results[0].test.test]
+    number = sum(len(result.tests) for result in results)
+    family = f"p corrected over {'these' if number > 1 else 'this'} {number} {plural(number, 'test')}"
     text = (
         f"{design.words[:1].upper()}{design.words[1:]}: {tests}; over the people who answered an item under every "
-        f"condition that they met, {family} ({of[0].test.correction}). p is exact, or by permutations, for up to 50 "
-        "people, ties or not, as the table says."
+        f"condition that they met, {family} ({results[0].test.correction}). p is exact, or by permutations, for up to "
+        "50 people, ties or not, as the table says."
     )
-    if any(one.pairs for one in of):
-        pairs = next(pair for one in of for pair in one.pairs)
-        over = "all items together" if found.plan.pairs_over == "items" else "an item's pairs, not over the items"
-        text += (
-            f" {_which_pairs(found)} {pairs.test} tests of its pairs, corrected over {over} ({pairs.correction}); "
-            "people without a difference are left out (used: how many remain), z is the normal approximation."
-        )
-    return text
+    pair = next((pair for result in results for pair in result.pairs), None)
+    if pair is None:
+        return text
+    which = (
+        "For every item, whatever the test over all conditions says:"
+        if found.plan.pairs == "always"
+        else f"Where the corrected p is at most {found.plan.alpha:g}:"
+    )
+    over = "all items together" if found.plan.pairs_over == "items" else "an item's pairs, not over the items"
+    return (
+        f"{text} {which} {pair.test} tests of its pairs, corrected over {over} ({pair.correction}); "
+        "people without a difference are left out (used: how many remain), z is the normal approximation."
+    )
 
 
-def _which_pairs(found: Findings) -> str:
-    if found.plan.pairs == "always":
-        return "For every item, whatever the test over all conditions says:"
-    return f"Where the corrected p is at most {found.plan.alpha:g}:"
-
-
-def _tables(of: Sequence[ItemResult], found: Findings) -> list[Table]:
-    alpha = found.plan.alpha
-    means = [[_text(one), *(f"{m.mean:.2f} ± {m.se:.2f}" for m in one.means.values())] for one in of]
-    shifts = any(test.shift is not None for one in of for test in one.tests)
+def _tables(results: Sequence[ItemResult], alpha: float) -> list[Table]:
+    shifts = any(test.shift is not None for result in results for test in result.tests)
+    means = [[_text(of), *(f"{m.mean:.2f} ± {m.se:.2f}" for m in of.means.values())] for of in results]
+    columns = f"statistic p corrected method named_effect {'shift' if shifts else ''} n"
     tests = [
-        [
-            test.about if one.design.factorial else _text(one),
-            statistic_cell(test),
-            *p_cells(test, alpha),
-            f"{test.effect_name} {effect_cell(test)}",
-            *([shift_cell(test)] if shifts else []),
-            str(test.n),
-        ]
-        for one in of
-        for test in one.tests
+        [test.about if result.design.factorial else _text(result), *test_row(test, alpha, columns)]
+        for result in results
+        for test in result.tests
     ]
-    heads = ["item", "test", "p", "p, corrected", "p is", "effect, 95 %", *(["shift, 95 %"] if shifts else []), "n"]
+    p = ["p", "p, corrected", "p is"]
     tables = [
-        Table("Mean ± standard error.", ["item", *map(name_in_words, of[0].means)], means),
-        Table("Tests over all conditions.", heads, tests),
+        Table("Mean ± standard error.", ["item", *map(name_in_words, results[0].means)], means),
+        Table(
+            "Tests over all conditions.",
+            ["item", "test", *p, "effect, 95 %", *(["shift, 95 %"] if shifts else []), "n"],
+            tests,
+        ),
+        Table(
+            "Pairs of conditions; r above 0: the first is rated higher.",
+            ["pair", "statistic", "z", *p, "rank-biserial r, 95 %", "shift, 95 %", "n", "used"],
+            [
+                test_row(test, alpha, "about statistic z p corrected method effect shift n used")
+                for result in results
+                for test in result.pairs
+            ],
+        ),
     ]
-    pairs = [
-        [
-            test.about,
-            statistic_cell(test),
-            NONE if test.z is None else f"{test.z:.2f}",
-            *p_cells(test, alpha),
-            effect_cell(test),
-            shift_cell(test),
-            str(test.n),
-            str(test.used),
-        ]
-        for one in of
-        for test in one.pairs
-    ]
-    if pairs:
-        heads = ["pair", "statistic", "z", "p", "p, corrected", "p is", "rank-biserial r, 95 %", "shift, 95 %", "n"]
-        caption = "Pairs of conditions; r above 0: the first is rated higher."
-        tables.append(Table(caption, [*heads, "used"], pairs))
-    return tables
+    return [table for table in tables if table.rows]
 
 
 def asked_words(item: ItemText, asking: str) -> str:
@@ -128,58 +107,50 @@ def asked_words(item: ItemText, asking: str) -> str:
     return f"{item.text} ({name_in_words(asking)})" if asking else item.text
 
 
-def _text(one: ItemResult) -> str:
-    return f"{one.item.text}{' (as answered: low is good)' if one.item.reversed else ''}"
+def _text(result: ItemResult) -> str:
+    return f"{result.item.text}{' (as answered: low is good)' if result.item.reversed else ''}"
 
 
 def rankings_section(found: Findings) -> Section:
     """Forced rankings: first places."""
-    title = "Ranking of the conditions"
-    if not found.rankings:
+    title, rankings, alpha = "Ranking of the conditions", found.rankings, found.plan.alpha
+    if not rankings:
         return Section(title)
-    options = list(dict.fromkeys(name for one in found.rankings for name in one.places))
+    options = list(dict.fromkeys(name for ranking in rankings for name in ranking.places))
     rows = [
         [
-            asked_words(one.item, one.about),
-            *("/".join(map(str, one.places.get(name, ()))) or NONE for name in options),
-            statistic_cell(one.test),
-            *p_cells(one.test, found.plan.alpha),
-            effect_cell(one.test),
-            str(one.test.n),
+            asked_words(ranking.item, ranking.about),
+            *("/".join(map(str, ranking.places.get(name, ()))) or NONE for name in options),
+            *test_row(ranking.test, alpha, "statistic p corrected method effect n"),
         ]
-        for one in found.rankings
+        for ranking in rankings
     ]
     heads = ["question", *map(name_in_words, options), "χ²", "p", "p, corrected", "p is", "V, 95 %", "n"]
     over = "the rankings" if found.plan.pairs_over == "items" else "one ranking's pairs"
-    sentences = [
-        f"Chi-square test of first choices against equal shares (exact for up to 50 people), p corrected over "
-        f"{len(found.rankings)} ranking{'s' if len(found.rankings) > 1 else ''} "
-        f"({found.rankings[0].test.correction}); where significant, the pairs, "
-        f"corrected over {over}. The choices of one question exclude each other, so z = (a - b) / √(a + b), with "
-        "the exact binomial p.",
-    ]
-    points = [
-        test.sentence(found.plan.alpha)
-        for one in found.rankings
-        for test in significant_points([one.test], one.pairs, found)
-    ]
-    return Section(title, sentences, [Table("How many put each first/second/third.", heads, rows)], points)
+    sentence = (
+        "Chi-square test of first choices against equal shares (exact for up to 50 people), p corrected over "
+        f"{len(rankings)} {plural(len(rankings), 'ranking')} ({rankings[0].test.correction}); where significant, the "
+        f"pairs, corrected over {over}. The choices of one question exclude each other, so z = (a - b) / √(a + b), "
+        "with the exact binomial p."
+    )
+    points = [point for ranking in rankings for point in significant_points([ranking.test], ranking.pairs, alpha)]
+    return Section(title, [sentence], [Table("How many put each first/second/third.", heads, rows)], points)
 
 
 def scales_section(found: Findings) -> Section:
     """Scores over people, per condition where a scale was asked after blocks."""
     sentences, rows = [], []
-    for one in found.scales:
-        scale = one.scale
+    for result in found.scales:
+        scale = result.scale
         sentences.append(
             f"{scale.names[-1]}, {scale.lowest:g} to {scale.highest:g}; {scale.scoring}. Source: {scale.source}."
         )
-        for name, of in one.means.items():
-            interval = NONE if math.isnan(of.low) else f"{of.low:.1f} to {of.high:.1f}"
+        for name, of in result.means.items():
             numbers = [number_words(value, "{:.1f}") for value in (of.mean, of.sd)]
-            rows.append([scale.names[0], name.replace("_", " ") or "asked once", *numbers, interval, str(of.n)])
-        if one.incomplete:
-            sentences.append(f"{one.incomplete} answers to {scale.names[0]} were not complete and have no score.")
+            interval = interval_cell(of.low, of.high, "{:.1f}")
+            rows.append([scale.names[0], name_in_words(name) or "asked once", *numbers, interval, str(of.n)])
+        if result.incomplete:
+            sentences.append(f"{result.incomplete} answers to {scale.names[0]} were not complete and have no score.")
     heads = ["scale", "about", "mean", "SD", "95 % interval", "people"]
     caption = "Scores by the scales' own scoring, over people; each person's in scales.csv."
     return Section("Validated scales", sentences, [Table(caption, heads, rows)] if rows else [])

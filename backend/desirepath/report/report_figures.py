@@ -1,4 +1,5 @@
-"""A study's findings in pictures like the thesis's figures 7.2 to 7.4, each beside a CSV with exactly what is drawn.
+"""A study's findings in pictures like the thesis's figures 7.2 to 7.4, 8.6 and 8.7, each beside a CSV with exactly what
+is drawn.
 
 Importing this loads matplotlib, which is slow.
 """
@@ -6,24 +7,26 @@ Importing this loads matplotlib, which is slow.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from desirepath.analysis.tested import Mean, star_bounds
 from desirepath.explain.pictures import Picture, Rows, blank, quiet
 from desirepath.explain.scene_plots import DATA, INK, PAPER, SOFT, STYLE
 from desirepath.report.analysis_plan import METRICS
-from desirepath.report.choice_findings import Pair
-from desirepath.report.explanation_figures import explanation_pictures
+from desirepath.report.explanation_findings import Explained, Outcome
 from desirepath.report.findings import Findings
 from desirepath.report.item_tests import ItemResult
 from desirepath.report.planned_design import Assumed
+from desirepath.report.report_cells import name_in_words, pair_words
 from desirepath.report.simulated_power import WANTED, Power
 
+DOTTED = (0, (1, 2))
 PLACES = ("#2f6a3d", "#a5cba5", "#e9e2d2")  # first, second, third place: the darker, the better
 
 
@@ -43,14 +46,41 @@ def pictures(found: Findings) -> list[Picture]:
     return drawn
 
 
-def labelled(name: str) -> str:
-    """A key in words."""
-    return name.replace("_", " ")
+def _bars(ax: Axes, means: Mapping[str, Mean], *, error: str = "se", lowest: float = 0.0, cap: float = 2) -> None:
+    """A bar per mean from the scale's lowest, with its error (se, sd)."""
+    for k, (name, mean) in enumerate(means.items()):
+        ax.bar(k, mean.mean - lowest, bottom=lowest, width=0.7, color=DATA[k % len(DATA)], label=name)
+        ax.errorbar(k, mean.mean, yerr=getattr(mean, error), color=INK, linewidth=0.9, capsize=cap)
+    quiet(ax)
 
 
-def pair_words(pair: Pair, between: str = " – ") -> str:
-    """Two conditions in words."""
-    return between.join(labelled(name) for name in pair)
+def _shares(ax: Axes, lines: Sequence[tuple[str, Mean, str]]) -> None:
+    """A line per share (words, mean, colour), from above, with its interval; dotted: one half."""
+    for k, (_, mean, colour) in enumerate(lines):
+        ax.errorbar(
+            mean.mean, -k, xerr=[[mean.mean - mean.low], [mean.high - mean.mean]], fmt="o", color=colour,
+            markersize=4, linewidth=1.2,
+        )  # fmt: skip
+    ax.axvline(0.5, color=SOFT, linewidth=0.7, linestyle=DOTTED)
+    ax.set_yticks([-k for k in range(len(lines))], [words for words, _, _ in lines])
+    ax.xaxis.set_major_formatter(_percent)
+    quiet(ax)
+
+
+def _percent(value: float, _: object) -> str:
+    return f"{value:.0%}"
+
+
+def _legend(figure: Figure, axes: Sequence[Axes], columns: int) -> None:
+    """What is drawn in any of the panels, named once below them."""
+    handles = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    figure.legend(
+        handles.values(), handles.keys(), loc="outside lower center", ncols=min(columns, len(handles)), frameon=False
+    )
+
+
+def _in_words(means: Mapping[str, Mean]) -> dict[str, Mean]:
+    return {name_in_words(name): mean for name, mean in means.items()}
 
 
 def items_picture(found: Findings) -> Picture:
@@ -70,10 +100,7 @@ def items_picture(found: Findings) -> Picture:
             ax.set_visible(False)
         for ax in axes[::columns]:
             ax.set_ylabel("mean rating")
-        handles = {label: handle for ax in axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-        figure.legend(
-            handles.values(), handles.keys(), loc="outside lower center", ncols=min(4, len(handles)), frameon=False
-        )
+        _legend(figure, axes, 4)
     rows: Rows = [
         {
             "item": item.item.key,
@@ -101,24 +128,19 @@ def items_picture(found: Findings) -> Picture:
 
 
 def _item(ax: Axes, item: ItemResult, found: Findings) -> None:
-    heights = []
     lowest, top = item.item.lowest, item.item.points
     unit = (top - lowest) / 6  # of a scale from 1 to 7
-    for k, (name, mean) in enumerate(item.means.items()):
-        ax.bar(k, mean.mean - lowest, bottom=lowest, width=0.7, color=DATA[k % len(DATA)], label=labelled(name))
-        ax.errorbar(k, mean.mean, yerr=mean.se, color=INK, linewidth=0.9, capsize=2)
-        heights.append(mean.mean + mean.se)
-    level = max(top, max(heights) + 0.3 * unit)
+    _bars(ax, _in_words(item.means), lowest=lowest)
+    level = max(top, max(mean.mean + mean.se for mean in item.means.values()) + 0.3 * unit)
     pairs = [] if item.design.factorial else list(combinations(range(len(item.means)), 2))
     for (i, j), test in zip(pairs, item.tests if len(item.means) == 2 else item.pairs, strict=False):
         if test.significant(found.plan.alpha):
             ax.plot([i, i, j, j], [level, level + 0.12 * unit, level + 0.12 * unit, level], color=INK, linewidth=0.7)
             ax.text((i + j) / 2, level + 0.1 * unit, test.stars(found.plan.alpha), ha="center", va="bottom", fontsize=7)
             level += 0.6 * unit
-    ax.set(title=labelled(item.item.key), xticks=[], ylim=(lowest, max(top, level) + 0.2 * unit))
+    ax.set(title=name_in_words(item.item.key), xticks=[], ylim=(lowest, max(top, level) + 0.2 * unit))
     if item.item.type != "score":
         ax.set_yticks(range(round(lowest), top + 1))
-    quiet(ax)
 
 
 def _same_heights(axes: Sequence[Axes]) -> None:
@@ -143,13 +165,12 @@ def ranking_picture(found: Findings) -> Picture:
                     label=f"place {place + 1}",
                 )  # fmt: skip
                 bottom += shares[:, place]
-            ax.set_xticks(range(len(shares)), [labelled(name).replace(" ", "\n") for name in ranking.places])
-            ax.set(title=labelled(ranking.item.key), ylim=(0, 1))
-            ax.yaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
+            ax.set_xticks(range(len(shares)), [name_in_words(name).replace(" ", "\n") for name in ranking.places])
+            ax.set(title=name_in_words(ranking.item.key), ylim=(0, 1))
+            ax.yaxis.set_major_formatter(_percent)
             quiet(ax)
         axes[0].set_ylabel("share of people")
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False)
+        _legend(figure, axes[:1], len(found.rankings[0].places))
     rows: Rows = [
         {
             "ranking": ranking.item.key,
@@ -173,22 +194,12 @@ def agreement_picture(found: Findings) -> Picture:
         for role, words in (("repeat", "asked again"), ("swap", "asked again, sides exchanged")):
             again = getattr(of_condition, role).share
             if again.n:
-                lines.append(("within", f"{labelled(name)}, {words}", again))
+                lines.append(("within", f"{name_in_words(name)}, {words}", again))
     with mpl.rc_context(STYLE):
-        figure, axes = blank(1, 5.2, 0.7 + 0.3 * len(lines))
-        ax = axes[0]
-        for k, (kind, _, mean) in enumerate(lines):
-            colour = DATA[0] if kind == "between" else DATA[2]
-            ax.errorbar(
-                mean.mean, -k, xerr=[[mean.mean - mean.low], [mean.high - mean.mean]], fmt="o", color=colour,
-                markersize=4, linewidth=1.2,
-            )  # fmt: skip
-        ax.axvline(0.5, color=SOFT, linewidth=0.7, linestyle=(0, (1, 2)))
-        ax.set_yticks([-k for k in range(len(lines))], [words for _, words, _ in lines])
+        figure, (ax,) = blank(1, 5.2, 0.7 + 0.3 * len(lines))
+        _shares(ax, [(words, mean, DATA[0 if kind == "between" else 2]) for kind, words, mean in lines])
         lowest = min((mean.low for _, _, mean in lines if not math.isnan(mean.low)), default=1.0)
         ax.set(xlim=(min(0.4, lowest - 0.02), 1.0), xlabel="share of the same answers, mean over people")
-        ax.xaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
-        quiet(ax)
     rows: Rows = [{"kind": kind, "what": words, **_mean_row(mean)} for kind, words, mean in lines]
     caption = (
         "Share of a person's answers that are the same for the same queries, mean over people with 95 % "
@@ -203,24 +214,18 @@ def disagreement_picture(found: Findings) -> Picture:
     metrics = found.plan.metrics
     columns = min(3, len(metrics))
     lines = math.ceil(len(metrics) / columns)
-    pairs = list(found.disagreement)
     with mpl.rc_context(STYLE):
         figure, axes = blank(columns, 2.3 * columns + 0.3, 1.9 * lines + 0.5, rows=lines)
         for letter, ax, metric in zip("abcdefghij", axes, metrics, strict=False):
-            for k, pair in enumerate(pairs):
-                of = found.disagreement[pair][metric]
-                ax.bar(k, of.mean, width=0.7, color=DATA[k % len(DATA)], label=pair_words(pair, " → "))
-                ax.errorbar(k, of.mean, yerr=of.se, color=INK, linewidth=0.9, capsize=2)
+            _bars(ax, {pair_words(pair, " → "): of[metric] for pair, of in found.disagreement.items()})
             ax.axhline(0, color=SOFT, linewidth=0.7)
             ax.set(title=f"{letter}  {METRICS[metric][0]}", xticks=[])
-            quiet(ax)
         _same_heights(axes[: len(metrics)])
         for ax in axes[len(metrics) :]:
             ax.set_visible(False)
         for ax in axes[::columns]:
             ax.set_ylabel("change (z)")
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(3, len(labels)), frameon=False)
+        _legend(figure, axes[:1], 3)
     rows: Rows = [
         {"from": pair[0], "to": pair[1], "metric": metric, "unit": "z within person", **_mean_row(of)}
         for pair, metrics_of in found.disagreement.items()
@@ -239,21 +244,9 @@ def personalised_picture(found: Findings) -> Picture:
     """How often the own policy was preferred."""
     words = {"base": "base policy", "neutral": "conditioned policy", "other": "another participant's"}
     with mpl.rc_context(STYLE):
-        figure, axes = blank(1, 4.6, 0.7 + 0.35 * len(found.personalised))
-        ax = axes[0]
-        for k, one in enumerate(found.personalised):
-            mean = one.share
-            ax.errorbar(
-                mean.mean, -k, xerr=[[mean.mean - mean.low], [mean.high - mean.mean]], fmt="o", color=DATA[0],
-                markersize=4, linewidth=1.2,
-            )  # fmt: skip
-        ax.axvline(0.5, color=SOFT, linewidth=0.7, linestyle=(0, (1, 2)))
-        ax.set_yticks(
-            [-k for k in range(len(found.personalised))], [f"own, not {words[o.against]}" for o in found.personalised]
-        )
+        figure, (ax,) = blank(1, 4.6, 0.7 + 0.35 * len(found.personalised))
+        _shares(ax, [(f"own, not {words[of.against]}", of.share, DATA[0]) for of in found.personalised])
         ax.set(xlim=(0, 1), ylim=(-len(found.personalised) + 0.5, 0.5), xlabel="share of a person's choices")
-        ax.xaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
-        quiet(ax)
     rows: Rows = [
         {"own_against": one.against, **_mean_row(one.share), "p": one.test.p, "p_corrected": one.test.p_corrected}
         for one in found.personalised
@@ -265,13 +258,58 @@ def personalised_picture(found: Findings) -> Picture:
     return Picture("personalised", "The own policy against others", caption, figure, rows)
 
 
+def explanation_pictures(of: Explained) -> list[Picture]:
+    """Agreement per condition, and what was rated, where anything was."""
+    return [tau_picture(of.agreement), *([explanation_ratings_picture(of)] if of.rated else [])]
+
+
+def tau_picture(of: Outcome) -> Picture:
+    """Figure 8.6: tau-b per condition, means and standard deviations over people."""
+    with mpl.rc_context(STYLE):
+        figure, (ax,) = blank(1, 0.9 * len(of.means) + 1.2, 2.8)
+        _bars(ax, of.means, error="sd", cap=3)
+        ax.axhline(0, color=INK, linewidth=0.6)
+        ax.set_xticks(range(len(of.means)), [name.replace(" and ", " and\n") for name in of.means])
+        ax.set(ylabel="Kendall's tau-b", xlabel="shown")
+    caption = (
+        "Agreement of people's rankings with the objects' scores: Kendall's tau-b, means over people, bars one "
+        "standard deviation. 0: no agreement; 1: the same order."
+    )
+    title = "Agreement of rankings with scores"
+    return Picture("ranking_agreement", title, caption, figure, _outcome_rows(of))
+
+
+def explanation_ratings_picture(of: Explained) -> Picture:
+    """Figure 8.7: awareness, trust, plausibility per condition, means and standard errors over people."""
+    with mpl.rc_context(STYLE):
+        figure, axes = blank(len(of.rated), 1.75 * len(of.rated) + 0.4, 2.9)
+        for ax, outcome in zip(axes, of.rated, strict=True):
+            _bars(ax, outcome.means, lowest=outcome.lowest)
+            ax.set(title=name_in_words(outcome.key), xticks=[], ylim=(outcome.lowest, outcome.highest))
+        axes[0].set_ylabel("mean rating")
+        _legend(figure, axes[:1], 4)
+    caption = (
+        "What was said after each block: means and standard errors over people, by what was shown; reversed items are "
+        "inverted."
+    )
+    rows = [row for outcome in of.rated for row in _outcome_rows(outcome)]
+    return Picture("explanation_ratings", "Ratings of the explanations", caption, figure, rows)
+
+
+def _outcome_rows(of: Outcome) -> Rows:
+    return [
+        {"outcome": of.key, "shown": name, "mean": mean.mean, "sd": mean.sd, "se": mean.se, "low": mean.low,
+         "high": mean.high, "n": mean.n}
+        for name, mean in of.means.items()
+    ]  # fmt: skip
+
+
 def power_picture(found: Sequence[Power], assumed: Assumed, *, queried: bool = True) -> Picture:
     """Power against participants, one line per test. queried: whether the design asks preference queries."""
     tests = [rate.test for rate in found[0].rates]
     cohorts = found[0].rates[0].n if tests else 0
     with mpl.rc_context(STYLE):
-        figure, axes = blank(1, 5.4, 3.6)
-        ax = axes[0]
+        figure, (ax,) = blank(1, 5.4, 3.6)
         for k, test in enumerate(tests):
             rates = [rate for one in found for rate in one.rates if rate.test == test]
             x = [one.participants for one in found]
@@ -280,12 +318,12 @@ def power_picture(found: Sequence[Power], assumed: Assumed, *, queried: bool = T
             ax.fill_between(
                 x, [rate.low for rate in rates], [rate.high for rate in rates], color=colour, alpha=0.13, linewidth=0
             )
-        ax.axhline(WANTED, color=SOFT, linewidth=0.7, linestyle=(0, (1, 2)))
+        ax.axhline(WANTED, color=SOFT, linewidth=0.7, linestyle=DOTTED)
         ax.set(xlabel="participants", ylabel="power", ylim=(0, 1.02))
         ax.set_title(f"Simulated: {cohorts} made-up studies of each number", loc="left", fontsize="medium")
-        ax.yaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
+        ax.yaxis.set_major_formatter(_percent)
         quiet(ax)
-        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2, frameon=False)
+        _legend(figure, [ax], 2)
     compared = any("own against" in test for test in tests)
     own = f"the own policy is preferred in {100 * assumed.own:.0f} %" if compared else ""
     own += f" by the {100 * assumed.shown:.0f} % who are shown one" if compared and assumed.shown < 1 else ""
@@ -295,14 +333,14 @@ def power_picture(found: Sequence[Power], assumed: Assumed, *, queried: bool = T
         if ranked
         else ""
     )
-    under = f" under {labelled(assumed.condition)}" if assumed.condition else ""
-    first = "it" if assumed.item else labelled(assumed.condition)
-    said = [  # what the design does not have is named by nothing
+    under = f" under {name_in_words(assumed.condition)}" if assumed.condition else ""
+    first = "it" if assumed.item else name_in_words(assumed.condition)
+    assumptions = [  # what the design does not have is named by nothing
         rated,
-        f"{labelled(assumed.item)} is rated {assumed.effect:g} standard deviations higher{under}"
+        f"{name_in_words(assumed.item)} is rated {assumed.effect:g} standard deviations higher{under}"
         if assumed.item
         else "",
-        f"{100 * assumed.first_choice:.0f} % rank {first} first for {labelled(assumed.ranking)}"
+        f"{100 * assumed.first_choice:.0f} % rank {first} first for {name_in_words(assumed.ranking)}"
         if assumed.ranking and assumed.condition
         else "",
         f"the same query gets the same answer in {100 * assumed.consistency:.0f} %" if queried else "",
@@ -310,7 +348,7 @@ def power_picture(found: Sequence[Power], assumed: Assumed, *, queried: bool = T
     ]
     caption = (
         f"Simulated: share of {cohorts} made-up studies in which the analysis finds what was assumed, with 95 % Wilson "
-        f"intervals. Assumed: {'; '.join(filter(None, said))}. Dotted line: {100 * WANTED:.0f} %."
+        f"intervals. Assumed: {'; '.join(filter(None, assumptions))}. Dotted line: {100 * WANTED:.0f} %."
     )
     return Picture("power", "Power against participants", caption, figure, [row for one in found for row in one.rows()])
 

@@ -14,26 +14,20 @@ from desirepath.report.choice_text import (
     personalised_section,
     personalised_sentence,
 )
-from desirepath.report.explanation_text import (
-    RANKINGS_TITLE,
-    RATED_TITLE,
-    explanation_brief,
-    explanation_sections,
-)
+from desirepath.report.explanation_text import RANKINGS_TITLE, RATED_TITLE, explanation_brief, explanation_sections
 from desirepath.report.findings import Findings
 from desirepath.report.further_text import further_sections
-from desirepath.report.meeting_text import meeting_section
+from desirepath.report.meeting import meeting_section
 from desirepath.report.method_text import methods_section, methods_sentence
 from desirepath.report.rating_text import asked_words, items_section, rankings_section, scales_section
 from desirepath.report.report_cells import (
     NONE,
-    effect_cell,
     name_in_words,
     number_words,
-    p_cells,
     pair_words,
     percent,
-    statistic_cell,
+    table_section,
+    test_row,
 )
 
 if TYPE_CHECKING:
@@ -44,6 +38,16 @@ EVALUATED_SENTENCE = (
     "Each person met the three controllers in one of the orders below, and in the reverse order in the second "
     "environment; in the study of chapter 2 everybody met them in the same order."
 )
+PART_OF = {
+    "items": "Ratings after each block",
+    "rankings": "Ranking of the conditions",
+    "agreement": "Agreement",
+    "disagreement": "What changes where choices differ",
+    "personalised": "Does it personalise?",
+    "ranking_agreement": RANKINGS_TITLE,
+    "explanation_ratings": RATED_TITLE,
+}
+"""The part that each figure stands in."""
 
 
 def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Section]:
@@ -58,22 +62,13 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
         disagreement_section(found),
         personalised_section(found),
         methods_section(found),
-        meeting_section(found),
+        meeting_section(found.met),
         *further_sections(found),
         _devices(found),
     ]
-    shown = {picture.name: embed_picture(picture, folder) for picture in drawn}
-    of_part = {
-        "Ratings after each block": "items",
-        "Ranking of the conditions": "rankings",
-        "Agreement": "agreement",
-        "What changes where choices differ": "disagreement",
-        "Does it personalise?": "personalised",
-        RANKINGS_TITLE: "ranking_agreement",
-        RATED_TITLE: "explanation_ratings",
-    }
+    shown = {PART_OF[picture.name]: embed_picture(picture, folder) for picture in drawn}
     return [
-        replace(part, pictures=[shown[of_part[part.title]]]) if of_part.get(part.title) in shown else part
+        replace(part, pictures=[shown[part.title]]) if part.title in shown else part
         for part in parts
         if part.sentences or part.tables
     ]
@@ -138,7 +133,7 @@ def _people(found: Findings) -> Section:
     rows.append(["analysed", str(flow.analysed)])
     tables = [Table("From joining to the analysis.", ["", "people"], rows)]
     if len(found.conditions) > 1:
-        orders = [[order.replace("_", " "), str(count)] for order, count in found.orders.items()]
+        orders = [[name_in_words(order), str(count)] for order, count in found.orders.items()]
         tables.append(Table("Orders of the conditions among those analysed.", ["order", "people"], orders))
     if found.demographics:
         rows = [
@@ -156,31 +151,21 @@ def _people(found: Findings) -> Section:
 
 
 def _devices(found: Findings) -> Section:
-    rows = [[view.replace("_", " "), device, f"{n:,}"] for (view, device), n in found.devices.items()]
-    caption = "Regular answers by view and device. Immersive is a desktop's camera unless the device is a headset."
-    return Section("Views and devices", [], [Table(caption, ["view", "device", "answers"], rows)] if rows else [])
+    return table_section(
+        "Views and devices",
+        "Regular answers by view and device. Immersive is a desktop's camera unless the device is a headset.",
+        ["view", "device", "answers"],
+        [[name_in_words(view), device, f"{n:,}"] for (view, device), n in found.devices.items()],
+    )
 
 
 def every_test(found: Findings) -> list[Section]:
     """All tests in one table, at the end; none without tests."""
-    rows = [
-        [
-            test.test,
-            test.about,
-            statistic_cell(test),
-            *p_cells(test, found.plan.alpha),
-            test.correction,
-            f"{test.effect_name} {effect_cell(test)}",
-            str(test.n),
-        ]
-        for test in found.tests
-    ]
+    columns = "test about statistic p corrected method correction named_effect n"
+    rows = [test_row(test, found.plan.alpha, columns) for test in found.tests]
     heads = ["test", "of", "statistic", "p", "p, corrected", "p is", "by", "effect, 95 %", "n"]
-    return (
-        [Section("Every test", [], [Table("As in tests.csv, which holds a sentence for each, too.", heads, rows)])]
-        if rows
-        else []
-    )
+    caption = "As in tests.csv, which holds a sentence for each, too."
+    return [table_section("Every test", caption, heads, rows)] if rows else []
 
 
 def facts(found: Findings, *, study: str, protocol: str, protocol_hash: str, command: str) -> list[tuple[str, str]]:

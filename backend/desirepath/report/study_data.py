@@ -14,6 +14,7 @@ from desirepath.analysis.scales import Scale
 from desirepath.simulation.trajectory import Trajectory
 
 PROBES = ("repeat", "swap")  # roles of queries that are asked again
+FARTHEST = 3.0  # of two vectors of nine weights from 0 to 1
 TRIAD = "transitivity"  # role of the three pairs of three trajectories
 Load = Callable[[str], Trajectory]
 """A trajectory by its id."""

@@ -32,7 +32,7 @@ from desirepath.study.wire import Answer, Besides, Confirmed, Progress, TrialSta
 
 if TYPE_CHECKING:
     from desirepath.explain.shown_explanation import ShownExplanation
-    from desirepath.report.made_up_cohorts import MadeUpPerson
+    from desirepath.report.simulated_cohorts import SimulatedPerson
     from desirepath.simulation.trajectory import Trajectory
 
 S = TypeVar("S", bound=Step)
@@ -167,7 +167,7 @@ class Simulated(Protocol):
     @property
     def random(self) -> np.random.Generator: ...
     @property
-    def person(self) -> MadeUpPerson | None: ...
+    def person(self) -> SimulatedPerson | None: ...
 
     def watch(self, step: Mapping[str, Any], sides: str) -> tuple[Trajectory, Trajectory]:
         """Watch the trial's trajectories, `ab` or `a`, and return both."""

@@ -1,5 +1,5 @@
-"""Power before recruiting: bots walk a planned study through the real state machine, and made-up cohorts tell how often
-the real analysis finds what was assumed.
+"""Power before recruiting: bots walk a planned study through the real state machine, and simulated cohorts tell how
+often the real analysis finds what was assumed.
 
 The bots show that the study runs and that its tables hold what they answered; then only the answers matter, which the
 cohorts of `report/simulated_power.py` give alike, and hundreds of cohorts cost no walk.
@@ -15,9 +15,8 @@ from typing import Any
 
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings, analyse
-from desirepath.report.made_up_cohorts import Cohort
-from desirepath.report.planned_design import Assumed, PlannedDesign, as_planned
-from desirepath.report.ranking_power import RankedDesign
+from desirepath.report.planned_design import Assumed, PlannedDesign, RankedDesign, as_planned
+from desirepath.report.simulated_cohorts import Cohort
 from desirepath.report.simulated_power import Power, enough, power
 from desirepath.report.study_data import StudyData
 from desirepath.report.tidy_tables import read_study
@@ -142,16 +141,16 @@ def _ranked(found: Findings) -> RankedDesign:
 
 def _check_same(design: PlannedDesign, cohort: Cohort, data: StudyData) -> None:
     """The state machine must have stored what the cohorts assume it does."""
-    made_up = design.study(cohort, len(data.people), 0)
+    simulated = design.study(cohort, len(data.people), 0)
     scored = {item.key for scale in design.scales for item in scale.items}
-    asked = {(one.item, one.condition) for one in made_up.ratings if one.item not in scored}
+    asked = {(one.item, one.condition) for one in simulated.ratings if one.item not in scored}
     if design.between:
         return  # who is in which group the cohorts decide for themselves
 
     def answers_of(of: StudyData) -> dict[tuple[str, str | None, str], Any]:
         return {(r.person, r.condition, r.item): r.value for r in of.ratings if (r.item, r.condition) in asked}
 
-    stored, expected = answers_of(data), answers_of(made_up)
+    stored, expected = answers_of(data), answers_of(simulated)
     if stored != expected:
         raise PowerError("the state machine stored other ratings than the bots gave; this is a bug, please report it")
 

@@ -14,7 +14,7 @@ from sqlalchemy import Table, false, func, insert, or_, select, update
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.installed import PROTOCOLS
-from desirepath.report.made_up_cohorts import VIEWS_DIFFER
+from desirepath.report.simulated_cohorts import VIEWS_DIFFER
 from desirepath.settings import Settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database

@@ -1,1 +1,1 @@
-"""Whether the analysis finds what was put in, and nothing else: counted over made-up cohorts."""
+"""Whether the analysis finds what was put in, and nothing else: counted over simulated cohorts."""

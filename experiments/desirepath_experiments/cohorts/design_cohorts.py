@@ -1,4 +1,4 @@
-"""Every test of every design over many made-up studies: how often it finds something where nothing differs (at most
+"""Every test of every design over many simulated studies: how often it finds something where nothing differs (at most
 alpha), and where something does, by number of people.
 
 Everything here is simulated. Whole studies like the interface study are in `null_cohorts.py` and `known_cohorts.py`.
@@ -12,8 +12,8 @@ from dataclasses import replace
 
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings
-from desirepath.report.made_up_cohorts import CONDITIONS, Cohort
 from desirepath.report.planned_design import PlannedDesign
+from desirepath.report.simulated_cohorts import CONDITIONS, Cohort
 from desirepath.report.simulated_power import Rate, Tell, analyse_simulated, rate
 
 ITEM, RANKING, COMPARED = "fun", "usefulness", 5

@@ -1,4 +1,4 @@
-"""What stands beside the declared tests, and lent policies, over many made-up studies: how often each finds something
+"""What stands beside the declared tests, and lent policies, over many simulated studies: how often each finds something
 where nothing differs, and where something does; how often intervals hold the truth.
 
 Everything here is simulated. The declared tests of every design are `design_cohorts.py`'s.
@@ -20,9 +20,9 @@ from desirepath.analysis.equivalence import equivalence
 from desirepath.analysis.reliability import reliability
 from desirepath.report.analysis_plan import AnalysisPlan, Equivalence
 from desirepath.report.further_findings import Further, further
-from desirepath.report.made_up_cohorts import Cohort, as_rated, made_up_study
 from desirepath.report.own_findings import personalised
 from desirepath.report.rating_findings import measures
+from desirepath.report.simulated_cohorts import Cohort, as_rated, simulate_data
 from desirepath.report.simulated_power import Rate, Tell, rate
 from desirepath.report.study_data import Choice, Comparison, Rating, StudyData
 from desirepath.report.study_design import designs_of
@@ -68,7 +68,7 @@ PLAN = AnalysisPlan(metrics=(), equivalence=Equivalence(rating=MARGIN), bayes_fa
 
 def _study(size: int, seed: int, cohort: Cohort) -> StudyData:
     """Two conditions, half of the people in either order, repeats, comparisons with two other policies."""
-    data = made_up_study(
+    data = simulate_data(
         replace(cohort, seed=seed), size, items=(ITEM,), rankings=(), conditions=TWO, queries=8, repeats=6,
         comparisons=5,
     )  # fmt: skip

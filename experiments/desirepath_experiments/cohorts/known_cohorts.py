@@ -10,7 +10,7 @@ from itertools import combinations
 
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings
-from desirepath.report.made_up_cohorts import CONDITIONS, ITEMS, RANKINGS, Cohort, made_up_study
+from desirepath.report.simulated_cohorts import CONDITIONS, ITEMS, RANKINGS, Cohort, simulate_data
 from desirepath.report.simulated_power import FEW_QUERIES, Rate, Tell, analyse_simulated, rate
 
 OTHER_ITEM = "any item in which nothing was put, corrected"
@@ -38,7 +38,7 @@ def known_cohorts(
     plan = plan or AnalysisPlan()
     found: Counter[str] = Counter()
     for k in range(cohorts):
-        data = made_up_study(cohort, participants, first=k * participants, queries=FEW_QUERIES)
+        data = simulate_data(cohort, participants, first=k * participants, queries=FEW_QUERIES)
         found.update(_found(analyse_simulated(data, plan), cohort, plan.alpha))
         tell((k + 1) / cohorts)
     tests = [*cohort.ratings, *cohort.first_choice, OTHER_ITEM, OTHER_RANKING, OTHER_PAIR]

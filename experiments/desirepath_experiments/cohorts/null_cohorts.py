@@ -13,7 +13,7 @@ import numpy as np
 from desirepath.analysis.repeated_measures import pairs_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings
-from desirepath.report.made_up_cohorts import CONDITIONS, ITEMS, OPPONENTS, RANKINGS, Cohort, made_up_study
+from desirepath.report.simulated_cohorts import CONDITIONS, ITEMS, OPPONENTS, RANKINGS, Cohort, simulate_data
 from desirepath.report.simulated_power import COMPARISONS, FEW_QUERIES, Rate, Tell, analyse_simulated, rate
 from desirepath.report.study_data import StudyData
 
@@ -31,7 +31,7 @@ def null_cohorts(
     plan = plan or AnalysisPlan()
     found: Counter[str] = Counter()
     for k in range(cohorts):
-        data = made_up_study(
+        data = simulate_data(
             Cohort(seed=seed), participants, first=k * participants, queries=FEW_QUERIES, comparisons=COMPARISONS
         )
         found.update(_rejected(data, analyse_simulated(data, plan), plan.alpha))

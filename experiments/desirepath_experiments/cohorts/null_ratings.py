@@ -1,6 +1,6 @@
 """How often ten Friedman tests find something where nothing differs, from more cohorts than the whole analysis bears.
 
-Only ratings, made and tested all at once; people are those of `made_up_cohorts.py`. Everything else that null cohorts
+Only ratings, made and tested all at once; people are those of `simulated_cohorts.py`. Everything else that null cohorts
 are asked is `null_cohorts.py`'s, which goes through the real analysis.
 """
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from desirepath.analysis.exact import FEW, NEAR, spread_distribution
-from desirepath.report.made_up_cohorts import CONDITIONS, ITEMS, PERSONAL_SHARE, as_rated
+from desirepath.report.simulated_cohorts import CONDITIONS, ITEMS, PERSONAL_SHARE, as_rated
 from desirepath.report.simulated_power import Rate, rate
 
 Doubles = NDArray[np.float64]

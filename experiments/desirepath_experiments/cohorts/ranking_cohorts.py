@@ -1,6 +1,7 @@
-"""Studies of chapter 8 with made-up people: how often each effect is found, where it was put in and where nothing was.
+"""Studies of chapter 8 with simulated people: how often each effect is found, where it was put in and where nothing
+was.
 
-Everything here is simulated. The people are `report/made_up_rankers.py`'s, the analysis is the report's own.
+Everything here is simulated. The people are `report/simulated_rankers.py`'s, the analysis is the report's own.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ import numpy as np
 
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.explanation_findings import explained
-from desirepath.report.made_up_rankers import RankerCohort, made_up_rankings
 from desirepath.report.rating_findings import measures
 from desirepath.report.simulated_power import Rate, Tell, rate
+from desirepath.report.simulated_rankers import RankerCohort, simulate_rankings
 
 ANY = "any of tau's effects, corrected"
 ANY_RATED = "any effect on what was rated, corrected"
@@ -35,7 +36,7 @@ def ranking_cohorts(
     found, seen = Counter[str](), Counter[str]()
     means: dict[str, list[float]] = {}
     for k in range(cohorts):
-        data = made_up_rankings(cohort, participants, first=k * participants)
+        data = simulate_rankings(cohort, participants, first=k * participants)
         of = explained(data.importance, measures(data, plan, []), plan, intervals=False)
         assert of is not None  # noqa: S101  everybody ranked
         for one in (of.agreement, *of.rated):

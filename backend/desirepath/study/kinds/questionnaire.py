@@ -25,7 +25,7 @@ from desirepath.study.wire import Answer, BadValue, Besides, Flag, whole
 if TYPE_CHECKING:
     import numpy as np
 
-    from desirepath.report.made_up_cohorts import MadeUpPerson
+    from desirepath.report.simulated_cohorts import SimulatedPerson
 
 LARGEST_NUMBER = 10**12  # ours; beyond 2^53 no table holds it exactly, and beyond 10^308 none holds it at all
 
@@ -342,7 +342,7 @@ def within(field: str, number: int, low: int | None, high: int | None) -> int:
 
 
 def _simulated(
-    item: Mapping[str, Any], condition: str | None, random: np.random.Generator, person: MadeUpPerson | None
+    item: Mapping[str, Any], condition: str | None, random: np.random.Generator, person: SimulatedPerson | None
 ) -> Any:
     if item.get("answer") is not None:  # a comprehension or attention check
         return int(item["answer"]) if item["type"] == "scale" else item["answer"]

@@ -18,7 +18,7 @@ import numpy as np
 from desirepath.learning.people.card import FAMILIES
 from desirepath.learning.preferences.oracles import ALWAYS_RIGHT, Oracle, ResponseModel, make_oracle, preference_of
 from desirepath.learning.queries.queries import Query
-from desirepath.report.made_up_cohorts import Cohort, MadeUpPerson
+from desirepath.report.simulated_cohorts import Cohort, SimulatedPerson
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.sides import Side
@@ -262,7 +262,7 @@ class _OnPages:
     """Whoever answers pages alone; nothing is watched or drawn."""
 
     random: np.random.Generator
-    person: MadeUpPerson | None
+    person: SimulatedPerson | None
 
     def watch(self, step: Mapping[str, Any], sides: str) -> tuple[Trajectory, Trajectory]:
         raise SimulationError(f"step {step['key']!r} is no page")
@@ -281,7 +281,7 @@ class _OnPages:
 
 
 def any_answer(
-    step: Mapping[str, Any], random: np.random.Generator, person: MadeUpPerson | None = None
+    step: Mapping[str, Any], random: np.random.Generator, person: SimulatedPerson | None = None
 ) -> dict[str, Any]:
     """A valid answer to any step that is a page, as the API tells it to simulated participants."""
     return KINDS[step["kind"]].simulate(step, _OnPages(random, person))

@@ -99,7 +99,7 @@ def ranking_cohorts_command(
     """Simulated: how often the analysis of importance rankings finds an effect of outlines and lidar."""
     from dataclasses import asdict, replace
 
-    from desirepath.report.made_up_rankers import PUBLISHED, RankerCohort
+    from desirepath.report.simulated_rankers import PUBLISHED, RankerCohort
     from desirepath_experiments.cohorts.ranking_cohorts import ranking_cohorts
 
     cohort = replace(RankerCohort() if null else PUBLISHED, seed=seed)
@@ -133,7 +133,7 @@ def known_cohorts_command(
     from dataclasses import asdict, replace
 
     from desirepath.report.analysis_plan import AnalysisPlan
-    from desirepath.report.made_up_cohorts import VIEWS_DIFFER, read_cohort
+    from desirepath.report.simulated_cohorts import VIEWS_DIFFER, read_cohort
     from desirepath_experiments.cohorts.known_cohorts import known_cohorts
 
     plan = AnalysisPlan()

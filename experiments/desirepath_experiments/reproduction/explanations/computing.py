@@ -22,8 +22,8 @@ from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import base_config, train_base
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.explanation_findings import Explained, explained
-from desirepath.report.made_up_rankers import RankerCohort, condition_name, item_texts, made_up_ratings
 from desirepath.report.rating_findings import measures
+from desirepath.report.simulated_rankers import RankerCohort, condition_name, item_texts, simulate_ratings
 from desirepath.report.study_data import ImportanceRanking, ParticipantRow, StudyData
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
@@ -129,7 +129,7 @@ def simulated_study(shown: RankingSet, participants: int, seed: int, number: int
                     )
                 )  # fmt: skip
         cohort = RankerCohort(ratings=RATED, seed=seed + 1000 * number)
-        ratings += made_up_ratings(cohort, code, k)
+        ratings += simulate_ratings(cohort, code, k)
     protocol = {"protocol": "reproduced", "version": 1}
     return StudyData(
         "chapter 8", "simulated", protocol, "", item_texts(), people, [], ratings, [], importance=rankings

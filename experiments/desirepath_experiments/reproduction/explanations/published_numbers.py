@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desirepath.report.made_up_rankers import Effect
+from desirepath.report.simulated_rankers import Effect
 
 EFFECTS = {"outline": "XAI", "lidar": "Lidar", "outline x lidar": "XAI × Lidar"}
 """Effect as the analysis calls it -> as the tables print it; all with 1 and 23 degrees of freedom."""

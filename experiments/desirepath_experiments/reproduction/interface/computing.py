@@ -21,7 +21,7 @@ from desirepath.learning.queries.queries import Query
 from desirepath.learning.rewards.held_out import accuracy
 from desirepath.learning.rewards.interface import InterfaceConfig, fit_interface
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath.report.made_up_cohorts import Cohort
+from desirepath.report.simulated_cohorts import Cohort
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.interface.published_numbers import (

@@ -1,6 +1,6 @@
-"""People made up with stated effects: what they rate, rank and how steadily they choose. Simulated, and marked as such.
+"""Simulated people with stated effects: what they rate, rank and how steadily they choose. Marked as such.
 
-The same made-up people walk through the state machine (`study/simulated/in_process.py`,
+The same people walk through the state machine (`study/simulated/in_process.py`,
 `study/simulated/participant.py`) and, by themselves, make whole data sets here, so that what a report must find is
 known. Their answers depend only on seed, number and what is asked, not on the order of asking.
 """
@@ -94,9 +94,9 @@ class Cohort:
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
 
-    def person(self, number: int) -> MadeUpPerson:
-        """The made-up person of that number."""
-        return MadeUpPerson(self, number)
+    def person(self, number: int) -> SimulatedPerson:
+        """The simulated person of that number."""
+        return SimulatedPerson(self, number)
 
     def lapse_rate(self, condition: str) -> float:
         """Chance that one answer is not what the person would usually say: c = (1 - e)^2 + e^2, solved for e."""
@@ -120,7 +120,7 @@ def as_rated(opinions: ArrayLike, points: int) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
-class MadeUpPerson:
+class SimulatedPerson:
     """One of a cohort; knows only what is asked."""
 
     cohort: Cohort
@@ -189,7 +189,7 @@ class MadeUpPerson:
         return bool(self._random("own", scene, against).random() < share)
 
 
-def made_up_study(
+def simulate_data(
     cohort: Cohort,
     participants: int,
     *,
@@ -220,32 +220,32 @@ def made_up_study(
     ratings: list[Rating] = []
     compared: list[Comparison] = []
     for number in range(first, first + participants):
-        made_up, code = cohort.person(number), f"S{number + 1:03d}"
+        person, code = cohort.person(number), f"S{number + 1:03d}"
         group, of_group = list(groups.items())[number % len(groups)]
         mine = cells if within or not between else {group: of_group}
-        state = "expired" if made_up.drops_out else "completed"
+        state = "expired" if person.drops_out else "completed"
         of = {"block": group} if between else {}
-        own = ("shown" if made_up.is_shown_own else "not_surely_better") if comparisons else None
+        own = ("shown" if person.is_shown_own else "not_surely_better") if comparisons else None
         people.append(ParticipantRow(code, True, None, False, state, tuple(mine), of, own))
         for condition, levels in mine.items():
             at = (*levels, *(of_group if between else ()))
             ratings += [
-                Rating(code, condition, "interface_items", i, made_up.rate(i, condition, levels=at)) for i in items
+                Rating(code, condition, "interface_items", i, person.rate(i, condition, levels=at)) for i in items
             ]
             ratings += [
-                Rating(code, condition, scale.name, one.key, _agreed(made_up, one, scale, condition, at))
+                Rating(code, condition, scale.name, one.key, _agreed(person, one, scale, condition, at))
                 for scale in scales
                 for one in scale.items
             ]
             asked = [("regular", k) for k in range(queries)] + [("repeat", k) for k in range(repeats)]
-            choices += [_choice(made_up, code, condition, role, f"{code}-{k}") for role, k in asked]
-        ratings += [Rating(code, None, "view_ranking", r, made_up.rank(r, list(cells))) for r in rankings]
-        for against in opponents if comparisons and made_up.is_shown_own else ():
+            choices += [_choice(person, code, condition, role, f"{code}-{k}") for role, k in asked]
+        ratings += [Rating(code, None, "view_ranking", r, person.rank(r, list(cells))) for r in rankings]
+        for against in opponents if comparisons and person.is_shown_own else ():
             for k in range(comparisons):
-                won = made_up.prefers_own(str(k), against)
+                won = person.prefers_own(str(k), against)
                 compared.append(Comparison(code, *(("own", against) if won else (against, "own")), look_alike=False))
     of_scales = [(scale.name, scale) for scale in scales]
-    return StudyData("made up", "made up", protocol, "", [], people, choices, ratings, compared, scales=of_scales)
+    return StudyData("simulated", "simulated", protocol, "", [], people, choices, ratings, compared, scales=of_scales)
 
 
 def _cells(factors: Levels) -> dict[str, tuple[str, ...]]:
@@ -253,13 +253,13 @@ def _cells(factors: Levels) -> dict[str, tuple[str, ...]]:
     return {"-".join(levels): levels for levels in product(*factors.values())}
 
 
-def _agreed(person: MadeUpPerson, item: ScaleItem, scale: Scale, condition: str, levels: Sequence[str]) -> int:
+def _agreed(person: SimulatedPerson, item: ScaleItem, scale: Scale, condition: str, levels: Sequence[str]) -> int:
     """An answer to an item of a scale, turned round where agreeing lowers the score."""
     given = person.rate(item.key, condition, scale.points, levels=levels, scale=scale.name)
     return scale.points + 1 - given if item.reversed else given
 
 
-def _choice(person: MadeUpPerson, code: str, condition: str, role: str, query: str) -> Choice:
+def _choice(person: SimulatedPerson, code: str, condition: str, role: str, query: str) -> Choice:
     shown = f"{query}-a", f"{query}-b"
     prefers = person.usual(query) ^ person.slips(condition, query, role)
     if person.takes_second(condition, query, role):

@@ -1,7 +1,7 @@
-"""People made up who rank objects by how much they mattered to the robot, agreeing with the scores as well as stated.
+"""Simulated people who rank objects by how much they mattered to the robot, agreeing with the scores as well as stated.
 
-Simulated, and marked as such; so that what the analysis of chapter 8 must find is known. Other made-up people are
-`made_up_cohorts.py`'s.
+Marked as such; so that what the analysis of chapter 8 must find is known. Other simulated people are
+`simulated_cohorts.py`'s.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from desirepath.analysis.choices import kendall_tau_b
 from desirepath.report.explanation_findings import AWARENESS, FACTORS
-from desirepath.report.made_up_cohorts import CohortError, as_rated
+from desirepath.report.simulated_cohorts import CohortError, as_rated
 from desirepath.report.study_data import ImportanceRanking, ItemText, ParticipantRow, Rating, StudyData
 
 Doubles = NDArray[np.float64]
@@ -69,7 +69,7 @@ PUBLISHED = RankerCohort(
 lidar alone."""
 
 
-def made_up_rankings(
+def simulate_rankings(
     cohort: RankerCohort, participants: int, *, first: int = 0, trials: int = TRIALS, factors: Sequence[str] = FACTORS
 ) -> StudyData:
     """A data set of the cohort's people `first`, `first` + 1, ..., as the study of chapter 8 would leave it."""
@@ -95,9 +95,9 @@ def made_up_rankings(
                     ImportanceRanking(code, name, f"{name}-{k}", "regular", ranking=order, scores=given, **of)
                 )
         ratings += _rated(cohort, code, number, names, of_cell)
-    protocol = {"protocol": "made_up", "version": 1}
+    protocol = {"protocol": "simulated", "version": 1}
     return StudyData(
-        "made up", "made up", protocol, "", item_texts(), people, [], ratings, [], importance=rankings
+        "simulated", "simulated", protocol, "", item_texts(), people, [], ratings, [], importance=rankings
     )  # fmt: skip
 
 
@@ -148,7 +148,7 @@ def _curve() -> tuple[Doubles, Doubles]:
     return noise, np.minimum.accumulate(taus)
 
 
-def made_up_ratings(cohort: RankerCohort, code: str, number: int) -> list[Rating]:
+def simulate_ratings(cohort: RankerCohort, code: str, number: int) -> list[Rating]:
     """What somebody says after each of the four blocks of outline x lidar, whatever they ranked."""
     of_cell = [dict(zip(FACTORS, cell, strict=True)) for cell in product((False, True), repeat=len(FACTORS))]
     return _rated(cohort, code, number, [condition_name(**of) for of in of_cell], of_cell)

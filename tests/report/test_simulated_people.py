@@ -1,4 +1,4 @@
-"""People made up with a seed answer as they did when numbers about them were published."""
+"""Simulated people of a seed answer as they did when numbers about them were published."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from desirepath.analysis.scales import Scale, ScaleItem
-from desirepath.report.made_up_cohorts import CONDITIONS, Cohort, CohortError, as_rated, made_up_study
-from desirepath.report.made_up_rankers import (
+from desirepath.report.simulated_cohorts import CONDITIONS, Cohort, CohortError, as_rated, simulate_data
+from desirepath.report.simulated_rankers import (
     ITEMS,
     OBJECTS,
     PUBLISHED,
@@ -15,8 +15,8 @@ from desirepath.report.made_up_rankers import (
     condition_name,
     draw_scores,
     item_texts,
-    made_up_rankings,
     noise_for,
+    simulate_rankings,
 )
 
 COHORT = Cohort(
@@ -102,7 +102,7 @@ def test_chances_of_0_and_1_can_be_and_nothing_beyond(field: str) -> None:
             Cohort(**{field: chance})
 
 
-def test_a_made_up_data_set_has_what_was_asked_of_everybody() -> None:
+def test_a_simulated_data_set_has_what_was_asked_of_everybody() -> None:
     scale = Scale(
         "two",
         ("Two",),
@@ -114,7 +114,7 @@ def test_a_made_up_data_set_has_what_was_asked_of_everybody() -> None:
         "",
         "",
     )
-    data = made_up_study(
+    data = simulate_data(
         Cohort(ratings={"two": {"fast": 9.0}}, own=1.0), 5, first=2, items=("fun",), rankings=("best",), queries=3,
         repeats=2, comparisons=2, within={"speed": ("slow", "fast")}, between={"robot": ("small", "large")},
         scales=(scale,),
@@ -132,12 +132,12 @@ def test_a_made_up_data_set_has_what_was_asked_of_everybody() -> None:
 
 
 def test_a_seed_s_rankers_rank_as_they_did() -> None:
-    data = made_up_rankings(PUBLISHED, 2, trials=2)
+    data = simulate_rankings(PUBLISHED, 2, trials=2)
     seen = [(one.condition, [OBJECTS.index(name) for name in one.ranking]) for one in data.importance[:5]]
     assert seen == SEEN_RANKED
     assert list(data.importance[0].scores.values()) == [1.0, 0.6779, 0.9778, 0.799, 0.7903]
     assert [one.value for one in data.ratings if one.person == "S002"] == SAID
-    assert [one.code for one in made_up_rankings(PUBLISHED, 1, first=3, trials=1).people] == ["S004"]
+    assert [one.code for one in simulate_rankings(PUBLISHED, 1, first=3, trials=1).people] == ["S004"]
     assert (data.people[0].state, len(data.importance)) == ("completed", 2 * 4 * 2)
 
 
@@ -175,7 +175,7 @@ def test_agreement_that_no_cohort_can_have_is_refused_in_any_condition() -> None
 
 def test_ratings_of_rankers_shift_by_what_is_shown() -> None:
     """Without shifts means of conditions are alike; reversed items go the other way."""
-    shifted = made_up_rankings(
+    shifted = simulate_rankings(
         RankerCohort(ratings={"trust": (2.0, 0.0, 0.0), "awareness": (0.0, 2.0, 0.0)}), 40, trials=1
     )
 
@@ -191,7 +191,7 @@ def test_ratings_of_rankers_shift_by_what_is_shown() -> None:
 
 
 def test_a_factor_that_does_not_vary_is_not_shown() -> None:
-    data = made_up_rankings(PUBLISHED, 1, trials=1, factors=("outline",))
+    data = simulate_rankings(PUBLISHED, 1, trials=1, factors=("outline",))
     assert [(one.condition, one.outline, one.lidar) for one in data.importance] == [
         ("plain-bare", False, False),
         ("outline-bare", True, False),

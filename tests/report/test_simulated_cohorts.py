@@ -1,4 +1,4 @@
-"""What is put into a made-up cohort is found, and nothing else."""
+"""What is put into a simulated cohort is found, and nothing else."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import pytest
 from desirepath.analysis.repeated_measures import friedman
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings
-from desirepath.report.made_up_cohorts import (
+from desirepath.report.planned_design import Assumed, PlannedDesign
+from desirepath.report.simulated_cohorts import (
     CONDITIONS,
     ITEMS,
     RANKINGS,
     Cohort,
     CohortError,
     as_rated,
-    made_up_study,
     read_cohort,
+    simulate_data,
 )
-from desirepath.report.planned_design import Assumed, PlannedDesign
 from desirepath.report.simulated_power import COMPARISONS, analyse_simulated, enough, power, rate
 from desirepath_experiments.cohorts.design_cohorts import DESIGNS, design_cohorts
 from desirepath_experiments.cohorts.further_cohorts import CASES, further_cohorts
@@ -42,7 +42,7 @@ DIFFERENT = Cohort(
 
 @pytest.fixture(scope="module")
 def found() -> Findings:
-    return analyse_simulated(made_up_study(DIFFERENT, 60, repeats=10, comparisons=COMPARISONS), AnalysisPlan())
+    return analyse_simulated(simulate_data(DIFFERENT, 60, repeats=10, comparisons=COMPARISONS), AnalysisPlan())
 
 
 def test_the_items_that_differ_are_found_and_no_others(found: Findings) -> None:
@@ -85,7 +85,7 @@ def test_the_own_policy_is_found_to_be_preferred(found: Findings) -> None:
 
 
 def test_a_habit_of_taking_the_second_trajectory_shows_in_kappa_not_in_agreement() -> None:
-    habit = analyse_simulated(made_up_study(Cohort(second_shown=0.9, steady=0.5), 20), AnalysisPlan())
+    habit = analyse_simulated(simulate_data(Cohort(second_shown=0.9, steady=0.5), 20), AnalysisPlan())
     of = habit.between["first_person", "immersive"]
     assert of.share.mean > 0.8
     assert abs(of.kappa.mean) < 0.15
@@ -178,7 +178,7 @@ def test_a_condition_whose_name_holds_another_is_not_taken_for_it() -> None:
     assert {one.test: one.rate for one in found.rates}["Wilcoxon, against both others"] == 1.0
 
 
-def test_made_up_answers_do_not_depend_on_the_order_of_asking() -> None:
+def test_simulated_answers_do_not_depend_on_the_order_of_asking() -> None:
     person, again = DIFFERENT.person(5), DIFFERENT.person(5)
     first = [person.rate(item, "immersive") for item in ITEMS]
     assert [again.rate(item, "immersive") for item in reversed(ITEMS)] == first[::-1]
