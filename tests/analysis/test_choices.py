@@ -11,8 +11,8 @@ from desirepath.analysis.choices import (
     cohens_kappa,
     equal_first_choices,
     first_choice_pairs,
-    mostly,
     share_over_people,
+    sign_test,
 )
 from desirepath.analysis.triads import whole_triads
 
@@ -52,7 +52,7 @@ def test_a_position_habit_looks_like_agreement_and_kappa_tells() -> None:
 def test_people_not_answers_are_counted() -> None:
     """8 of 9 people with a majority: two-sided binomial p = 2 (9 + 1) / 2^9 = 0.0390625, however many answers each."""
     wins, losses = [3] * 8 + [0, 1], [0] * 8 + [3, 1]
-    test = mostly(wins, losses, about="comparisons", names=("own", "base"))
+    test = sign_test(wins, losses, about="comparisons", names=("own", "base"))
     assert (test.p, test.n, test.used) == (pytest.approx(0.0390625), 10, 9)
     assert test.direction == "own is mostly chosen over base"
     share = share_over_people(wins, losses)

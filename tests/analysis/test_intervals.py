@@ -11,15 +11,15 @@ from statsmodels.stats.proportion import proportion_confint
 
 from desirepath.analysis.estimates import wilson_interval
 from desirepath.analysis.intervals import (
-    bounded,
+    bound_share,
     clustered_share,
     correlation_like,
+    end_at_scale,
     jackknife_se,
     partial_eta_squared,
     rank_sum_shift,
     share_of_chi_square,
     signed_rank_shift,
-    within,
 )
 from desirepath.analysis.repeated_measures import wilcoxon
 from desirepath.analysis.tested import mean_of
@@ -110,11 +110,11 @@ def test_nothing_leaves_its_range() -> None:
     )
     low, high = correlation_like(-0.9, 0.4, 5)
     assert -1 <= low < -0.9 < high <= 1
-    assert bounded(0.0, 0.0, 4)[1] > 0.3
-    ratings = within(mean_of([7, 7, 7, 6]), 1, 7)
+    assert bound_share(0.0, 0.0, 4)[1] > 0.3
+    ratings = end_at_scale(mean_of([7, 7, 7, 6]), 1, 7)
     assert (ratings.mean, ratings.high) == (6.75, 7)
-    assert math.isnan(within(mean_of([7, 7, 7]), 1, 7).low)
-    assert within(mean_of([1, 1, 2, 1]), 1, 7).low == 1
+    assert math.isnan(end_at_scale(mean_of([7, 7, 7]), 1, 7).low)
+    assert end_at_scale(mean_of([1, 1, 2, 1]), 1, 7).low == 1
 
 
 def test_the_jackknife_of_a_mean_is_its_standard_error() -> None:

@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.explanation_findings import Explained, explained, trials_of
+from desirepath.report.explanation_findings import Explained, analyse_rankings, trials_of
 from desirepath.report.explanation_text import explanation_brief, explanation_sections
 from desirepath.report.findings import analyse
 from desirepath.report.report_figures import explanation_pictures
@@ -94,7 +94,7 @@ def test_practice_is_never_counted_and_nobody_is_explained_without_rankings(publ
     practised = [replace(one, role="practice", ranking=one.ranking[::-1]) for one in published.importance]
     both = replace(published, importance=[*published.importance, *practised])
     assert found(both).agreement == found(published).agreement
-    assert explained(practised, [], PLAN) is None
+    assert analyse_rankings(practised, [], PLAN) is None
 
 
 def test_two_people_are_described_and_not_tested(published: StudyData) -> None:

@@ -10,7 +10,7 @@ import pytest
 from desirepath.analysis.scale_wordings import SCALES
 from desirepath.report.analysis_plan import AnalysisPlan, Equivalence
 from desirepath.report.findings import analyse
-from desirepath.report.planned_design import Assumed, PlannedDesign, as_planned
+from desirepath.report.planned_design import Assumed, PlannedDesign, plan_factors
 from desirepath.report.simulated_cohorts import CONDITIONS, Cohort, CohortError, simulate_data
 from desirepath.report.simulated_power import Power, power
 from desirepath.report.study_design import StudyDesign
@@ -177,16 +177,16 @@ def test_drop_out_takes_people_from_what_is_declared_too() -> None:
 def test_a_level_that_everybody_meets_alone_is_part_of_the_conditions_names() -> None:
     """One view and two speeds are two conditions; a fixed level between or around two factors stays in their names."""
     two = StudyDesign({"speed": ("slow", "fast")}, {}, ("top_down-slow", "top_down-fast"))
-    assert as_planned(two) == {"within": {}, "between": {}}
+    assert plan_factors(two) == {"within": {}, "between": {}}
     speeds, sizes = ("slow", "fast"), ("small", "large")
     factors = {"speed": speeds, "size": sizes}
     for pattern in ("{0}-{1}", "top_down-{0}-{1}", "{0}-top_down-{1}", "{0}-{1}-top_down", "a-{0}-b-{1}-c"):
         cells = [pattern.format(speed, size) for speed in speeds for size in sizes]
-        planned = PlannedDesign(tuple(cells), ("fun",), (), 1, 0, **as_planned(StudyDesign(factors, {}, cells)))
+        planned = PlannedDesign(tuple(cells), ("fun",), (), 1, 0, **plan_factors(StudyDesign(factors, {}, cells)))
         made = planned.study(Cohort(), 2, 0)
         assert list(dict.fromkeys(one.condition for one in made.choices)) == cells
         assert planned.effects == [("speed",), ("size",), ("speed", "size")]
     groups = StudyDesign({}, {"robot": sizes}, ("top_down", "top_down"))
-    assert as_planned(groups) == {"within": {}, "between": {"robot": sizes}}
-    assert as_planned(StudyDesign({"condition": speeds}, {}, speeds)) == {"within": {}, "between": {}}
-    assert as_planned(StudyDesign({"speed": speeds}, {}, speeds))["within"] == {"speed": speeds}
+    assert plan_factors(groups) == {"within": {}, "between": {"robot": sizes}}
+    assert plan_factors(StudyDesign({"condition": speeds}, {}, speeds)) == {"within": {}, "between": {}}
+    assert plan_factors(StudyDesign({"speed": speeds}, {}, speeds))["within"] == {"speed": speeds}

@@ -19,7 +19,7 @@ from desirepath.report.simulated_cohorts import (
     RANKINGS,
     Cohort,
     CohortError,
-    as_rated,
+    rate_opinions,
     read_cohort,
     simulate_data,
 )
@@ -145,7 +145,7 @@ def test_what_stands_beside_the_tests_is_said_where_something_differs_and_seldom
 
 def test_ratings_alone_are_tested_as_the_analysis_tests_them() -> None:
     """Many cohorts at once: p as one by one, ties included; the ten items stay within alpha together."""
-    ratings = as_rated(np.random.default_rng(2).normal(size=(3, 4, 12, 3)), 7)
+    ratings = rate_opinions(np.random.default_rng(2).normal(size=(3, 4, 12, 3)), 7)
     together = friedman_p(ratings)
     for place in np.ndindex(3, 4):
         assert together[place] == pytest.approx(friedman(ratings[place], about="x").p)

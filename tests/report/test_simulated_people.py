@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from desirepath.analysis.scales import Scale, ScaleItem
-from desirepath.report.simulated_cohorts import CONDITIONS, Cohort, CohortError, as_rated, simulate_data
+from desirepath.report.simulated_cohorts import CONDITIONS, Cohort, CohortError, rate_opinions, simulate_data
 from desirepath.report.simulated_rankers import (
     ITEMS,
     OBJECTS,
@@ -89,8 +89,8 @@ def test_the_chance_of_a_slip_makes_the_consistency() -> None:
 
 
 def test_an_opinion_of_one_deviation_is_a_quarter_of_the_scale() -> None:
-    assert as_rated([0, 1, -1, 2, -2, 9, -9], 7).tolist() == [4, 6, 3, 7, 1, 7, 1]
-    assert as_rated([0.0, 0.49, 0.51, -0.49, -0.51], 5).tolist() == [3, 3, 4, 3, 2]
+    assert rate_opinions([0, 1, -1, 2, -2, 9, -9], 7).tolist() == [4, 6, 3, 7, 1, 7, 1]
+    assert rate_opinions([0.0, 0.49, 0.51, -0.49, -0.51], 5).tolist() == [3, 3, 4, 3, 2]
 
 
 @pytest.mark.parametrize("field", ["second_shown", "own", "items_alike", "drop_out", "shown"])

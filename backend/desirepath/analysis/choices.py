@@ -135,7 +135,7 @@ def kendall_tau_b(first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.where(untied > 0, agreeing / np.sqrt(np.maximum(untied, 1)), np.nan))
 
 
-def mostly(wins: Sequence[int], losses: Sequence[int], *, about: str, names: tuple[str, str]) -> Tested:
+def sign_test(wins: Sequence[int], losses: Sequence[int], *, about: str, names: tuple[str, str]) -> Tested:
     """Sign test over people: who chose the first of two more often than the second. Each person counts once.
 
     wins, losses (n,): a person's choices of either. Answers of one person depend on each other, so people are the
@@ -153,7 +153,7 @@ def mostly(wins: Sequence[int], losses: Sequence[int], *, about: str, names: tup
     )  # fmt: skip
 
 
-def right_guesses(right: int, people: int, *, about: str) -> Tested:
+def binomial_test(right: int, people: int, *, about: str) -> Tested:
     """Exact binomial test of how many of so many people were right, against one half, two-sided; effect: Cohen's g."""
     p, least, (low, high) = _binomial(right, people - right)
     return Tested(

@@ -35,11 +35,11 @@ def clustered_share(shares: ArrayLike, sizes: ArrayLike | None = None) -> Mean:
     if n < 2:
         return Mean(n, float(values[0]) if n else math.nan, *[math.nan] * 4)
     mean, sd = float(values.mean()), float(values.std(ddof=1))
-    low, high = bounded(mean, sd / math.sqrt(n), n, most=most)
+    low, high = bound_share(mean, sd / math.sqrt(n), n, most=most)
     return Mean(n, mean, sd, sd / math.sqrt(n), low, high)
 
 
-def bounded(share: float, se: float, n: int, *, most: float = math.inf) -> Interval:
+def bound_share(share: float, se: float, n: int, *, most: float = math.inf) -> Interval:
     """Wilson's interval of a share in [0, 1] with standard error se over n people. most: answers behind it."""
     spread = share * (1 - share)
     answers = min(most, max(float(n), spread / se**2 if se > 0 else (math.inf if spread > 0 else float(n))))
@@ -50,7 +50,7 @@ def bounded(share: float, se: float, n: int, *, most: float = math.inf) -> Inter
 
 def correlation_like(estimate: float, se: float, n: int) -> Interval:
     """Interval of an effect in [-1, 1] that is twice a share less one, as the rank-biserial correlation is."""
-    low, high = bounded((estimate + 1) / 2, se / 2, n)
+    low, high = bound_share((estimate + 1) / 2, se / 2, n)
     return 2 * low - 1, 2 * high - 1
 
 
@@ -142,7 +142,7 @@ def _least_sum(n: int, m: int) -> int:
     return u
 
 
-def within(mean: Mean, lowest: float, highest: float) -> Mean:
+def end_at_scale(mean: Mean, lowest: float, highest: float) -> Mean:
     """A mean of ratings with its interval, where it has one, ended at the ends of the scale."""
     if math.isnan(mean.low):
         return mean

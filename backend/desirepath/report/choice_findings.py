@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.analysis.choices import agreement, cohens_kappa
-from desirepath.analysis.intervals import clustered_share, within
+from desirepath.analysis.intervals import clustered_share, end_at_scale
 from desirepath.analysis.metrics import measure
 from desirepath.analysis.tested import Mean, has_spread, mean_of
 from desirepath.analysis.triads import is_circular, whole_triads
@@ -60,7 +60,7 @@ class Triads:
     share: Mean
 
 
-def of_condition(choices: Sequence[Choice], condition: str, plan: AnalysisPlan) -> OfCondition:
+def describe_condition(choices: Sequence[Choice], condition: str, plan: AnalysisPlan) -> OfCondition:
     own = [one for one in choices if one.condition == condition]
     regular = [one for one in own if one.role == "regular"]
     by_person = _by_person(regular)
@@ -97,7 +97,7 @@ def _by_person(choices: Sequence[Choice]) -> dict[str, list[Choice]]:
     return found
 
 
-def between(regular: Sequence[Choice], pair: Pair) -> Agreement:
+def compare_conditions(regular: Sequence[Choice], pair: Pair) -> Agreement:
     """Agreement of the same person's answers to the same queries under two conditions."""
     return _over_people({person: _both(given, pair) for person, given in _by_person(regular).items()})
 
@@ -117,11 +117,11 @@ def _over_people(pairs: Mapping[str, Sequence[tuple[Choice, Choice]]], fewest: i
         shares.append(agreement([a.chosen for a, _ in given], [b.chosen for _, b in given]))
         # places are those of the first answer: with the sides swapped whoever is steady takes the other place
         kappas.append(cohens_kappa([a.second_chosen for a, _ in given], [b.chosen == a.second for a, b in given]))
-    kappa = within(mean_of(kappas), -1.0, 1.0)
+    kappa = end_at_scale(mean_of(kappas), -1.0, 1.0)
     return Agreement(clustered_share(shares, sizes), kappa, sum(math.isnan(kappa) for kappa in kappas))
 
 
-def people_s_agreement(
+def agree_per_person(
     choices: Sequence[Choice], pairs: Sequence[Pair], plan: AnalysisPlan
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Each person's mean agreement between conditions, and with the own first answer within them (asked again as it
@@ -151,7 +151,7 @@ def people_s_agreement(
     return between_all, within_all
 
 
-def triads_of(choices: Sequence[Choice], condition: str) -> Triads | None:
+def count_triads(choices: Sequence[Choice], condition: str) -> Triads | None:
     """The condition's triads that were answered whole; None where there are none."""
     asked = [one for one in choices if one.role == TRIAD and one.condition == condition]
     shares: list[float] = []

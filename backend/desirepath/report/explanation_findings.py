@@ -17,7 +17,7 @@ import numpy as np
 from desirepath.analysis.anova import Assumptions, assumptions, rm_anova
 from desirepath.analysis.choices import kendall_tau_b
 from desirepath.analysis.factorial import Factorial
-from desirepath.analysis.intervals import within
+from desirepath.analysis.intervals import end_at_scale
 from desirepath.analysis.tested import Mean, Tested, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.rating_findings import Measure
@@ -97,7 +97,7 @@ class Explained:
         return sum(math.isnan(one.tau) for one in self.trials)
 
 
-def explained(
+def analyse_rankings(
     rankings: Sequence[ImportanceRanking], rated: Sequence[Measure], plan: AnalysisPlan, *, intervals: bool = True
 ) -> Explained | None:
     """The analysis of chapter 8 of everybody's rankings; None where nobody ranked. rated: what was rated of conditions.
@@ -159,17 +159,20 @@ def _scores(about: Sequence[Measure]) -> Iterator[tuple[str, str, float, float, 
         for person in people:
             complete = set.intersection(*(set(one.rated.get(person, {})) for one in parts))
             found[person] = {
-                name: float(np.mean([turned(one.item, one.rated[person][name]) for one in parts])) for name in complete
+                name: float(np.mean([turn_reversed(one.item, one.rated[person][name]) for one in parts]))
+                for name in complete
             }
         text = f"awareness of the robot's information processing (mean of {len(parts)} items)"
         yield "awareness", text, 1.0, float(parts[0].item.points), found
     for one in about:
         if one not in parts:
-            turned_of = {who: {name: turned(one.item, v) for name, v in of.items()} for who, of in one.rated.items()}
+            turned_of = {
+                who: {name: turn_reversed(one.item, v) for name, v in of.items()} for who, of in one.rated.items()
+            }
             yield one.item.key, one.item.text, one.item.lowest, float(one.item.points), turned_of
 
 
-def turned(item: ItemText, value: float) -> float:
+def turn_reversed(item: ItemText, value: float) -> float:
     """The answer with reversed items inverted: more is more."""
     return item.lowest + item.points - value if item.reversed else value
 
@@ -190,7 +193,10 @@ def _outcome(
 ) -> Outcome:
     rows = np.array([[of[cell] for cell in cells] for of in own.values() if all(cell in of for cell in cells)])
     values = rows.reshape(-1, len(cells))
-    means = {shown(factors, cell): within(mean_of(values[:, k]), lowest, highest) for k, cell in enumerate(cells)}
+    means = {
+        condition_in_words(factors, cell): end_at_scale(mean_of(values[:, k]), lowest, highest)
+        for k, cell in enumerate(cells)
+    }
     if not factors or len(values) < 3:
         return Outcome(key, text, lowest, highest, means, (), ())
     design = Factorial(values, np.zeros(len(values), dtype=np.int64), dict.fromkeys(factors, LEVELS), {})
@@ -200,7 +206,7 @@ def _outcome(
     return Outcome(key, text, lowest, highest, means, tests, checks)
 
 
-def shown(factors: Sequence[str], cell: Sequence[bool]) -> str:
+def condition_in_words(factors: Sequence[str], cell: Sequence[bool]) -> str:
     """A condition in words: what was shown of the factors that vary."""
     return " and ".join(name for name, on in zip(factors, cell, strict=True) if on) or "neither"
 

@@ -19,17 +19,17 @@ from desirepath.report.choice_findings import (
     OfCondition,
     Pair,
     Triads,
-    between,
+    compare_conditions,
+    count_triads,
+    describe_condition,
     disagreement,
-    of_condition,
-    triads_of,
 )
-from desirepath.report.explanation_findings import Explained, explained
-from desirepath.report.further_findings import Further, further
+from desirepath.report.explanation_findings import Explained, analyse_rankings
+from desirepath.report.further_findings import Further, analyse_further
 from desirepath.report.item_tests import ItemResult, item_results
 from desirepath.report.meeting import Met, summarise_meetings
-from desirepath.report.method_findings import Methods, methods_of
-from desirepath.report.own_findings import Guessed, Personalised, guessed, personalised
+from desirepath.report.method_findings import Methods, analyse_methods
+from desirepath.report.own_findings import Guessed, Personalised, compare_own, count_guesses
 from desirepath.report.rating_findings import (
     Described,
     RankingResult,
@@ -143,7 +143,7 @@ def analyse(
     queried = tuple(one for one in conditions if one in asked) if regular else ()  # otherwise they were rated only
     designs, scales = designs_of(own), scale_results(own)
     every_rated = measures(own, used, scales)
-    ranked = explained(own.importance, every_rated, used, intervals=intervals)
+    ranked = analyse_rankings(own.importance, every_rated, used, intervals=intervals)
     of_explanations = set(ranked.items) if ranked else set()
     rated = [one for one in every_rated if (one.item.questionnaire, one.item.key) not in of_explanations]
     return Findings(
@@ -162,17 +162,17 @@ def analyse(
         items=item_results(rated, designs, used, intervals=intervals),
         rankings=ranking_results(own.ratings, used, own, intervals=intervals),
         scales=scales,
-        of_condition={name: of_condition(own.choices, name, used) for name in queried},
-        between={pair: between(regular, pair) for pair in combinations(queried, 2)},
-        triads={name: found for name in queried if (found := triads_of(own.choices, name))},
+        of_condition={name: describe_condition(own.choices, name, used) for name in queried},
+        between={pair: compare_conditions(regular, pair) for pair in combinations(queried, 2)},
+        triads={name: found for name in queried if (found := count_triads(own.choices, name))},
         disagreement=disagreement(regular, queried, used.metrics, load),
-        personalised=personalised(own.comparisons, used),
+        personalised=compare_own(own.comparisons, used),
         own_policies=dict(Counter(one.own_policy for one in kept if one.own_policy is not None)),
         asked_on={one.code: one.further for one in kept if one.further},
-        guessed=guessed(own.guesses),
+        guessed=count_guesses(own.guesses),
         met=summarise_meetings(own.meetings),
-        ways=methods_of(own.method_choices, own.taught, used),
-        further=further(own, rated, designs, used, list(combinations(queried, 2)))
+        ways=analyse_methods(own.method_choices, own.taught, used),
+        further=analyse_further(own, rated, designs, used, list(combinations(queried, 2)))
         if (intervals if beside is None else beside)
         else None,
         explained=ranked,

@@ -21,10 +21,10 @@ from desirepath.analysis.reliability import Reliability, reliability
 from desirepath.analysis.repeated_measures import friedman, wilcoxon
 from desirepath.analysis.tested import Tested, correct_tests
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.choice_findings import Pair, people_s_agreement
+from desirepath.report.choice_findings import Pair, agree_per_person
 from desirepath.report.own_findings import ARMS, own_shares
 from desirepath.report.rating_findings import Measure
-from desirepath.report.study_data import Choice, StudyData, asked_about, askings
+from desirepath.report.study_data import Choice, StudyData, find_askings, find_topic
 from desirepath.report.study_design import StudyDesign
 
 UNBOUNDED = 30.0  # log odds: likelier than a million millions to one
@@ -72,7 +72,7 @@ class Further:
     models: Sequence[Modelled]
 
 
-def further(
+def analyse_further(
     data: StudyData,
     rated: Sequence[Measure],
     designs: Sequence[StudyDesign],
@@ -126,7 +126,7 @@ def _order_effects(data: StudyData, rated: Sequence[Measure], designs: Sequence[
 
 def _against_retest(choices: Sequence[Choice], pairs: Sequence[Pair], plan: AnalysisPlan) -> Tested | None:
     """Whether people agree less between conditions than with themselves within one: over people, the mean of either."""
-    between, within = people_s_agreement(choices, pairs, plan)
+    between, within = agree_per_person(choices, pairs, plan)
     both = sorted(between.keys() & within.keys())
     if len(both) < 2:
         return None
@@ -182,13 +182,13 @@ def _weighed(data: StudyData, rated: Sequence[Measure], designs: Sequence[StudyD
 
 def _reliabilities(data: StudyData) -> list[ScaleReliability]:
     found = []
-    asked = askings(data.ratings)
+    asked = find_askings(data.ratings)
     for questionnaire, scale in data.scales:
         keys = [item.key for item in scale.items]
         answers: dict[str, dict[str, dict[str, int]]] = {}
         for one in data.ratings:
             if one.questionnaire == questionnaire and one.item in keys:
-                about = asked_about(one, asked)
+                about = find_topic(one, asked)
                 answers.setdefault(about, {}).setdefault(one.person, {})[one.item] = one.value
         for condition, by_person in sorted(answers.items()):
             turned = [

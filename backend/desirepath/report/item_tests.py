@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from desirepath.analysis.between_groups import group_pairs, kruskal_wallis, mann_whitney
 from desirepath.analysis.factorial import Factorial, factorial_tests
-from desirepath.analysis.intervals import within
+from desirepath.analysis.intervals import end_at_scale
 from desirepath.analysis.repeated_measures import friedman, pairs_of, wilcoxon
 from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
@@ -155,7 +155,7 @@ def _means(item: ItemText, table: Factorial, design: StudyDesign) -> dict[str, M
     for group, of_group in enumerate(design.group_names):
         for cell, of_cell in enumerate(design.cells if design.within else [""]):
             name = ", ".join(word for word in (of_cell, of_group) if word)
-            found[name] = within(mean_of(table.values[table.groups == group, cell]), item.lowest, item.points)
+            found[name] = end_at_scale(mean_of(table.values[table.groups == group, cell]), item.lowest, item.points)
     return found
 
 

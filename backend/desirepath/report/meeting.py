@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from desirepath.analysis.intervals import clustered_share, within
+from desirepath.analysis.intervals import clustered_share, end_at_scale
 from desirepath.analysis.tested import Mean, mean_of
 from desirepath.explain.printed import Section
 from desirepath.report.report_cells import interval_cell, number_words, table_section
@@ -33,10 +33,10 @@ def summarise_meetings(meetings: Sequence[Meeting]) -> Met | None:
         return None
     return Met(
         shown=len(meetings),
-        agreement=within(mean_of([one.agreement for one in meetings]), *AGREEMENT),
+        agreement=end_at_scale(mean_of([one.agreement for one in meetings]), *AGREEMENT),
         corrected=clustered_share([float(one.corrected) for one in meetings]),
-        distance=within(mean_of([one.distance for one in meetings]), 0.0, FARTHEST),
-        moved=within(mean_of([one.distance for one in meetings if one.corrected]), 0.0, FARTHEST),
+        distance=end_at_scale(mean_of([one.distance for one in meetings]), 0.0, FARTHEST),
+        moved=end_at_scale(mean_of([one.distance for one in meetings if one.corrected]), 0.0, FARTHEST),
     )
 
 

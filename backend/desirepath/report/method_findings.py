@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from desirepath.analysis.bradley_terry import Worth, bradley_terry
-from desirepath.analysis.intervals import clustered_share, within
+from desirepath.analysis.intervals import clustered_share, end_at_scale
 from desirepath.analysis.repeated_measures import friedman, pairs_of, wilcoxon
 from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
@@ -52,7 +52,7 @@ class Methods:
         return [*([self.test] if self.test else []), *self.between]
 
 
-def methods_of(choices: Sequence[MethodChoice], taught: Sequence[Taught], plan: AnalysisPlan) -> Methods | None:
+def analyse_methods(choices: Sequence[MethodChoice], taught: Sequence[Taught], plan: AnalysisPlan) -> Methods | None:
     """None where no robots of methods were compared."""
     if not choices:
         return None
@@ -104,11 +104,11 @@ def _tests(shares: np.ndarray, names: Sequence[str], plan: AnalysisPlan) -> tupl
 
 def _minutes(taught: Sequence[Taught]) -> tuple[Mean, float]:
     took = [one.seconds / 60 for one in taught if one.seconds is not None]
-    return within(mean_of(took), 0.0, math.inf), float(np.median(took)) if took else math.nan
+    return end_at_scale(mean_of(took), 0.0, math.inf), float(np.median(took)) if took else math.nan
 
 
 def _apart(one: Mapping[str, Mapping[str, float]], other: Mapping[str, Mapping[str, float]]) -> Mean:
-    return within(mean_of([_distance(one[who], other[who]) for who in one if who in other]), 0.0, FARTHEST)
+    return end_at_scale(mean_of([_distance(one[who], other[who]) for who in one if who in other]), 0.0, FARTHEST)
 
 
 def _distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:

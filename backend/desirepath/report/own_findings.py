@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.analysis.choices import mostly, right_guesses, share_over_people
+from desirepath.analysis.choices import binomial_test, share_over_people, sign_test
 from desirepath.analysis.repeated_measures import wilcoxon
 from desirepath.analysis.tested import Mean, Tested, correct_tests
 from desirepath.report.analysis_plan import AnalysisPlan
@@ -51,7 +51,7 @@ class Personalised:
         return self.test.significant(alpha) and self.test.effect > 0
 
 
-def personalised(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[Personalised]:
+def compare_own(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[Personalised]:
     """The own policy against each arm, p corrected over the arms.
 
     Answers of one person depend on each other, and so do those of people who were lent the same policy of another's
@@ -87,7 +87,7 @@ def _tests(asked: Sequence[Comparison], against: str, plan: AnalysisPlan) -> tup
     about = f"own policy against {ARMS[against]}"
     shares = own_shares(asked, against)
     over, under = (shares > 0.5).astype(int), (shares < 0.5).astype(int)
-    sign = mostly(over.tolist(), under.tolist(), about=about, names=names)
+    sign = sign_test(over.tolist(), under.tolist(), about=about, names=names)
     if len(shares) < 2:
         return sign, sign
     ranks = wilcoxon(shares, np.full(len(shares), 0.5), about=about, names=names)
@@ -149,10 +149,10 @@ class Guessed:
     test: Tested
 
 
-def guessed(guesses: Sequence[Guess]) -> Guessed | None:
+def count_guesses(guesses: Sequence[Guess]) -> Guessed | None:
     """The guesses of a study; None where nobody was asked."""
     if not guesses:
         return None
     right = sum(one.right for one in guesses)
-    test = right_guesses(right, len(guesses), about="guess which of the last pair came from the own answers")
+    test = binomial_test(right, len(guesses), about="guess which of the last pair came from the own answers")
     return Guessed(right, len(guesses), test)

@@ -139,7 +139,7 @@ class PlannedDesign:
         return tuple(dict.fromkeys((*self.conditions, *levels)))
 
 
-def as_planned(design: StudyDesign) -> dict[str, Mapping[str, Sequence[str]]]:
+def plan_factors(design: StudyDesign) -> dict[str, Mapping[str, Sequence[str]]]:
     """The factors of a design that was met, for a `PlannedDesign`, whose conditions are called by their levels alone:
     where a single level of another factor stands in the cells' names, it is told with the level beside it."""
     within = dict(design.within)

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from desirepath.analysis.choices import equal_first_choices, first_choice_pairs
-from desirepath.analysis.intervals import within
+from desirepath.analysis.intervals import end_at_scale
 from desirepath.analysis.scales import Scale
 from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.report_cells import name_in_words
-from desirepath.report.study_data import ItemText, Rating, StudyData, asked_about, askings
+from desirepath.report.study_data import ItemText, Rating, StudyData, find_askings, find_topic
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Described:
 
 @dataclass(frozen=True)
 class RankingResult:
-    """One forced ranking. places: condition -> people who put it first, second, ... about: as in `asked_about`."""
+    """One forced ranking. places: condition -> people who put it first, second, ... about: as in `find_topic`."""
 
     item: ItemText
     places: Mapping[str, Sequence[int]]
@@ -71,11 +71,11 @@ def demographics(data: StudyData) -> list[Described]:
     """Items outside blocks that are neither rankings nor of a validated scale, whose score counts."""
     scored = {(questionnaire, item.key) for questionnaire, scale in data.scales for item in scale.items}
     answers: dict[tuple[str, str, str], list[Any]] = defaultdict(list)
-    asked = askings(data.ratings)
+    asked = find_askings(data.ratings)
     for one in data.ratings:
         single = one.condition is None and not isinstance(one.value, list)
         if single and (one.questionnaire, one.item) not in scored:
-            answers[one.questionnaire, one.item, asked_about(one, asked)].append(one.value)
+            answers[one.questionnaire, one.item, find_topic(one, asked)].append(one.value)
     found = []
     for (questionnaire, key, asking), values in sorted(answers.items(), key=lambda one: data.place(*one[0][:2])):
         item = data.item(questionnaire, key)
@@ -132,10 +132,10 @@ def ranking_results(
     """Chi-square of first choices per ranking, p corrected over the rankings; its pairs where significant, corrected
     over pairs and rankings. Each asking is a ranking of its own; whoever ranked the same again counts with the last."""
     orders: dict[tuple[str, str, str], dict[str, list[str]]] = defaultdict(dict)
-    asked = askings(ratings)
+    asked = find_askings(ratings)
     for one in ratings:
         if isinstance(one.value, list) and (plan.ranking is None or one.questionnaire == plan.ranking):
-            key = one.questionnaire, one.item, asked_about(one, asked)
+            key = one.questionnaire, one.item, find_topic(one, asked)
             orders[key][one.person] = [str(option) for option in one.value]
     places: dict[tuple[str, str, str], dict[str, list[int]]] = {}
     for key, of_person in sorted(orders.items(), key=lambda one: data.place(*one[0][:2])):
@@ -179,13 +179,13 @@ def scale_results(data: StudyData) -> list[ScaleResult]:
     """Every validated scale that was asked. Whoever answered it about a condition more than once counts with the mean
     of the scores; outside blocks every asking (before, after) has a score of its own."""
     found = []
-    asked = askings(data.ratings)
+    asked = find_askings(data.ratings)
     for questionnaire, scale in data.scales:
         keys = {item.key for item in scale.items}
         given: dict[tuple[str, str | None, str], dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
         for one in data.ratings:
             if one.questionnaire == questionnaire and one.item in keys:
-                asking = asked_about(one, asked) if one.condition is None else ""
+                asking = find_topic(one, asked) if one.condition is None else ""
                 given[one.person, one.condition, asking][one.item].append(one.value)
         scores, incomplete = [], 0
         for (person, condition, asking), answers in given.items():
@@ -199,7 +199,8 @@ def scale_results(data: StudyData) -> list[ScaleResult]:
         for score in scores:
             of_condition[score.condition or score.asking].append(score.score)
         means = {
-            name: within(mean_of(values), scale.lowest, scale.highest) for name, values in sorted(of_condition.items())
+            name: end_at_scale(mean_of(values), scale.lowest, scale.highest)
+            for name, values in sorted(of_condition.items())
         }
         if given:
             found.append(ScaleResult(questionnaire, scale, scores, means, incomplete))

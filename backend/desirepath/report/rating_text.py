@@ -102,7 +102,7 @@ def _tables(results: Sequence[ItemResult], alpha: float) -> list[Table]:
     return [table for table in tables if table.rows]
 
 
-def asked_words(item: ItemText, asking: str) -> str:
+def item_in_words(item: ItemText, asking: str) -> str:
     """An item's words, with which asking it was where there were several."""
     return f"{item.text} ({name_in_words(asking)})" if asking else item.text
 
@@ -119,7 +119,7 @@ def rankings_section(found: Findings) -> Section:
     options = list(dict.fromkeys(name for ranking in rankings for name in ranking.places))
     rows = [
         [
-            asked_words(ranking.item, ranking.about),
+            item_in_words(ranking.item, ranking.about),
             *("/".join(map(str, ranking.places.get(name, ()))) or NONE for name in options),
             *test_row(ranking.test, alpha, "statistic p corrected method effect n"),
         ]

@@ -19,7 +19,7 @@ from desirepath.report.findings import Findings
 from desirepath.report.further_text import further_sections
 from desirepath.report.meeting import meeting_section
 from desirepath.report.method_text import methods_section, methods_sentence
-from desirepath.report.rating_text import asked_words, items_section, rankings_section, scales_section
+from desirepath.report.rating_text import item_in_words, items_section, rankings_section, scales_section
 from desirepath.report.report_cells import (
     NONE,
     name_in_words,
@@ -138,7 +138,7 @@ def _people(found: Findings) -> Section:
     if found.demographics:
         rows = [
             [
-                asked_words(one.item, one.asking),
+                item_in_words(one.item, one.asking),
                 str(one.n),
                 f"{one.numbers.mean:.1f} ({number_words(one.numbers.sd, '{:.1f}')})"
                 if one.numbers

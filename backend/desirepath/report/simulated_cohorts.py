@@ -112,7 +112,7 @@ VIEWS_DIFFER = Cohort(
 """People whose views differ by construction."""
 
 
-def as_rated(opinions: ArrayLike, points: int) -> NDArray[np.int64]:
+def rate_opinions(opinions: ArrayLike, points: int) -> NDArray[np.int64]:
     """1 to points, of opinions in standard deviations, of which one is a quarter of the scale: answers use all of it,
     few at the ends."""
     steps = (points + 1) / 2 + (points - 1) / 4 * np.asarray(opinions)
@@ -141,7 +141,7 @@ class SimulatedPerson:
         moment = self._opinion("rating", item, condition or "") * math.sqrt(1 - PERSONAL_SHARE)
         shifts = self.cohort.ratings.get(scale or item, {})
         shift = sum(shifts.get(name, 0.0) for name in dict.fromkeys((condition or "", *levels)))
-        return int(as_rated(own + moment + shift, points))
+        return int(rate_opinions(own + moment + shift, points))
 
     def _opinion(self, what: str, item: str, *about: str) -> float:
         """Standard normal, correlated between items by `items_alike`."""

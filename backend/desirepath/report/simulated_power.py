@@ -16,7 +16,7 @@ import numpy as np
 
 from desirepath.analysis.estimates import wilson
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.explanation_findings import FACTORS, explained
+from desirepath.report.explanation_findings import FACTORS, analyse_rankings
 from desirepath.report.findings import Findings, NothingToReport, analyse
 from desirepath.report.further_findings import Further
 from desirepath.report.own_findings import ARMS
@@ -264,7 +264,7 @@ def count_found_rankings(
         if finished < FEWEST:
             continue
         data = simulate_rankings(cohort, finished, first=k * participants, trials=design.trials, factors=factors)
-        of = explained(data.importance, (), plan, intervals=False)
+        of = analyse_rankings(data.importance, (), plan, intervals=False)
         tests: Sequence[bool] = [test.significant(plan.alpha) for test in of.agreement.tests] if of else []
         found.update(name for name, significant in zip(design.tests, tests, strict=False) if significant)
     return found

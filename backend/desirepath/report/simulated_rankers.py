@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from desirepath.analysis.choices import kendall_tau_b
 from desirepath.report.explanation_findings import AWARENESS, FACTORS
-from desirepath.report.simulated_cohorts import CohortError, as_rated
+from desirepath.report.simulated_cohorts import CohortError, rate_opinions
 from desirepath.report.study_data import ImportanceRanking, ItemText, ParticipantRow, Rating, StudyData
 
 Doubles = NDArray[np.float64]
@@ -166,6 +166,6 @@ def _rated(
             common = random.normal(0, (ALIKE * (1 - PERSON_SHARE)) ** 0.5)
             for item in items:
                 at = opinion + common + random.normal(0, ((1 - ALIKE) * (1 - PERSON_SHARE)) ** 0.5)
-                value = int(as_rated(at, 7))
+                value = int(rate_opinions(at, 7))
                 found.append(Rating(code, name, QUESTIONNAIRE, item, 8 - value if item.endswith("_2") else value))
     return found

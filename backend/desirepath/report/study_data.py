@@ -77,7 +77,7 @@ class Rating:
     asking: str = ""
 
 
-def askings(ratings: Iterable[Rating]) -> dict[str, set[str]]:
+def find_askings(ratings: Iterable[Rating]) -> dict[str, set[str]]:
     """Questionnaire -> the stages outside blocks that asked it: two where it was asked before and after."""
     found: dict[str, set[str]] = defaultdict(set)
     for one in ratings:
@@ -86,7 +86,7 @@ def askings(ratings: Iterable[Rating]) -> dict[str, set[str]]:
     return found
 
 
-def asked_about(one: Rating, asked: Mapping[str, set[str]]) -> str:
+def find_topic(one: Rating, asked: Mapping[str, set[str]]) -> str:
     """What a rating is about: its condition; outside blocks "", or its asking where there are several."""
     if one.condition is not None:
         return one.condition

@@ -15,7 +15,7 @@ from typing import Any
 
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings, analyse
-from desirepath.report.planned_design import Assumed, PlannedDesign, RankedDesign, as_planned
+from desirepath.report.planned_design import Assumed, PlannedDesign, RankedDesign, plan_factors
 from desirepath.report.simulated_cohorts import Cohort
 from desirepath.report.simulated_power import Power, enough, power
 from desirepath.report.study_data import StudyData
@@ -116,7 +116,7 @@ def planned_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> 
     design = next((one for one in found.designs if any(of.design is one for of in found.items)), None)
     items = [one.item.key for one in found.items if one.design is design]
     return PlannedDesign(
-        **(as_planned(design) if design else {}),
+        **(plan_factors(design) if design else {}),
         conditions=tuple(sorted(design.cells if design else found.conditions)),
         items=tuple(items),
         scales=tuple(scale for _, scale in data.scales if scale.name in items),

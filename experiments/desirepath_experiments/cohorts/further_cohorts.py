@@ -15,14 +15,14 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.analysis.choices import right_guesses, share_over_people
+from desirepath.analysis.choices import binomial_test, share_over_people
 from desirepath.analysis.equivalence import equivalence
 from desirepath.analysis.reliability import reliability
 from desirepath.report.analysis_plan import AnalysisPlan, Equivalence
-from desirepath.report.further_findings import Further, further
-from desirepath.report.own_findings import personalised
+from desirepath.report.further_findings import Further, analyse_further
+from desirepath.report.own_findings import compare_own
 from desirepath.report.rating_findings import measures
-from desirepath.report.simulated_cohorts import Cohort, as_rated, simulate_data
+from desirepath.report.simulated_cohorts import Cohort, rate_opinions, simulate_data
 from desirepath.report.simulated_power import Rate, Tell, rate
 from desirepath.report.study_data import Choice, Comparison, Rating, StudyData
 from desirepath.report.study_design import designs_of
@@ -30,7 +30,7 @@ from desirepath.report.study_design import designs_of
 ITEM = "fun"
 TWO = ("immersive", "top_down")
 MARGIN = 1.0  # points of seven, within which a difference counts as none
-STEPS = 1.5  # points of seven for a standard deviation of opinions (`as_rated`)
+STEPS = 1.5  # points of seven for a standard deviation of opinions (`rate_opinions`)
 STRONG = 3.0  # Bayes factor that is often called evidence (Jeffreys 1961)
 GROUP = 10  # people who finish together
 QUALITY_SD = 1.0  # of policies, log-odds: some are better whoever looks
@@ -77,7 +77,7 @@ def _study(size: int, seed: int, cohort: Cohort) -> StudyData:
 
 
 def _beside(data: StudyData) -> Further:
-    return further(data, measures(data, PLAN, []), designs_of(data), PLAN, [TWO])
+    return analyse_further(data, measures(data, PLAN, []), designs_of(data), PLAN, [TWO])
 
 
 def _statements(found: Further) -> Found:
@@ -104,7 +104,7 @@ def _statements(found: Further) -> Found:
 def _nothing(size: int, seed: int) -> Found:
     yield from _statements(_beside(_study(size, seed, Cohort())))
     random = np.random.default_rng([seed, 1])
-    yield "Guess", right_guesses(int(random.binomial(size, 0.5)), size, about="guess").p <= PLAN.alpha
+    yield "Guess", binomial_test(int(random.binomial(size, 0.5)), size, about="guess").p <= PLAN.alpha
 
 
 def _something(size: int, seed: int) -> Found:
@@ -115,7 +115,7 @@ def _something(size: int, seed: int) -> Found:
     yield from ((name, hit) for name, hit in _statements(_beside(_flipped(data, seed))) if name not in ORDER)
     yield from ((name, hit) for name, hit in _statements(_beside(_ordered(data))) if name in ORDER)
     random = np.random.default_rng([seed, 1])
-    yield "Guess", right_guesses(int(random.binomial(size, 0.8)), size, about="guess").p <= PLAN.alpha
+    yield "Guess", binomial_test(int(random.binomial(size, 0.8)), size, about="guess").p <= PLAN.alpha
 
 
 ORDER = ("Period", "Carry-over")
@@ -172,7 +172,7 @@ def _lent(size: int, seed: int, *, own: float) -> Found:
             for won in random.random(5) < chance:
                 arms = ("own", "other") if won else ("other", "own")
                 compared.append(Comparison(str(person), *arms, look_alike=False, opponent=str(lender)))
-        counted = [personalised(compared, PLAN), personalised([replace(one, opponent=None) for one in compared], PLAN)]
+        counted = [compare_own(compared, PLAN), compare_own([replace(one, opponent=None) for one in compared], PLAN)]
         for (of,), unit in zip(counted, ("lent policies", "people"), strict=True):
             if lenders and unit == "people":
                 continue
@@ -194,7 +194,7 @@ def _intervals(size: int, seed: int) -> Found:
 
 def _scale(random: np.random.Generator, size: int) -> NDArray[np.int64]:
     common = random.normal(0, math.sqrt(ITEMS_ALIKE), (size, 1))
-    return as_rated(common + random.normal(0, math.sqrt(1 - ITEMS_ALIKE), (size, 5)), 7)
+    return rate_opinions(common + random.normal(0, math.sqrt(1 - ITEMS_ALIKE), (size, 5)), 7)
 
 
 @cache

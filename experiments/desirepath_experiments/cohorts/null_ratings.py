@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from desirepath.analysis.exact import FEW, NEAR, spread_distribution
-from desirepath.report.simulated_cohorts import CONDITIONS, ITEMS, PERSONAL_SHARE, as_rated
+from desirepath.report.simulated_cohorts import CONDITIONS, ITEMS, PERSONAL_SHARE, rate_opinions
 from desirepath.report.simulated_power import Rate, rate
 
 Doubles = NDArray[np.float64]
@@ -30,7 +30,7 @@ def null_family(cohorts: int, participants: int, *, seed: int = 0, alpha: float 
     for first in range(0, cohorts, AT_ONCE):
         size = (min(AT_ONCE, cohorts - first), len(ITEMS), participants, len(CONDITIONS))
         own = random.normal(0, math.sqrt(PERSONAL_SHARE), (*size[:3], 1))
-        ratings = as_rated(own + random.normal(0, math.sqrt(1 - PERSONAL_SHARE), size), points)
+        ratings = rate_opinions(own + random.normal(0, math.sqrt(1 - PERSONAL_SHARE), size), points)
         found += int((friedman_p(ratings).min(axis=1) * len(ITEMS) <= alpha).sum())
     return rate("Friedman, any item, corrected, ratings alone", found, cohorts)
 

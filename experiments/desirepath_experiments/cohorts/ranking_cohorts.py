@@ -11,7 +11,7 @@ from collections import Counter
 import numpy as np
 
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.explanation_findings import explained
+from desirepath.report.explanation_findings import analyse_rankings
 from desirepath.report.rating_findings import measures
 from desirepath.report.simulated_power import Rate, Tell, rate
 from desirepath.report.simulated_rankers import RankerCohort, simulate_rankings
@@ -37,7 +37,7 @@ def ranking_cohorts(
     means: dict[str, list[float]] = {}
     for k in range(cohorts):
         data = simulate_rankings(cohort, participants, first=k * participants)
-        of = explained(data.importance, measures(data, plan, []), plan, intervals=False)
+        of = analyse_rankings(data.importance, measures(data, plan, []), plan, intervals=False)
         assert of is not None  # noqa: S101  everybody ranked
         for one in (of.agreement, *of.rated):
             for test, check in zip(one.tests, one.checks, strict=True):

@@ -87,7 +87,9 @@ def senses_of(
     return make
 
 
-def demonstrated_batch(demonstrations: Sequence[Demonstration], make: MakeSenses, config: DepthTrainingConfig) -> Batch:
+def batch_demonstrations(
+    demonstrations: Sequence[Demonstration], make: MakeSenses, config: DepthTrainingConfig
+) -> Batch:
     """The demonstration buffer: the depth states along every augmented rollout, rewarded as above."""
     rollouts = [rollout for d in demonstrations for rollout in augment(d, config.augmentation)]
     parts = []
@@ -153,7 +155,7 @@ def train_depth_controller(
     )
     shape = configuration.shape(config.heads)
     agent = Td3Agent(shape, td3, seed=config.seed)
-    demonstrated = demonstrated_batch(demonstrations, make, config) if configuration.demonstrations else None
+    demonstrated = batch_demonstrations(demonstrations, make, config) if configuration.demonstrations else None
     buffer = ReturnsBuffer(
         config.buffer_size,
         shape.observation_size,

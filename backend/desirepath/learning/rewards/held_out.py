@@ -109,7 +109,7 @@ def predict_in_new_scenes(preferences: Sequence[Preference], fit: Fit, *, folds:
 
 def _interval(preferences: Sequence[Preference], right: NDArray[np.bool_]) -> tuple[float, float]:
     """Of the share that was predicted: people are the units where several gave the answers."""
-    from desirepath.analysis.intervals import bounded  # scipy's statistics, which a server starts without
+    from desirepath.analysis.intervals import bound_share  # scipy's statistics, which a server starts without
 
     people = np.array([one.person or "" for one in preferences])
     names = np.unique(people)
@@ -120,7 +120,7 @@ def _interval(preferences: Sequence[Preference], right: NDArray[np.bool_]) -> tu
     shares = np.array([right[people == name].mean() for name in names])
     mean = float(right.mean())
     spread = float(((sizes * (shares - mean)) ** 2).sum() * len(names) / (len(names) - 1))
-    return bounded(mean, math.sqrt(spread) / len(right), len(names), most=float(len(right)))
+    return bound_share(mean, math.sqrt(spread) / len(right), len(names), most=float(len(right)))
 
 
 def held_out_odds(preferences: Sequence[Preference], fit: Fit, fold_of: NDArray[np.int64]) -> Doubles:

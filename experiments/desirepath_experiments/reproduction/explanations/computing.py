@@ -21,7 +21,7 @@ from desirepath.learning.policies.torch_actor import actor_of
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import base_config, train_base
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.explanation_findings import Explained, explained
+from desirepath.report.explanation_findings import Explained, analyse_rankings
 from desirepath.report.rating_findings import measures
 from desirepath.report.simulated_rankers import RankerCohort, condition_name, item_texts, simulate_ratings
 from desirepath.report.study_data import ImportanceRanking, ParticipantRow, StudyData
@@ -138,7 +138,7 @@ def simulated_study(shown: RankingSet, participants: int, seed: int, number: int
 
 def analysed(data: StudyData, plan: AnalysisPlan) -> Explained:
     """The report's own analysis."""
-    found = explained(data.importance, measures(data, plan, []), plan, intervals=False)
+    found = analyse_rankings(data.importance, measures(data, plan, []), plan, intervals=False)
     assert found is not None  # noqa: S101 - everybody ranked
     return found
 
