@@ -89,7 +89,7 @@ def frame_of(
         margin = CLOSE_MARGIN_M if scene.obstacles else BARE_MARGIN_M
         if goal:
             points += [(scene.goal.x + d, scene.goal.y + d) for d in (-scene.goal_radius, scene.goal_radius)]
-        points += [corner for one in trajectories for corner in _met(one)]
+        points += [corner for trajectory in trajectories for corner in _met(trajectory)]
     elif whole is not None:
         points += [whole[:2], whole[2:]]
         margin = 0.1

@@ -53,8 +53,8 @@ def qualities(demonstrations: Sequence[Demonstration], groups: Sequence[object])
         raise ValueError(f"groups: {len(groups)} given for {len(demonstrations)} demonstrations")
     if not demonstrations:
         return []
-    paths = [_evenly(one) for one in demonstrations]
-    measured = measure([one.trajectory for one in demonstrations])
+    paths = [_evenly(demonstration) for demonstration in demonstrations]
+    measured = measure([demonstration.trajectory for demonstration in demonstrations])
     found = []
     for i, one in enumerate(demonstrations):
         others = [j for j in range(len(paths)) if j != i and groups[j] == groups[i]]

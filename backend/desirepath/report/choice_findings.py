@@ -61,15 +61,17 @@ class Triads:
 
 
 def describe_condition(choices: Sequence[Choice], condition: str, plan: AnalysisPlan) -> OfCondition:
-    own = [one for one in choices if one.condition == condition]
+    own = [choice for choice in choices if choice.condition == condition]
     regular = [one for one in own if one.role == "regular"]
     by_person = _by_person(regular)
-    first_answers = {(one.person, one.query): one for one in regular}
+    first_answers = {(choice.person, choice.query): choice for choice in regular}
     again = {
         role: _over_people(
             {
                 person: [
-                    (first_answers[person, one.query], one) for one in given if (person, one.query) in first_answers
+                    (first_answers[person, choice.query], choice)
+                    for choice in given
+                    if (person, choice.query) in first_answers
                 ]
                 for person, given in _by_person([one for one in own if one.role == role]).items()
             },
@@ -77,11 +79,11 @@ def describe_condition(choices: Sequence[Choice], condition: str, plan: Analysis
         )
         for role in PROBES
     }
-    seconds = [[one.decision_s for one in given if one.decision_s is not None] for given in by_person.values()]
+    seconds = [[choice.decision_s for choice in given if choice.decision_s is not None] for given in by_person.values()]
     return OfCondition(
         answers=len(regular),
         second_shown=clustered_share(
-            [float(np.mean([one.second_chosen for one in given])) for given in by_person.values()],
+            [float(np.mean([choice.second_chosen for choice in given])) for given in by_person.values()],
             [len(given) for given in by_person.values()],
         ),
         decision_s=mean_of([float(np.median(one)) for one in seconds if one]),
@@ -92,8 +94,8 @@ def describe_condition(choices: Sequence[Choice], condition: str, plan: Analysis
 
 def _by_person(choices: Sequence[Choice]) -> dict[str, list[Choice]]:
     found: dict[str, list[Choice]] = defaultdict(list)
-    for one in choices:
-        found[one.person].append(one)
+    for choice in choices:
+        found[choice.person].append(choice)
     return found
 
 
@@ -104,7 +106,7 @@ def compare_conditions(regular: Sequence[Choice], pair: Pair) -> Agreement:
 
 def _both(given: Sequence[Choice], pair: Pair) -> list[tuple[Choice, Choice]]:
     """One person's answers to the queries that were asked under both conditions."""
-    first, second = ({one.query: one for one in given if one.condition == name} for name in pair)
+    first, second = ({choice.query: choice for choice in given if choice.condition == name} for name in pair)
     return [(first[query], second[query]) for query in sorted(first.keys() & second.keys())]
 
 
@@ -130,7 +132,7 @@ def agree_per_person(
     between_all: dict[str, float] = {}
     within_all: dict[str, float] = {}
     for person, given in by_person.items():
-        regular = [one for one in given if one.role == "regular"]
+        regular = [choice for choice in given if choice.role == "regular"]
         shares = [
             agreement([a.chosen for a, _ in both], [b.chosen for _, b in both])
             for pair in pairs
@@ -138,12 +140,16 @@ def agree_per_person(
         ]
         again = []
         for condition in {name for pair in pairs for name in pair}:
-            first = {one.query: one for one in regular if one.condition == condition}
+            first = {choice.query: choice for choice in regular if choice.condition == condition}
             repeats = [
-                one for one in given if one.role == "repeat" and one.condition == condition and one.query in first
+                choice
+                for choice in given
+                if choice.role == "repeat" and choice.condition == condition and choice.query in first
             ]
             if len(repeats) >= plan.min_probes:
-                again.append(agreement([first[one.query].chosen for one in repeats], [one.chosen for one in repeats]))
+                again.append(
+                    agreement([first[repeat.query].chosen for repeat in repeats], [repeat.chosen for repeat in repeats])
+                )
         if shares:
             between_all[person] = float(np.mean(shares))
         if again:
@@ -153,12 +159,12 @@ def agree_per_person(
 
 def count_triads(choices: Sequence[Choice], condition: str) -> Triads | None:
     """The condition's triads that were answered whole; None where there are none."""
-    asked = [one for one in choices if one.role == TRIAD and one.condition == condition]
+    asked = [choice for choice in choices if choice.role == TRIAD and choice.condition == condition]
     shares: list[float] = []
     sizes: list[int] = []
     count = circular = 0
     for given in _by_person(asked).values():
-        whole = whole_triads({frozenset({one.first, one.second}): one for one in given})
+        whole = whole_triads({frozenset({choice.first, choice.second}): choice for choice in given})
         ways = sum(is_circular([(one.chosen, one.rejected) for one in three]) for three in whole)
         count, circular = count + len(whole), circular + ways
         if whole:
@@ -176,7 +182,7 @@ def disagreement(
     Descriptive: what the two trajectories of a query differ in was made, not observed.
     """
     transitions = list(combinations(conditions, 2))
-    shown = sorted({trajectory for one in regular for trajectory in (one.first, one.second)})
+    shown = sorted({trajectory for choice in regular for trajectory in (choice.first, choice.second)})
     if not (shown and transitions and metrics):
         return {}
     measured = measure([load(trajectory) for trajectory in shown])
@@ -184,7 +190,7 @@ def disagreement(
     row_of = {trajectory: k for k, trajectory in enumerate(shown)}
     per_person: dict[Pair, list[NDArray[np.float64]]] = {pair: [] for pair in transitions}
     for given in _by_person(regular).values():
-        seen = {row_of[t] for one in given for t in (one.first, one.second)}
+        seen = {row_of[t] for choice in given for t in (choice.first, choice.second)}
         of_person = values[sorted(seen)]
         deviation = [float(of.std(ddof=1)) if has_spread(of) else math.nan for of in of_person.T]
         scored = values / np.array(deviation)  # the mean cancels in a difference

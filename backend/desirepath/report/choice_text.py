@@ -26,20 +26,20 @@ from desirepath.report.report_cells import (
 )
 
 
-def agreement_section(found: Findings) -> Section:
+def agreement_section(findings: Findings) -> Section:
     """Agreement between and within conditions, circular triads, position."""
-    if not found.of_condition:
+    if not findings.of_condition:
         return Section("Agreement")
-    between = [[pair_words(pair), *_agreement_cells(of)] for pair, of in found.between.items()]
+    between = [[pair_words(pair), *_agreement_cells(of)] for pair, of in findings.between.items()]
     again = [
         [f"{name_in_words(name)}, {words}", *_agreement_cells(agreement)]
-        for name, of in found.of_condition.items()
+        for name, of in findings.of_condition.items()
         for words, agreement in (("asked again", of.repeat), ("sides exchanged", of.swap))
         if agreement.share.n
     ]
     triads = [
         [name_in_words(name), str(of.triads), str(of.circular), share_words(of.share), str(of.share.n)]
-        for name, of in found.triads.items()
+        for name, of in findings.triads.items()
     ]
     position = [
         [
@@ -48,14 +48,14 @@ def agreement_section(found: Findings) -> Section:
             share_words(of.second_shown),
             number_words(of.decision_s.mean, "{:.1f}"),
         ]
-        for name, of in found.of_condition.items()
+        for name, of in findings.of_condition.items()
     ]
     heads = ["", "agreement", "SD", "95 % interval", "kappa", "people", "kappa not defined"]
     tables = [
         Table("Between conditions, the same person and query.", heads, between),
         Table(
             "Within a condition: a person's second answer against the first. People with fewer than "
-            f"{found.plan.min_probes} repeated queries are left out.",
+            f"{findings.plan.min_probes} repeated queries are left out.",
             heads,
             again,
         ),
@@ -91,15 +91,15 @@ def _agreement_cells(of: Agreement) -> list[str]:
     ]
 
 
-def disagreement_section(found: Findings) -> Section:
+def disagreement_section(findings: Findings) -> Section:
     """What changes in the preferred trajectory where a choice flips."""
     return table_section(
         "What changes where choices differ",
         "Change in z, mean ± standard error over the people who chose differently at least once.",
-        ["from → to", *(METRICS[name][0] for name in found.plan.metrics)],
+        ["from → to", *(METRICS[name][0] for name in findings.plan.metrics)],
         [
-            [pair_words(pair, " → "), *(_with_se(metrics[name]) for name in found.plan.metrics)]
-            for pair, metrics in found.disagreement.items()
+            [pair_words(pair, " → "), *(_with_se(metrics[name]) for name in findings.plan.metrics)]
+            for pair, metrics in findings.disagreement.items()
             if any(of.n for of in metrics.values())
         ],
     )
@@ -109,10 +109,10 @@ def _with_se(mean: Mean) -> str:
     return f"{mean.mean:+.2f} ± {mean.se:.2f} (n = {mean.n})" if mean.n > 1 else NONE
 
 
-def personalised_sentence(found: Findings, k: int) -> str:
+def personalised_sentence(findings: Findings, k: int) -> str:
     """One of these comparisons in a sentence."""
-    one = found.personalised[k]
-    sentence = one.test.sentence(found.plan.alpha)
+    one = findings.personalised[k]
+    sentence = one.test.sentence(findings.plan.alpha)
     return f"{sentence} Share of choices for the own policy: {share_words(one.share)} over {_units(one)}."
 
 
@@ -120,16 +120,16 @@ def _units(one: Personalised) -> str:
     return f"{one.clusters} lent policies" if one.against == "other" and one.clusters < one.people else "people"
 
 
-def personalised_section(found: Findings) -> Section:
+def personalised_section(findings: Findings) -> Section:
     """The own policy against the base policy and against another person's."""
-    if not found.personalised:
-        refusals = [who_compared(found)] if _refused(found) else []
-        return Section("Does it personalise?", [*refusals, *who_was_asked_on(found)])
-    alpha = found.plan.alpha
-    paragraphs = [personalised_sentence(found, k) for k in range(len(found.personalised))]
-    paragraphs += [who_compared(found)] if found.own_policies else []
-    paragraphs += who_was_asked_on(found)
-    against = {one.against: one for one in found.personalised}
+    if not findings.personalised:
+        refusals = [who_compared(findings)] if _refused(findings) else []
+        return Section("Does it personalise?", [*refusals, *who_was_asked_on(findings)])
+    alpha = findings.plan.alpha
+    paragraphs = [personalised_sentence(findings, k) for k in range(len(findings.personalised))]
+    paragraphs += [who_compared(findings)] if findings.own_policies else []
+    paragraphs += who_was_asked_on(findings)
+    against = {comparison.against: comparison for comparison in findings.personalised}
     if "other" in against:
         paragraphs.append(_verdict(against, alpha))
     else:
@@ -137,32 +137,34 @@ def personalised_section(found: Findings) -> Section:
             "Whether it is the person's own answers that make the difference this does not show: nobody compared it "
             "with a policy that another participant's answers made."
         )
-    alike = sum(one.look_alike for one in found.personalised)
+    alike = sum(comparison.look_alike for comparison in findings.personalised)
     if alike:
         paragraphs.append(f"{alike} of the comparisons showed rollouts that look alike; they are counted.")
-    lent = sum(one.stand_ins for one in found.personalised)
+    lent = sum(comparison.stand_ins for comparison in findings.personalised)
     if lent:
         paragraphs.append(
             f"{lent} of the people who were lent another's policy were lent one made from a simulated person's answers "
             "(a stand-in), because no other participant's was ready that nobody had been lent."
         )
-    shared = next((one for one in found.personalised if one.clusters < one.people), None)
+    shared = next((comparison for comparison in findings.personalised if comparison.clusters < comparison.people), None)
     if shared is not None:
         paragraphs.append(
             f"{shared.people} people were lent {shared.clusters} different policies of other participants; people who "
             "were lent the same one count as one, since what is good or bad about it they share."
         )
-    if found.guessed is not None:
+    if findings.guessed is not None:
         paragraphs.append(
-            f"{found.guessed.right} of {found.guessed.people} guessed which of the last pair came from their own "
-            f"answers. {found.guessed.test.sentence(alpha)}"
+            f"{findings.guessed.right} of {findings.guessed.people} guessed which of the last pair came from their own "
+            f"answers. {findings.guessed.test.sentence(alpha)}"
         )
     first, second = (
-        ("Sign tests", "signed ranks") if found.plan.own == "sign" else ("Signed ranks of shares", "sign test")
+        ("Sign tests", "signed ranks") if findings.plan.own == "sign" else ("Signed ranks of shares", "sign test")
     )
-    beside = "; ".join(f"against {ARMS[one.against]} {one.beside.numbers()}" for one in found.personalised)
+    beside = "; ".join(
+        f"against {ARMS[comparison.against]} {comparison.beside.numbers()}" for comparison in findings.personalised
+    )
     paragraphs.append(
-        f"{first} over people, as declared, {found.personalised[0].test.correction} over the comparisons: a person "
+        f"{first} over people, as declared, {findings.personalised[0].test.correction} over the comparisons: a person "
         f"counts once, answers of one person depend on each other. For reading only, {second}: {beside}."
     )
     return Section("Does it personalise?", paragraphs)
@@ -180,13 +182,13 @@ _REFUSED = {
 """Why somebody was not shown a policy as theirs, in the report's order."""
 
 
-def _refused(found: Findings) -> dict[str, int]:
-    return {why: people for why, people in found.own_policies.items() if why != "shown"}
+def _refused(findings: Findings) -> dict[str, int]:
+    return {why: people for why, people in findings.own_policies.items() if why != "shown"}
 
 
-def who_compared(found: Findings) -> str:
+def who_compared(findings: Findings) -> str:
     """How many were shown a policy as theirs, how many were not and why: the comparisons are of the first alone."""
-    shown, refused = found.own_policies.get("shown", 0), _refused(found)
+    shown, refused = findings.own_policies.get("shown", 0), _refused(findings)
     people = shown + sum(refused.values())
     if not refused:
         whom = f"All {people} people for whom a policy was to be made were" if people > 1 else "The only person was"
@@ -200,22 +202,22 @@ def who_compared(found: Findings) -> str:
     )
 
 
-def who_was_asked_on(found: Findings) -> list[str]:
+def who_was_asked_on(findings: Findings) -> list[str]:
     """Who answered further pairs, and how many: a sentence, or none where nobody did."""
-    if not found.asked_on:
+    if not findings.asked_on:
         return []
     by_answers: dict[int, list[str]] = {}
-    for code, further in sorted(found.asked_on.items()):
+    for code, further in sorted(findings.asked_on.items()):
         by_answers.setdefault(further, []).append(code)
     each = "; ".join(
         f"{further} further answer{'s' * (further > 1)}: {', '.join(codes)}"
         for further, codes in sorted(by_answers.items())
     )
-    asked, total = len(found.asked_on), sum(found.asked_on.values())
+    asked, total = len(findings.asked_on), sum(findings.asked_on.values())
     return [
-        f"{asked} of {found.flow.analysed} people {'was' if asked == 1 else 'were'} asked on, since what was learned "
-        f"was not surely better for that very person ({total} further answers in all; {each}). These answers taught "
-        "their robot and are in no other number here."
+        f"{asked} of {findings.flow.analysed} people {'was' if asked == 1 else 'were'} asked on, since what was "
+        f"learned was not surely better for that very person ({total} further answers in all; {each}). These answers "
+        "taught their robot and are in no other number here."
     ]
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -89,12 +89,12 @@ class Explained:
     @property
     def tests(self) -> list[Tested]:
         """Every test, in the report's order."""
-        return [test for one in self.outcomes for test in one.tests]
+        return [test for outcome in self.outcomes for test in outcome.tests]
 
     @property
     def undefined(self) -> int:
         """Trials whose scores say no order."""
-        return sum(math.isnan(one.tau) for one in self.trials)
+        return sum(math.isnan(trial.tau) for trial in self.trials)
 
 
 def analyse_rankings(
@@ -105,26 +105,32 @@ def analyse_rankings(
     Tau-b per trial, its mean per person and condition, an analysis of variance with its factors, p corrected over its
     effects; the awareness score and the other items alike, p corrected over all of their effects together.
     """
-    regular = [one for one in rankings if one.role == "regular"]
+    regular = [ranking for ranking in rankings if ranking.role == "regular"]
     if not regular:
         return None
-    factors = [name for name in SHOWN if len({getattr(one, name) for one in regular}) > 1]
+    factors = [name for name in SHOWN if len({getattr(ranking, name) for ranking in regular}) > 1]
     cells = list(product((False, True), repeat=len(factors)))
-    cell_of = {one.condition: tuple(getattr(one, name) for name in factors) for one in regular}
+    cell_of = {ranking.condition: tuple(getattr(ranking, name) for name in factors) for ranking in regular}
     trials = trials_of(regular)
     taus: dict[str, dict[tuple[bool, ...], list[float]]] = defaultdict(lambda: defaultdict(list))
-    for one in trials:
-        if not math.isnan(one.tau):
-            taus[one.of.person][cell_of[one.of.condition]].append(one.tau)
+    for trial in trials:
+        if not math.isnan(trial.tau):
+            taus[trial.of.person][cell_of[trial.of.condition]].append(trial.tau)
     own = {who: {cell: float(np.mean(values)) for cell, values in of.items()} for who, of in taus.items()}
     agreement = _outcome("tau", "Kendall's tau-b with the scores", -1.0, 1.0, own, factors, cells, intervals)
-    about = [one for one in rated if set().union(*one.rated.values()) <= set(cell_of) and one.item.type != "score"]
+    about = [
+        measure
+        for measure in rated
+        if set().union(*measure.rated.values()) <= set(cell_of) and measure.item.type != "score"
+    ]
     scored = [
         _outcome(key, text, low, high, _by_cell(of, cell_of), factors, cells, intervals)
         for key, text, low, high, of in _scores(about)
     ]
     agreement, scored = _corrected([agreement], plan)[0], _corrected(scored, plan)
-    return Explained(factors, trials, agreement, scored, [(one.item.questionnaire, one.item.key) for one in about])
+    return Explained(
+        factors, trials, agreement, scored, [(measure.item.questionnaire, measure.item.key) for measure in about]
+    )
 
 
 def trials_of(rankings: Sequence[ImportanceRanking]) -> list[Trial]:
@@ -152,24 +158,25 @@ def is_awareness(key: str) -> bool:
 
 def _scores(about: Sequence[Measure]) -> Iterator[tuple[str, str, float, float, Rated]]:
     """(key, text, lowest, highest, person -> condition -> score): awareness, then every other item."""
-    parts = [one for one in about if is_awareness(one.item.key)]
+    parts = [measure for measure in about if is_awareness(measure.item.key)]
     if parts:
-        people = dict.fromkeys(person for one in parts for person in one.rated)
+        people = dict.fromkeys(person for part in parts for person in part.rated)
         found: dict[str, dict[str, float]] = {}
         for person in people:
-            complete = set.intersection(*(set(one.rated.get(person, {})) for one in parts))
+            complete = set.intersection(*(set(part.rated.get(person, {})) for part in parts))
             found[person] = {
-                name: float(np.mean([turn_reversed(one.item, one.rated[person][name]) for one in parts]))
+                name: float(np.mean([turn_reversed(part.item, part.rated[person][name]) for part in parts]))
                 for name in complete
             }
         text = f"awareness of the robot's information processing (mean of {len(parts)} items)"
         yield "awareness", text, 1.0, float(parts[0].item.points), found
-    for one in about:
-        if one not in parts:
+    for measure in about:
+        if measure not in parts:
             turned_of = {
-                who: {name: turn_reversed(one.item, v) for name, v in of.items()} for who, of in one.rated.items()
+                who: {name: turn_reversed(measure.item, v) for name, v in of.items()}
+                for who, of in measure.rated.items()
             }
-            yield one.item.key, one.item.text, one.item.lowest, float(one.item.points), turned_of
+            yield measure.item.key, measure.item.text, measure.item.lowest, float(measure.item.points), turned_of
 
 
 def turn_reversed(item: ItemText, value: float) -> float:
@@ -212,10 +219,5 @@ def condition_in_words(factors: Sequence[str], cell: Sequence[bool]) -> str:
 
 
 def _corrected(outcomes: Sequence[Outcome], plan: AnalysisPlan) -> list[Outcome]:
-    tests = iter(correct_tests([test for one in outcomes for test in one.tests], plan.correction))
-    return [
-        Outcome(
-            one.key, one.text, one.lowest, one.highest, one.means, [next(tests) for _ in one.tests], one.checks
-        )
-        for one in outcomes
-    ]  # fmt: skip
+    tests = iter(correct_tests([test for outcome in outcomes for test in outcome.tests], plan.correction))
+    return [replace(outcome, tests=[next(tests) for _ in outcome.tests]) for outcome in outcomes]

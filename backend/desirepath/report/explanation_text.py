@@ -14,53 +14,53 @@ RANKINGS_TITLE = "Importance rankings"
 RATED_TITLE = "What was said of the explanations"
 
 
-def explanation_sections(found: Findings) -> list[Section]:
+def explanation_sections(findings: Findings) -> list[Section]:
     """What was ranked, what was rated; without rankings nothing."""
-    of = found.explained
-    return [] if of is None else [_rankings(of, found), _rated(of, found)]
+    of = findings.explained
+    return [] if of is None else [_rankings(of, findings), _rated(of, findings)]
 
 
-def explanation_brief(found: Findings) -> list[str]:
+def explanation_brief(findings: Findings) -> list[str]:
     """The result in a sentence per effect on the agreement."""
-    if found.explained is None:
+    if findings.explained is None:
         return []
-    agreement = found.explained.agreement
+    agreement = findings.explained.agreement
     means = ", ".join(f"{name} {number_words(mean.mean)}" for name, mean in agreement.means.items())
     sentences = [f"Agreement of rankings with what moved the robot, Kendall's tau-b: {means}."]
-    return sentences + [test.sentence(found.plan.alpha) for test in agreement.tests]
+    return sentences + [test.sentence(findings.plan.alpha) for test in agreement.tests]
 
 
-def _rankings(of: Explained, found: Findings) -> Section:
+def _rankings(of: Explained, findings: Findings) -> Section:
     n = len(of.trials)
-    tied = sum(one.tied > 0 for one in of.trials)
-    unseen = sum(one.unseen > 1 for one in of.trials)
+    tied = sum(trial.tied > 0 for trial in of.trials)
+    unseen = sum(trial.unseen > 1 for trial in of.trials)
     sentences = [
         f"{n:,} rankings. Kendall's tau-b of each with the objects' scores where the robot stood, its mean per person "
         "and condition. Ties are corrected for, and come from the scores alone: rankings have none. Scores were tied "
         f"in {tied:,} trials ({100 * tied / n:.1f} %), in {unseen:,} because several objects were not seen; "
         f"{of.undefined:,} trials said no order at all and are left out. With ties no ranking reaches 1.",
-        *_how([of.agreement], found),
+        *_how([of.agreement], findings),
     ]
-    return Section(RANKINGS_TITLE, sentences, _tables([of.agreement], found))
+    return Section(RANKINGS_TITLE, sentences, _tables([of.agreement], findings))
 
 
-def _rated(of: Explained, found: Findings) -> Section:
+def _rated(of: Explained, findings: Findings) -> Section:
     if not of.rated:
         return Section(RATED_TITLE)
     sentences = [
         "Scores after each block. Awareness is the mean of its items, the reversed ones inverted; of single items, "
         "too, more is more.",
-        *_how(of.rated, found),
+        *_how(of.rated, findings),
     ]
-    return Section(RATED_TITLE, sentences, _tables(of.rated, found))
+    return Section(RATED_TITLE, sentences, _tables(of.rated, findings))
 
 
-def _how(outcomes: Sequence[Outcome], found: Findings) -> list[str]:
-    tests = [test for one in outcomes for test in one.tests]
+def _how(outcomes: Sequence[Outcome], findings: Findings) -> list[str]:
+    tests = [test for outcome in outcomes for test in outcome.tests]
     if not tests:
         return ["Nothing is tested: fewer than three people met every condition, or there is but one."]
-    checks = [check for one in outcomes for check in one.checks]
-    fail = [t.about for t, c in zip(tests, checks, strict=True) if not c.normal(found.plan.alpha)]
+    checks = [check for outcome in outcomes for check in outcome.checks]
+    fail = [t.about for t, c in zip(tests, checks, strict=True) if not c.normal(findings.plan.alpha)]
     sphericity = (
         "Every effect has one degree of freedom, so sphericity cannot be violated."
         if all(test.df == 1 for test in tests)
@@ -79,7 +79,7 @@ def _how(outcomes: Sequence[Outcome], found: Findings) -> list[str]:
     ]
 
 
-def _tables(outcomes: Sequence[Outcome], found: Findings) -> list[Table]:
+def _tables(outcomes: Sequence[Outcome], findings: Findings) -> list[Table]:
     means = [
         [of.text, *(f"{number_words(m.mean)} ({number_words(m.sd)})" for m in of.means.values()),
          str(max((m.n for m in of.means.values()), default=0))]
@@ -87,7 +87,7 @@ def _tables(outcomes: Sequence[Outcome], found: Findings) -> list[Table]:
     ]  # fmt: skip
     rows = [
         [
-            *test_row(test, found.plan.alpha, "about statistic p corrected effect"),
+            *test_row(test, findings.plan.alpha, "about statistic p corrected effect"),
             p_cell(check.shapiro_p),
             statistic_cell(check.ranks) + ("" if check.ranks.no_spread else f", {p_in_words(check.ranks.p)}"),
             str(test.n),

@@ -99,8 +99,10 @@ class Findings:
     @property
     def tests(self) -> list[Tested]:
         """Every tested result, in the report's order."""
-        families = [[*one.tests, *one.pairs] for one in self.items] + [[one.test, *one.pairs] for one in self.rankings]
-        own = [one.test for one in self.personalised] + ([self.guessed.test] if self.guessed else [])
+        families = [[*item.tests, *item.pairs] for item in self.items] + [
+            [ranking.test, *ranking.pairs] for ranking in self.rankings
+        ]
+        own = [comparison.test for comparison in self.personalised] + ([self.guessed.test] if self.guessed else [])
         own += self.ways.tests if self.ways else []
         return [
             *(test for family in families for test in family), *(self.explained.tests if self.explained else ()), *own
@@ -126,21 +128,23 @@ def analyse(
     declared = declared_plan(dict(data.protocol))
     revised = declared_plan(dict(data.newest)) if data.newest is not None else declared
     used = plan or revised or AnalysisPlan()
-    everyone = [one for one in data.people if is_asked_for(who, simulated=one.simulated)]
-    kept = [one for one in everyone if _counts(one, used)]
+    everyone = [row for row in data.people if is_asked_for(who, simulated=row.simulated)]
+    kept = [row for row in everyone if _counts(row, used)]
     if not kept:
-        there = Counter("simulated participants" if one.simulated else "people" for one in data.people)
+        there = Counter("simulated participants" if row.simulated else "people" for row in data.people)
         counted = ", ".join(f"{count} {kind}" for kind, count in there.items()) or "nobody"
         raise NothingToReport(
             f"who = {who!r}: none of them has a {'completed ' if used.sessions == 'completed' else ''}session that "
             f"counts (joined: {counted}; excluded or withdrawn: {sum(map(_left_out, data.people))}); choose people, "
             "simulated or all"
         )
-    own = data.of({one.code for one in kept})
+    own = data.of({row.code for row in kept})
     conditions = own.conditions
-    regular = [one for one in own.choices if one.role == "regular"]
-    asked = {one.condition for one in regular} | {one.condition for one in own.importance}
-    queried = tuple(one for one in conditions if one in asked) if regular else ()  # otherwise they were rated only
+    regular = [choice for choice in own.choices if choice.role == "regular"]
+    asked = {choice.condition for choice in regular} | {ranking.condition for ranking in own.importance}
+    queried = (
+        tuple(condition for condition in conditions if condition in asked) if regular else ()
+    )  # otherwise they were rated only
     designs, scales = designs_of(own), scale_results(own)
     every_rated = measures(own, used, scales)
     ranked = analyse_rankings(own.importance, every_rated, used, intervals=intervals)
@@ -148,8 +152,8 @@ def analyse(
     rated = [one for one in every_rated if (one.item.questionnaire, one.item.key) not in of_explanations]
     return Findings(
         who=who,
-        analysed=tuple(one.code for one in kept),
-        simulated=sum(one.simulated for one in kept),
+        analysed=tuple(row.code for row in kept),
+        simulated=sum(row.simulated for row in kept),
         plan=used,
         plan_hash=used.digest(),
         declared_hash=declared.digest() if declared else None,
@@ -157,7 +161,7 @@ def analyse(
         conditions=conditions,
         designs=designs,
         flow=_flow(everyone, kept, used),
-        orders=dict(sorted(Counter(", ".join(c for c in one.order if c in conditions) for one in kept).items())),
+        orders=dict(sorted(Counter(", ".join(c for c in row.order if c in conditions) for row in kept).items())),
         demographics=demographics(own),
         items=item_results(rated, designs, used, intervals=intervals),
         rankings=ranking_results(own.ratings, used, own, intervals=intervals),
@@ -167,8 +171,8 @@ def analyse(
         triads={name: found for name in queried if (found := count_triads(own.choices, name))},
         disagreement=disagreement(regular, queried, used.metrics, load),
         personalised=compare_own(own.comparisons, used),
-        own_policies=dict(Counter(one.own_policy for one in kept if one.own_policy is not None)),
-        asked_on={one.code: one.further for one in kept if one.further},
+        own_policies=dict(Counter(row.own_policy for row in kept if row.own_policy is not None)),
+        asked_on={row.code: row.further for row in kept if row.further},
         guessed=count_guesses(own.guesses),
         met=summarise_meetings(own.meetings),
         ways=analyse_methods(own.method_choices, own.taught, used),
@@ -176,7 +180,7 @@ def analyse(
         if (intervals if beside is None else beside)
         else None,
         explained=ranked,
-        devices=_devices(own.choices, {one.code: one for one in kept}),
+        devices=_devices(own.choices, {row.code: row for row in kept}),
     )
 
 
@@ -189,11 +193,11 @@ def _counts(person: ParticipantRow, plan: AnalysisPlan) -> bool:
 
 
 def _flow(everyone: Sequence[ParticipantRow], kept: Sequence[ParticipantRow], plan: AnalysisPlan) -> Flow:
-    open_ones = [one for one in everyone if not _left_out(one) and not _counts(one, plan)]
+    open_ones = [row for row in everyone if not _left_out(row) and not _counts(row, plan)]
     return Flow(
         joined=len(everyone),
-        withdrawn=sum(one.withdrawn for one in everyone),
-        excluded=dict(Counter(one.excluded for one in everyone if one.excluded and not one.withdrawn)),
+        withdrawn=sum(row.withdrawn for row in everyone),
+        excluded=dict(Counter(row.excluded for row in everyone if row.excluded and not row.withdrawn)),
         unfinished=dict(Counter(one.state for one in open_ones)),
         analysed=len(kept),
     )
@@ -201,7 +205,9 @@ def _flow(everyone: Sequence[ParticipantRow], kept: Sequence[ParticipantRow], pl
 
 def _devices(choices: Sequence[Choice], people: Mapping[str, ParticipantRow]) -> dict[tuple[str, str], int]:
     """(view, device) -> regular answers, so that nobody takes a desktop's camera for a headset."""
-    counted = Counter((one.view, device_words(one, people[one.person])) for one in choices if one.role == "regular")
+    counted = Counter(
+        (choice.view, device_words(choice, people[choice.person])) for choice in choices if choice.role == "regular"
+    )
     return dict(sorted(counted.items()))
 
 

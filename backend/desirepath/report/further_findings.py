@@ -80,7 +80,7 @@ def analyse_further(
     pairs: Sequence[Pair],
 ) -> Further:
     """All of it, of the people in `data` who count. pairs: of conditions whose answers agree or not."""
-    regular = [one for one in data.choices if one.role == "regular"]
+    regular = [choice for choice in data.choices if choice.role == "regular"]
     return Further(
         order_effects=_order_effects(data, rated, designs),
         against_retest=_against_retest(data.choices, pairs, plan),
@@ -95,7 +95,7 @@ def analyse_further(
 def _order_effects(data: StudyData, rated: Sequence[Measure], designs: Sequence[StudyDesign]) -> list[Tested]:
     """Period: whether ratings change from the first condition met to the last, whichever they were. Carry-over, of two
     conditions: whether the sum of both depends on which came first (Grizzle 1965)."""
-    order = {one.code: one.order for one in data.people}
+    order = {row.code: row.order for row in data.people}
     tests: list[Tested] = []
     for design in designs:
         if design.factorial or not design.within:
@@ -186,10 +186,10 @@ def _reliabilities(data: StudyData) -> list[ScaleReliability]:
     for questionnaire, scale in data.scales:
         keys = [item.key for item in scale.items]
         answers: dict[str, dict[str, dict[str, int]]] = {}
-        for one in data.ratings:
-            if one.questionnaire == questionnaire and one.item in keys:
-                about = find_topic(one, asked)
-                answers.setdefault(about, {}).setdefault(one.person, {})[one.item] = one.value
+        for rating in data.ratings:
+            if rating.questionnaire == questionnaire and rating.item in keys:
+                about = find_topic(rating, asked)
+                answers.setdefault(about, {}).setdefault(rating.person, {})[rating.item] = rating.value
         for condition, by_person in sorted(answers.items()):
             turned = [
                 [scale.points + 1 - of[item.key] if item.reversed else of[item.key] for item in scale.items]
@@ -203,13 +203,17 @@ def _reliabilities(data: StudyData) -> list[ScaleReliability]:
 
 def _worths(data: StudyData) -> list[Worth]:
     """Of all policies that were compared, where they are three or more: two have a share."""
-    arms = [arm for arm in ("own", *ARMS) if any(arm in (one.chosen, one.rejected) for one in data.comparisons)]
+    arms = [
+        arm
+        for arm in ("own", *ARMS)
+        if any(arm in (comparison.chosen, comparison.rejected) for comparison in data.comparisons)
+    ]
     if len(arms) < 3:
         return []
-    people = sorted({one.person for one in data.comparisons})
+    people = sorted({comparison.person for comparison in data.comparisons})
     wins = np.zeros((len(people), len(arms), len(arms)))
-    for one in data.comparisons:
-        wins[people.index(one.person), arms.index(one.chosen), arms.index(one.rejected)] += 1
+    for comparison in data.comparisons:
+        wins[people.index(comparison.person), arms.index(comparison.chosen), arms.index(comparison.rejected)] += 1
     return bradley_terry(wins, [{"own": "the own policy", **ARMS}[arm] for arm in arms])
 
 
@@ -229,12 +233,16 @@ def _models(
                 found.append(_model(f"rating of {measure.item.key}".replace("_", " "), rows, design.cells))
     conditions = list(data.conditions)
     if len(conditions) > 1 and regular:
-        rows = [(one.person, conditions.index(one.condition), float(one.second_chosen)) for one in regular]
+        rows = [(choice.person, conditions.index(choice.condition), float(choice.second_chosen)) for choice in regular]
         found.append(_model("choosing the second shown", rows, conditions))
     for against in ARMS:
-        asked = [one for one in data.comparisons if {one.chosen, one.rejected} == {"own", against}]
+        asked = [
+            comparison
+            for comparison in data.comparisons
+            if {comparison.chosen, comparison.rejected} == {"own", against}
+        ]
         if asked:
-            rows = [(one.person, 0, float(one.chosen == "own")) for one in asked]
+            rows = [(comparison.person, 0, float(comparison.chosen == "own")) for comparison in asked]
             found.append(_model(f"choosing the own policy over {ARMS[against]}", rows, ["all"]))
     return found
 

@@ -20,9 +20,9 @@ from desirepath.report.report_cells import (
 )
 
 
-def further_sections(found: Findings) -> list[Section]:
+def further_sections(findings: Findings) -> list[Section]:
     """A section each; those without anything are left out by the report."""
-    beside, alpha = found.further, found.plan.alpha
+    beside, alpha = findings.further, findings.plan.alpha
     if beside is None:
         return []
     return [

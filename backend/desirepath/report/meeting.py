@@ -33,10 +33,10 @@ def summarise_meetings(meetings: Sequence[Meeting]) -> Met | None:
         return None
     return Met(
         shown=len(meetings),
-        agreement=end_at_scale(mean_of([one.agreement for one in meetings]), *AGREEMENT),
-        corrected=clustered_share([float(one.corrected) for one in meetings]),
-        distance=end_at_scale(mean_of([one.distance for one in meetings]), 0.0, FARTHEST),
-        moved=end_at_scale(mean_of([one.distance for one in meetings if one.corrected]), 0.0, FARTHEST),
+        agreement=end_at_scale(mean_of([meeting.agreement for meeting in meetings]), *AGREEMENT),
+        corrected=clustered_share([float(meeting.corrected) for meeting in meetings]),
+        distance=end_at_scale(mean_of([meeting.distance for meeting in meetings]), 0.0, FARTHEST),
+        moved=end_at_scale(mean_of([meeting.distance for meeting in meetings if meeting.corrected]), 0.0, FARTHEST),
     )
 
 

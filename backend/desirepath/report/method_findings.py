@@ -56,11 +56,11 @@ def analyse_methods(choices: Sequence[MethodChoice], taught: Sequence[Taught], p
     """None where no robots of methods were compared."""
     if not choices:
         return None
-    names = sorted({name for one in choices for name in (one.chosen, one.rejected)})
-    people = sorted({one.person for one in choices})
+    names = sorted({name for choice in choices for name in (choice.chosen, choice.rejected)})
+    people = sorted({choice.person for choice in choices})
     wins = np.zeros((len(people), len(names), len(names)))
-    for one in choices:
-        wins[people.index(one.person), names.index(one.chosen), names.index(one.rejected)] += 1
+    for choice in choices:
+        wins[people.index(choice.person), names.index(choice.chosen), names.index(choice.rejected)] += 1
     asked = wins + wins.transpose(0, 2, 1)
     each = asked.sum(axis=(1, 2))
     with np.errstate(invalid="ignore"):
@@ -68,11 +68,11 @@ def analyse_methods(choices: Sequence[MethodChoice], taught: Sequence[Taught], p
         of_pair = wins / asked
     whole = shares[np.isfinite(shares).all(axis=1)]
     test, between = _tests(whole, names, plan)
-    weights = {name: {one.person: one.weights for one in taught if one.method == name} for name in names}
+    weights = {name: {lesson.person: lesson.weights for lesson in taught if lesson.method == name} for name in names}
     return Methods(
         methods=names,
         comparisons=len(choices),
-        look_alike=sum(one.look_alike for one in choices),
+        look_alike=sum(choice.look_alike for choice in choices),
         unfinished=int((each < each.max()).sum()),
         won={name: clustered_share(shares[:, k], asked.sum(axis=2)[:, k]) for k, name in enumerate(names)},
         pairs={
@@ -82,7 +82,7 @@ def analyse_methods(choices: Sequence[MethodChoice], taught: Sequence[Taught], p
         test=test,
         between=between,
         worths=bradley_terry(wins, names),
-        minutes={name: _minutes([one for one in taught if one.method == name]) for name in names},
+        minutes={name: _minutes([lesson for lesson in taught if lesson.method == name]) for name in names},
         apart={pair: _apart(weights[pair[0]], weights[pair[1]]) for pair in combinations(names, 2)},
         weights={name: _means(list(of.values())) for name, of in weights.items()},
         nothing={name: sum(not one for one in of.values()) for name, of in weights.items()},
@@ -103,7 +103,7 @@ def _tests(shares: np.ndarray, names: Sequence[str], plan: AnalysisPlan) -> tupl
 
 
 def _minutes(taught: Sequence[Taught]) -> tuple[Mean, float]:
-    took = [one.seconds / 60 for one in taught if one.seconds is not None]
+    took = [lesson.seconds / 60 for lesson in taught if lesson.seconds is not None]
     return end_at_scale(mean_of(took), 0.0, math.inf), float(np.median(took)) if took else math.nan
 
 

@@ -10,12 +10,12 @@ from desirepath.report.report_cells import interval_cell, name_in_words, number_
 TITLE = "Ways of telling the robot"
 
 
-def methods_section(found: Findings) -> Section:
+def methods_section(findings: Findings) -> Section:
     """Empty where no methods' robots were compared."""
-    ways = found.ways
+    ways = findings.ways
     if ways is None:
         return Section(TITLE)
-    alpha = found.plan.alpha
+    alpha = findings.plan.alpha
     sentences = [
         f"Each way of telling ({', '.join(map(name_in_words, ways.methods))}) resulted in a robot of each "
         f"person's own, and the robots were compared in pairs, blind, in the same new scenes: {ways.comparisons} "
@@ -30,9 +30,9 @@ def methods_section(found: Findings) -> Section:
     return Section(TITLE, sentences, tables)
 
 
-def methods_sentence(found: Findings) -> list[str]:
+def methods_sentence(findings: Findings) -> list[str]:
     """The result in one sentence, for the report's beginning."""
-    ways = found.ways
+    ways = findings.ways
     if ways is None:
         return []
     ordered = sorted(ways.methods, key=lambda name: -ways.won[name].mean)

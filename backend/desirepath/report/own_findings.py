@@ -59,7 +59,9 @@ def compare_own(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[P
     """
     found = []
     for against in ARMS:
-        asked = [one for one in comparisons if {one.chosen, one.rejected} == {"own", against}]
+        asked = [
+            comparison for comparison in comparisons if {comparison.chosen, comparison.rejected} == {"own", against}
+        ]
         if asked:
             found.append((against, asked))
     raw = [_tests(asked, against, plan) for against, asked in found]
@@ -73,8 +75,8 @@ def compare_own(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[P
             people=len(_counts(asked)),
             clusters=len(_units(asked, against)),
             answers=len(asked),
-            look_alike=sum(one.look_alike for one in asked),
-            stand_ins=len({one.person for one in asked if one.stand_in}),
+            look_alike=sum(comparison.look_alike for comparison in asked),
+            stand_ins=len({comparison.person for comparison in asked if comparison.stand_in}),
         )
         for (against, asked), test, (_, beside) in zip(found, tests, raw, strict=True)
     ]
@@ -98,15 +100,15 @@ def _tests(asked: Sequence[Comparison], against: str, plan: AnalysisPlan) -> tup
 
 def own_shares(comparisons: Sequence[Comparison], against: str) -> NDArray[np.float64]:
     """Of every independent unit the mean share of its people's choices that went to the own policy: (n,)."""
-    asked = [one for one in comparisons if {one.chosen, one.rejected} == {"own", against}]
+    asked = [comparison for comparison in comparisons if {comparison.chosen, comparison.rejected} == {"own", against}]
     return np.array([_mean_share(unit, against) for unit in _units(asked, against).values()])
 
 
 def _units(asked: Sequence[Comparison], against: str) -> dict[str, list[Comparison]]:
     """Comparisons by what was sampled: people, or of lent policies all of the people who were lent one of them."""
     of_person: dict[str, list[Comparison]] = defaultdict(list)
-    for one in asked:
-        of_person[one.person].append(one)
+    for comparison in asked:
+        of_person[comparison.person].append(comparison)
     if against != "other":
         return of_person
     found: dict[str, list[Comparison]] = defaultdict(list)
@@ -124,8 +126,8 @@ def _mean_share(asked: Sequence[Comparison], against: str) -> float:
 
 def _counts(asked: Sequence[Comparison]) -> Mapping[str, Counter[str]]:
     counts: dict[str, Counter[str]] = defaultdict(Counter)
-    for one in asked:
-        counts[one.person][one.chosen] += 1
+    for comparison in asked:
+        counts[comparison.person][comparison.chosen] += 1
     return counts
 
 
@@ -153,6 +155,6 @@ def count_guesses(guesses: Sequence[Guess]) -> Guessed | None:
     """The guesses of a study; None where nobody was asked."""
     if not guesses:
         return None
-    right = sum(one.right for one in guesses)
+    right = sum(guess.right for guess in guesses)
     test = binomial_test(right, len(guesses), about="guess which of the last pair came from the own answers")
     return Guessed(right, len(guesses), test)

@@ -72,10 +72,10 @@ def demographics(data: StudyData) -> list[Described]:
     scored = {(questionnaire, item.key) for questionnaire, scale in data.scales for item in scale.items}
     answers: dict[tuple[str, str, str], list[Any]] = defaultdict(list)
     asked = find_askings(data.ratings)
-    for one in data.ratings:
-        single = one.condition is None and not isinstance(one.value, list)
-        if single and (one.questionnaire, one.item) not in scored:
-            answers[one.questionnaire, one.item, find_topic(one, asked)].append(one.value)
+    for rating in data.ratings:
+        single = rating.condition is None and not isinstance(rating.value, list)
+        if single and (rating.questionnaire, rating.item) not in scored:
+            answers[rating.questionnaire, rating.item, find_topic(rating, asked)].append(rating.value)
     found = []
     for (questionnaire, key, asking), values in sorted(answers.items(), key=lambda one: data.place(*one[0][:2])):
         item = data.item(questionnaire, key)
@@ -100,13 +100,13 @@ def measures(data: StudyData, plan: AnalysisPlan, scales: Sequence[ScaleResult])
     """All that was rated about conditions: single items, and of a validated scale its score instead of its items."""
     scored = {(of.questionnaire, item.key) for of in scales for item in of.scale.items}
     found: dict[tuple[str, str], dict[str, dict[str, list[float]]]] = defaultdict(dict)
-    for one in data.ratings:
-        asked = plan.items is None or one.questionnaire == plan.items
-        if not asked or one.condition is None or not isinstance(one.value, int | float):
+    for rating in data.ratings:
+        asked = plan.items is None or rating.questionnaire == plan.items
+        if not asked or rating.condition is None or not isinstance(rating.value, int | float):
             continue
-        if (one.questionnaire, one.item) not in scored:
-            rated_by = found[one.questionnaire, one.item].setdefault(one.person, {})
-            rated_by.setdefault(one.condition, []).append(float(one.value))
+        if (rating.questionnaire, rating.item) not in scored:
+            rated_by = found[rating.questionnaire, rating.item].setdefault(rating.person, {})
+            rated_by.setdefault(rating.condition, []).append(float(rating.value))
     measures = [
         Measure(data.item(*key), {who: {name: float(np.mean(v)) for name, v in of.items()} for who, of in by.items()})
         for key, by in sorted(found.items(), key=lambda one: data.place(*one[0]))
@@ -133,10 +133,10 @@ def ranking_results(
     over pairs and rankings. Each asking is a ranking of its own; whoever ranked the same again counts with the last."""
     orders: dict[tuple[str, str, str], dict[str, list[str]]] = defaultdict(dict)
     asked = find_askings(ratings)
-    for one in ratings:
-        if isinstance(one.value, list) and (plan.ranking is None or one.questionnaire == plan.ranking):
-            key = one.questionnaire, one.item, find_topic(one, asked)
-            orders[key][one.person] = [str(option) for option in one.value]
+    for rating in ratings:
+        if isinstance(rating.value, list) and (plan.ranking is None or rating.questionnaire == plan.ranking):
+            key = rating.questionnaire, rating.item, find_topic(rating, asked)
+            orders[key][rating.person] = [str(option) for option in rating.value]
     places: dict[tuple[str, str, str], dict[str, list[int]]] = {}
     for key, of_person in sorted(orders.items(), key=lambda one: data.place(*one[0][:2])):
         given = list(of_person.values())
@@ -183,10 +183,10 @@ def scale_results(data: StudyData) -> list[ScaleResult]:
     for questionnaire, scale in data.scales:
         keys = {item.key for item in scale.items}
         given: dict[tuple[str, str | None, str], dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
-        for one in data.ratings:
-            if one.questionnaire == questionnaire and one.item in keys:
-                asking = find_topic(one, asked) if one.condition is None else ""
-                given[one.person, one.condition, asking][one.item].append(one.value)
+        for rating in data.ratings:
+            if rating.questionnaire == questionnaire and rating.item in keys:
+                asking = find_topic(rating, asked) if rating.condition is None else ""
+                given[rating.person, rating.condition, asking][rating.item].append(rating.value)
         scores, incomplete = [], 0
         for (person, condition, asking), answers in given.items():
             times = max(map(len, answers.values()))

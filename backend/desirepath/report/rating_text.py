@@ -35,20 +35,22 @@ FACTORIAL = (
 )
 
 
-def items_section(found: Findings) -> Section:
+def items_section(findings: Findings) -> Section:
     """Ratings of every item and scale under every condition, tested as the design asks."""
     sentences, tables = [], []
-    for design in found.designs:
-        if results := [result for result in found.items if result.design is design]:
-            sentences.append(_how(results, design, found))
-            tables += _tables(results, found.plan.alpha)
+    for design in findings.designs:
+        if results := [result for result in findings.items if result.design is design]:
+            sentences.append(_how(results, design, findings))
+            tables += _tables(results, findings.plan.alpha)
     points = [
-        point for result in found.items for point in significant_points(result.tests, result.pairs, found.plan.alpha)
+        point
+        for result in findings.items
+        for point in significant_points(result.tests, result.pairs, findings.plan.alpha)
     ]
     return Section("Ratings after each block", sentences, tables, points)
 
 
-def _how(results: Sequence[ItemResult], design: StudyDesign, found: Findings) -> str:
+def _how(results: Sequence[ItemResult], design: StudyDesign, findings: Findings) -> str:
     tests = FACTORIAL if design.factorial else TESTS[results[0].test.test]
     number = sum(len(result.tests) for result in results)
     family = f"p corrected over {'these' if number > 1 else 'this'} {number} {plural(number, 'test')}"
@@ -62,10 +64,10 @@ def _how(results: Sequence[ItemResult], design: StudyDesign, found: Findings) ->
         return text
     which = (
         "For every item, whatever the test over all conditions says:"
-        if found.plan.pairs == "always"
-        else f"Where the corrected p is at most {found.plan.alpha:g}:"
+        if findings.plan.pairs == "always"
+        else f"Where the corrected p is at most {findings.plan.alpha:g}:"
     )
-    over = "all items together" if found.plan.pairs_over == "items" else "an item's pairs, not over the items"
+    over = "all items together" if findings.plan.pairs_over == "items" else "an item's pairs, not over the items"
     return (
         f"{text} {which} {pair.test} tests of its pairs, corrected over {over} ({pair.correction}); "
         "people without a difference are left out (used: how many remain), z is the normal approximation."
@@ -111,9 +113,9 @@ def _text(result: ItemResult) -> str:
     return f"{result.item.text}{' (as answered: low is good)' if result.item.reversed else ''}"
 
 
-def rankings_section(found: Findings) -> Section:
+def rankings_section(findings: Findings) -> Section:
     """Forced rankings: first places."""
-    title, rankings, alpha = "Ranking of the conditions", found.rankings, found.plan.alpha
+    title, rankings, alpha = "Ranking of the conditions", findings.rankings, findings.plan.alpha
     if not rankings:
         return Section(title)
     options = list(dict.fromkeys(name for ranking in rankings for name in ranking.places))
@@ -126,7 +128,7 @@ def rankings_section(found: Findings) -> Section:
         for ranking in rankings
     ]
     heads = ["question", *map(name_in_words, options), "χ²", "p", "p, corrected", "p is", "V, 95 %", "n"]
-    over = "the rankings" if found.plan.pairs_over == "items" else "one ranking's pairs"
+    over = "the rankings" if findings.plan.pairs_over == "items" else "one ranking's pairs"
     sentence = (
         "Chi-square test of first choices against equal shares (exact for up to 50 people), p corrected over "
         f"{len(rankings)} {plural(len(rankings), 'ranking')} ({rankings[0].test.correction}); where significant, the "
@@ -137,10 +139,10 @@ def rankings_section(found: Findings) -> Section:
     return Section(title, [sentence], [Table("How many put each first/second/third.", heads, rows)], points)
 
 
-def scales_section(found: Findings) -> Section:
+def scales_section(findings: Findings) -> Section:
     """Scores over people, per condition where a scale was asked after blocks."""
     sentences, rows = [], []
-    for result in found.scales:
+    for result in findings.scales:
         scale = result.scale
         sentences.append(
             f"{scale.names[-1]}, {scale.lowest:g} to {scale.highest:g}; {scale.scoring}. Source: {scale.source}."

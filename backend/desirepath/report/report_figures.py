@@ -30,19 +30,19 @@ DOTTED = (0, (1, 2))
 PLACES = ("#2f6a3d", "#a5cba5", "#e9e2d2")  # first, second, third place: the darker, the better
 
 
-def pictures(found: Findings) -> list[Picture]:
+def pictures(findings: Findings) -> list[Picture]:
     """All figures of the report that the data allow, in its order."""
-    drawn = explanation_pictures(found.explained) if found.explained else []
-    if found.items:
-        drawn.append(items_picture(found))
-    if found.rankings:
-        drawn.append(ranking_picture(found))
-    if found.between:
-        drawn.append(agreement_picture(found))
-    if any(any(of.n for of in metrics.values()) for metrics in found.disagreement.values()):
-        drawn.append(disagreement_picture(found))
-    if found.personalised:
-        drawn.append(personalised_picture(found))
+    drawn = explanation_pictures(findings.explained) if findings.explained else []
+    if findings.items:
+        drawn.append(items_picture(findings))
+    if findings.rankings:
+        drawn.append(ranking_picture(findings))
+    if findings.between:
+        drawn.append(agreement_picture(findings))
+    if any(any(of.n for of in metrics.values()) for metrics in findings.disagreement.values()):
+        drawn.append(disagreement_picture(findings))
+    if findings.personalised:
+        drawn.append(personalised_picture(findings))
     return drawn
 
 
@@ -83,43 +83,45 @@ def _in_words(means: Mapping[str, Mean]) -> dict[str, Mean]:
     return {name_in_words(name): mean for name, mean in means.items()}
 
 
-def items_picture(found: Findings) -> Picture:
+def items_picture(findings: Findings) -> Picture:
     """Figure 7.2: means and standard errors of every item per condition, brackets over pairs that differ."""
-    columns = min(5, len(found.items))
-    lines = math.ceil(len(found.items) / columns)
+    columns = min(5, len(findings.items))
+    lines = math.ceil(len(findings.items) / columns)
     with mpl.rc_context(STYLE):
         figure, axes = blank(columns, 1.55 * columns + 0.4, 2.1 * lines + 0.5, rows=lines)
-        for ax, item in zip(axes, found.items, strict=False):
-            _item(ax, item, found)
-        for ends in {(one.item.lowest, one.item.points) for one in found.items}:
+        for ax, result in zip(axes, findings.items, strict=False):
+            _item(ax, result, findings)
+        for ends in {(result.item.lowest, result.item.points) for result in findings.items}:
             alike = [
-                ax for ax, one in zip(axes, found.items, strict=False) if (one.item.lowest, one.item.points) == ends
+                ax
+                for ax, result in zip(axes, findings.items, strict=False)
+                if (result.item.lowest, result.item.points) == ends
             ]
             _same_heights(alike)
-        for ax in axes[len(found.items) :]:
+        for ax in axes[len(findings.items) :]:
             ax.set_visible(False)
         for ax in axes[::columns]:
             ax.set_ylabel("mean rating")
         _legend(figure, axes, 4)
     rows: Rows = [
         {
-            "item": item.item.key,
-            "text": item.item.text,
-            "reversed": item.item.reversed,
+            "item": result.item.key,
+            "text": result.item.text,
+            "reversed": result.item.reversed,
             "condition": name,
             **_mean_row(mean),
-            "test": item.test.test,
-            "of": item.test.about,
-            "statistic": item.test.statistic,
-            "p": item.test.p,
-            "p_corrected": item.test.p_corrected,
+            "test": result.test.test,
+            "of": result.test.about,
+            "statistic": result.test.statistic,
+            "p": result.test.p,
+            "p_corrected": result.test.p_corrected,
         }
-        for item in found.items
-        for name, mean in item.means.items()
+        for result in findings.items
+        for name, mean in result.means.items()
     ]
-    where = "" if found.plan.pairs == "always" else ", in items where the conditions differ"
-    over = "all items" if found.plan.pairs_over == "items" else "an item's pairs"
-    marks = ", ".join(f"{'*' * (k + 1)} p ≤ {bound:g}" for k, bound in enumerate(star_bounds(found.plan.alpha)))
+    where = "" if findings.plan.pairs == "always" else ", in items where the conditions differ"
+    over = "all items" if findings.plan.pairs_over == "items" else "an item's pairs"
+    marks = ", ".join(f"{'*' * (k + 1)} p ≤ {bound:g}" for k, bound in enumerate(star_bounds(findings.plan.alpha)))
     caption = (
         "Mean ratings with standard errors over people. Brackets: conditions that differ, corrected over "
         f"{over}{where}; {marks}."
@@ -127,19 +129,21 @@ def items_picture(found: Findings) -> Picture:
     return Picture("items", "Questionnaire after each block", caption, figure, rows)
 
 
-def _item(ax: Axes, item: ItemResult, found: Findings) -> None:
-    lowest, top = item.item.lowest, item.item.points
+def _item(ax: Axes, result: ItemResult, findings: Findings) -> None:
+    lowest, top = result.item.lowest, result.item.points
     unit = (top - lowest) / 6  # of a scale from 1 to 7
-    _bars(ax, _in_words(item.means), lowest=lowest)
-    level = max(top, max(mean.mean + mean.se for mean in item.means.values()) + 0.3 * unit)
-    pairs = [] if item.design.factorial else list(combinations(range(len(item.means)), 2))
-    for (i, j), test in zip(pairs, item.tests if len(item.means) == 2 else item.pairs, strict=False):
-        if test.significant(found.plan.alpha):
+    _bars(ax, _in_words(result.means), lowest=lowest)
+    level = max(top, max(mean.mean + mean.se for mean in result.means.values()) + 0.3 * unit)
+    pairs = [] if result.design.factorial else list(combinations(range(len(result.means)), 2))
+    for (i, j), test in zip(pairs, result.tests if len(result.means) == 2 else result.pairs, strict=False):
+        if test.significant(findings.plan.alpha):
             ax.plot([i, i, j, j], [level, level + 0.12 * unit, level + 0.12 * unit, level], color=INK, linewidth=0.7)
-            ax.text((i + j) / 2, level + 0.1 * unit, test.stars(found.plan.alpha), ha="center", va="bottom", fontsize=7)
+            ax.text(
+                (i + j) / 2, level + 0.1 * unit, test.stars(findings.plan.alpha), ha="center", va="bottom", fontsize=7
+            )
             level += 0.6 * unit
-    ax.set(title=name_in_words(item.item.key), xticks=[], ylim=(lowest, max(top, level) + 0.2 * unit))
-    if item.item.type != "score":
+    ax.set(title=name_in_words(result.item.key), xticks=[], ylim=(lowest, max(top, level) + 0.2 * unit))
+    if result.item.type != "score":
         ax.set_yticks(range(round(lowest), top + 1))
 
 
@@ -150,11 +154,11 @@ def _same_heights(axes: Sequence[Axes]) -> None:
         ax.set_ylim(low, high)
 
 
-def ranking_picture(found: Findings) -> Picture:
+def ranking_picture(findings: Findings) -> Picture:
     """Figure 7.3: how many people put each condition first, second, third."""
     with mpl.rc_context(STYLE):
-        figure, axes = blank(len(found.rankings), 2.4 * len(found.rankings) + 0.4, 2.6)
-        for ax, ranking in zip(axes, found.rankings, strict=True):
+        figure, axes = blank(len(findings.rankings), 2.4 * len(findings.rankings) + 0.4, 2.6)
+        for ax, ranking in zip(axes, findings.rankings, strict=True):
             bottom = np.zeros(len(ranking.places))
             shares = np.array(list(ranking.places.values()), dtype=float)
             shares /= shares.sum(axis=1, keepdims=True)
@@ -170,7 +174,7 @@ def ranking_picture(found: Findings) -> Picture:
             ax.yaxis.set_major_formatter(_percent)
             quiet(ax)
         axes[0].set_ylabel("share of people")
-        _legend(figure, axes[:1], len(found.rankings[0].places))
+        _legend(figure, axes[:1], len(findings.rankings[0].places))
     rows: Rows = [
         {
             "ranking": ranking.item.key,
@@ -179,7 +183,7 @@ def ranking_picture(found: Findings) -> Picture:
             "people": count,
             "share": count / ranking.test.n,
         }
-        for ranking in found.rankings
+        for ranking in findings.rankings
         for name, counts in ranking.places.items()
         for place, count in enumerate(counts)
     ]
@@ -187,10 +191,12 @@ def ranking_picture(found: Findings) -> Picture:
     return Picture("rankings", "Ranking of the conditions", caption, figure, rows)
 
 
-def agreement_picture(found: Findings) -> Picture:
+def agreement_picture(findings: Findings) -> Picture:
     """Table 7.2 as a figure: agreement between conditions, beside what people agree with themselves."""
-    lines: list[tuple[str, str, Mean]] = [("between", pair_words(pair), of.share) for pair, of in found.between.items()]
-    for name, of_condition in found.of_condition.items():
+    lines: list[tuple[str, str, Mean]] = [
+        ("between", pair_words(pair), of.share) for pair, of in findings.between.items()
+    ]
+    for name, of_condition in findings.of_condition.items():
         for role, words in (("repeat", "asked again"), ("swap", "asked again, sides exchanged")):
             again = getattr(of_condition, role).share
             if again.n:
@@ -209,15 +215,15 @@ def agreement_picture(found: Findings) -> Picture:
     return Picture("agreement", "Agreement between and within conditions", caption, figure, rows)
 
 
-def disagreement_picture(found: Findings) -> Picture:
+def disagreement_picture(findings: Findings) -> Picture:
     """Figure 7.4: what changes in the preferred trajectory where a choice flips between conditions."""
-    metrics = found.plan.metrics
+    metrics = findings.plan.metrics
     columns = min(3, len(metrics))
     lines = math.ceil(len(metrics) / columns)
     with mpl.rc_context(STYLE):
         figure, axes = blank(columns, 2.3 * columns + 0.3, 1.9 * lines + 0.5, rows=lines)
         for letter, ax, metric in zip("abcdefghij", axes, metrics, strict=False):
-            _bars(ax, {pair_words(pair, " → "): of[metric] for pair, of in found.disagreement.items()})
+            _bars(ax, {pair_words(pair, " → "): of[metric] for pair, of in findings.disagreement.items()})
             ax.axhline(0, color=SOFT, linewidth=0.7)
             ax.set(title=f"{letter}  {METRICS[metric][0]}", xticks=[])
         _same_heights(axes[: len(metrics)])
@@ -228,7 +234,7 @@ def disagreement_picture(found: Findings) -> Picture:
         _legend(figure, axes[:1], 3)
     rows: Rows = [
         {"from": pair[0], "to": pair[1], "metric": metric, "unit": "z within person", **_mean_row(of)}
-        for pair, metrics_of in found.disagreement.items()
+        for pair, metrics_of in findings.disagreement.items()
         for metric, of in metrics_of.items()
     ]
     caption = (
@@ -240,16 +246,21 @@ def disagreement_picture(found: Findings) -> Picture:
     return Picture("disagreement", "Change of the preferred trajectory where choices differ", caption, figure, rows)
 
 
-def personalised_picture(found: Findings) -> Picture:
+def personalised_picture(findings: Findings) -> Picture:
     """How often the own policy was preferred."""
     words = {"base": "base policy", "neutral": "conditioned policy", "other": "another participant's"}
     with mpl.rc_context(STYLE):
-        figure, (ax,) = blank(1, 4.6, 0.7 + 0.35 * len(found.personalised))
-        _shares(ax, [(f"own, not {words[of.against]}", of.share, DATA[0]) for of in found.personalised])
-        ax.set(xlim=(0, 1), ylim=(-len(found.personalised) + 0.5, 0.5), xlabel="share of a person's choices")
+        figure, (ax,) = blank(1, 4.6, 0.7 + 0.35 * len(findings.personalised))
+        _shares(ax, [(f"own, not {words[of.against]}", of.share, DATA[0]) for of in findings.personalised])
+        ax.set(xlim=(0, 1), ylim=(-len(findings.personalised) + 0.5, 0.5), xlabel="share of a person's choices")
     rows: Rows = [
-        {"own_against": one.against, **_mean_row(one.share), "p": one.test.p, "p_corrected": one.test.p_corrected}
-        for one in found.personalised
+        {
+            "own_against": comparison.against,
+            **_mean_row(comparison.share),
+            "p": comparison.test.p,
+            "p_corrected": comparison.test.p_corrected,
+        }
+        for comparison in findings.personalised
     ]
     caption = (
         "Blind comparisons: share of a person's choices that went to the own policy, mean and 95 % interval over "
@@ -304,15 +315,15 @@ def _outcome_rows(of: Outcome) -> Rows:
     ]  # fmt: skip
 
 
-def power_picture(found: Sequence[Power], assumed: Assumed, *, queried: bool = True) -> Picture:
+def power_picture(powers: Sequence[Power], assumed: Assumed, *, queried: bool = True) -> Picture:
     """Power against participants, one line per test. queried: whether the design asks preference queries."""
-    tests = [rate.test for rate in found[0].rates]
-    cohorts = found[0].rates[0].n if tests else 0
+    tests = [rate.test for rate in powers[0].rates]
+    cohorts = powers[0].rates[0].n if tests else 0
     with mpl.rc_context(STYLE):
         figure, (ax,) = blank(1, 5.4, 3.6)
         for k, test in enumerate(tests):
-            rates = [rate for one in found for rate in one.rates if rate.test == test]
-            x = [one.participants for one in found]
+            rates = [rate for of in powers for rate in of.rates if rate.test == test]
+            x = [of.participants for of in powers]
             colour = DATA[k % len(DATA)]
             ax.plot(x, [rate.rate for rate in rates], color=colour, marker=".", linewidth=1.4, label=test)
             ax.fill_between(
@@ -350,7 +361,7 @@ def power_picture(found: Sequence[Power], assumed: Assumed, *, queried: bool = T
         f"Simulated: share of {cohorts} made-up studies in which the analysis finds what was assumed, with 95 % Wilson "
         f"intervals. Assumed: {'; '.join(filter(None, assumptions))}. Dotted line: {100 * WANTED:.0f} %."
     )
-    return Picture("power", "Power against participants", caption, figure, [row for one in found for row in one.rows()])
+    return Picture("power", "Power against participants", caption, figure, [row for of in powers for row in of.rows()])
 
 
 def _mean_row(mean: Mean) -> dict[str, object]:

@@ -50,21 +50,21 @@ PART_OF = {
 """The part that each figure stands in."""
 
 
-def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Section]:
+def sections(findings: Findings, drawn: Sequence[Picture], folder: Path) -> list[Section]:
     """The report's parts in order; a part without data is left out."""
     parts = [
-        _people(found),
-        *explanation_sections(found),
-        items_section(found),
-        rankings_section(found),
-        scales_section(found),
-        agreement_section(found),
-        disagreement_section(found),
-        personalised_section(found),
-        methods_section(found),
-        meeting_section(found.met),
-        *further_sections(found),
-        _devices(found),
+        _people(findings),
+        *explanation_sections(findings),
+        items_section(findings),
+        rankings_section(findings),
+        scales_section(findings),
+        agreement_section(findings),
+        disagreement_section(findings),
+        personalised_section(findings),
+        methods_section(findings),
+        meeting_section(findings.met),
+        *further_sections(findings),
+        _devices(findings),
     ]
     shown = {PART_OF[picture.name]: embed_picture(picture, folder) for picture in drawn}
     return [
@@ -74,35 +74,37 @@ def sections(found: Findings, drawn: Sequence[Picture], folder: Path) -> list[Se
     ]
 
 
-def brief(found: Findings) -> list[str]:
+def brief(findings: Findings) -> list[str]:
     """The result in a few sentences."""
-    sentences = [_who(found), *explanation_brief(found), *methods_sentence(found)]
-    if found.items:
-        differ = [name_in_words(one.item.key) for one in found.items if one.significant(found.plan.alpha)]
-        tests = " and ".join(dict.fromkeys(test.test for one in found.items for test in one.tests))
+    sentences = [_who(findings), *explanation_brief(findings), *methods_sentence(findings)]
+    if findings.items:
+        differ = [
+            name_in_words(result.item.key) for result in findings.items if result.significant(findings.plan.alpha)
+        ]
+        tests = " and ".join(dict.fromkeys(test.test for result in findings.items for test in result.tests))
         sentences.append(
-            f"Ratings differ between the conditions in {len(differ)} of {len(found.items)} items"
-            f"{': ' + ', '.join(differ) if differ else ''} ({tests}, {found.items[0].test.correction})."
+            f"Ratings differ between the conditions in {len(differ)} of {len(findings.items)} items"
+            f"{': ' + ', '.join(differ) if differ else ''} ({tests}, {findings.items[0].test.correction})."
         )
-        if not any(test.possible(found.plan.alpha) for one in found.items for test in one.tests):
+        if not any(test.possible(findings.plan.alpha) for result in findings.items for test in result.tests):
             sentences.append(
-                f"With {found.flow.analysed} people no rating can be significant, whatever they answer: the smallest "
-                "possible corrected p is above alpha."
+                f"With {findings.flow.analysed} people no rating can be significant, whatever they answer: the "
+                "smallest possible corrected p is above alpha."
             )
-    sentences += [one.test.sentence(found.plan.alpha) for one in found.rankings]
-    if not found.tests:
-        sentences.append(_why_no_test(found))
-    if found.between:
-        sentences.append(f"Agreement between conditions: {_agreements(found)}.")
-    sentences += [personalised_sentence(found, k) for k in range(len(found.personalised))]
+    sentences += [ranking.test.sentence(findings.plan.alpha) for ranking in findings.rankings]
+    if not findings.tests:
+        sentences.append(_why_no_test(findings))
+    if findings.between:
+        sentences.append(f"Agreement between conditions: {_agreements(findings)}.")
+    sentences += [personalised_sentence(findings, k) for k in range(len(findings.personalised))]
     return sentences
 
 
-def _why_no_test(found: Findings) -> str:
+def _why_no_test(findings: Findings) -> str:
     """A report without a test says why."""
-    if not found.designs and not found.personalised:
+    if not findings.designs and not findings.personalised:
         return "Nothing is tested: the study compares no conditions, rankings or policies. Answers are described."
-    if found.flow.analysed < 2:
+    if findings.flow.analysed < 2:
         return "Nothing is tested: one person is too few."
     return (
         "Nothing is tested: conditions differ in what was shown only, no rating, ranking or comparison of policies was "
@@ -110,74 +112,75 @@ def _why_no_test(found: Findings) -> str:
     )
 
 
-def _who(found: Findings) -> str:
-    n = found.flow.analysed
-    kind = "simulated participants" if found.simulated == n else "people"
-    mixed = f", {found.simulated} of them simulated" if 0 < found.simulated < n else ""
-    answers = sum(of.answers for of in found.of_condition.values())
-    answered = f", {answers:,} answers to queries" if found.of_condition else ""  # an evaluation asks none
+def _who(findings: Findings) -> str:
+    n = findings.flow.analysed
+    kind = "simulated participants" if findings.simulated == n else "people"
+    mixed = f", {findings.simulated} of them simulated" if 0 < findings.simulated < n else ""
+    answers = sum(of.answers for of in findings.of_condition.values())
+    answered = f", {answers:,} answers to queries" if findings.of_condition else ""  # an evaluation asks none
     return f"{n} {kind}{mixed}{answered}."
 
 
-def _agreements(found: Findings) -> str:
+def _agreements(findings: Findings) -> str:
     return ", ".join(
-        f"{pair_words(pair)} {percent(of.share.mean)} (SD {percent(of.share.sd)})" for pair, of in found.between.items()
+        f"{pair_words(pair)} {percent(of.share.mean)} (SD {percent(of.share.sd)})"
+        for pair, of in findings.between.items()
     )
 
 
-def _people(found: Findings) -> Section:
-    flow = found.flow
+def _people(findings: Findings) -> Section:
+    flow = findings.flow
     rows = [["joined", str(flow.joined)], ["withdrew", str(flow.withdrawn)]]
     rows += [[f"excluded: {reason}", str(count)] for reason, count in flow.excluded.items()]
     rows += [[f"session {state}, not analysed", str(count)] for state, count in flow.unfinished.items()]
     rows.append(["analysed", str(flow.analysed)])
     tables = [Table("From joining to the analysis.", ["", "people"], rows)]
-    if len(found.conditions) > 1:
-        orders = [[name_in_words(order), str(count)] for order, count in found.orders.items()]
+    if len(findings.conditions) > 1:
+        orders = [[name_in_words(order), str(count)] for order, count in findings.orders.items()]
         tables.append(Table("Orders of the conditions among those analysed.", ["order", "people"], orders))
-    if found.demographics:
+    if findings.demographics:
         rows = [
             [
-                item_in_words(one.item, one.asking),
-                str(one.n),
-                f"{one.numbers.mean:.1f} ({number_words(one.numbers.sd, '{:.1f}')})"
-                if one.numbers
-                else ", ".join(f"{label} {count}" for label, count in one.counts.items() if count),
+                item_in_words(described.item, described.asking),
+                str(described.n),
+                f"{described.numbers.mean:.1f} ({number_words(described.numbers.sd, '{:.1f}')})"
+                if described.numbers
+                else ", ".join(f"{label} {count}" for label, count in described.counts.items() if count),
             ]
-            for one in found.demographics
+            for described in findings.demographics
         ]
         tables.append(Table("What was asked outside blocks: mean (SD), or how many.", ["question", "people", ""], rows))
-    return Section("Who took part", [EVALUATED_SENTENCE] if set(found.conditions) == EVALUATED else [], tables)
+    return Section("Who took part", [EVALUATED_SENTENCE] if set(findings.conditions) == EVALUATED else [], tables)
 
 
-def _devices(found: Findings) -> Section:
+def _devices(findings: Findings) -> Section:
     return table_section(
         "Views and devices",
         "Regular answers by view and device. Immersive is a desktop's camera unless the device is a headset.",
         ["view", "device", "answers"],
-        [[name_in_words(view), device, f"{n:,}"] for (view, device), n in found.devices.items()],
+        [[name_in_words(view), device, f"{n:,}"] for (view, device), n in findings.devices.items()],
     )
 
 
-def every_test(found: Findings) -> list[Section]:
+def every_test(findings: Findings) -> list[Section]:
     """All tests in one table, at the end; none without tests."""
     columns = "test about statistic p corrected method correction named_effect n"
-    rows = [test_row(test, found.plan.alpha, columns) for test in found.tests]
+    rows = [test_row(test, findings.plan.alpha, columns) for test in findings.tests]
     heads = ["test", "of", "statistic", "p", "p, corrected", "p is", "by", "effect, 95 %", "n"]
     caption = "As in tests.csv, which holds a sentence for each, too."
     return [table_section("Every test", caption, heads, rows)] if rows else []
 
 
-def facts(found: Findings, *, study: str, protocol: str, protocol_hash: str, command: str) -> list[tuple[str, str]]:
+def facts(findings: Findings, *, study: str, protocol: str, protocol_hash: str, command: str) -> list[tuple[str, str]]:
     """Where the numbers come from."""
-    plan = ", ".join(f"{name}: {_plan_words(value)}" for name, value in found.plan.model_dump(mode="json").items())
+    plan = ", ".join(f"{name}: {_plan_words(value)}" for name, value in findings.plan.model_dump(mode="json").items())
     return [
         ("study", study),
         ("protocol", protocol),
         ("protocol's hash", protocol_hash or NONE),
         ("analysis plan used", plan),
-        ("its hash", found.plan_hash),
-        ("declared plan's hash", found.declared_hash or "none was declared"),
+        ("its hash", findings.plan_hash),
+        ("declared plan's hash", findings.declared_hash or "none was declared"),
         ("command", command),
     ]
 

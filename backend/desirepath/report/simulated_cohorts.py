@@ -233,9 +233,9 @@ def simulate_data(
                 Rating(code, condition, "interface_items", i, person.rate(i, condition, levels=at)) for i in items
             ]
             ratings += [
-                Rating(code, condition, scale.name, one.key, _agreed(person, one, scale, condition, at))
+                Rating(code, condition, scale.name, item.key, _agreed(person, item, scale, condition, at))
                 for scale in scales
-                for one in scale.items
+                for item in scale.items
             ]
             asked = [("regular", k) for k in range(queries)] + [("repeat", k) for k in range(repeats)]
             choices += [_choice(person, code, condition, role, f"{code}-{k}") for role, k in asked]

@@ -134,7 +134,9 @@ def _tests(design: PlannedDesign, assumed: Assumed, alpha: float) -> Iterator[tu
         number = len(design.rankings)
         yield (
             f"Chi-square, {assumed.ranking} (over {number} {plural(number, 'ranking')})",
-            lambda of: any(one.item.key == assumed.ranking and one.test.significant(alpha) for one in of.rankings),
+            lambda of: any(
+                ranking.item.key == assumed.ranking and ranking.test.significant(alpha) for ranking in of.rankings
+            ),
         )
     for name in ("Sign test", "Signed ranks") if design.comparisons else ():
         for opponent in design.opponents:
@@ -229,7 +231,7 @@ def _equivalent(about: str, alpha: float) -> Found:
 
 
 def _evidence(about: str) -> Found:
-    return lambda of: any(one.about == about and one.factor >= EVIDENCE for one in _beside(of).weighed)
+    return lambda of: any(of_two.about == about and of_two.factor >= EVIDENCE for of_two in _beside(of).weighed)
 
 
 def _modelled(about: str, alpha: float) -> Found:

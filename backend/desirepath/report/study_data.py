@@ -80,9 +80,9 @@ class Rating:
 def find_askings(ratings: Iterable[Rating]) -> dict[str, set[str]]:
     """Questionnaire -> the stages outside blocks that asked it: two where it was asked before and after."""
     found: dict[str, set[str]] = defaultdict(set)
-    for one in ratings:
-        if one.condition is None:
-            found[one.questionnaire].add(one.asking)
+    for rating in ratings:
+        if rating.condition is None:
+            found[rating.questionnaire].add(rating.asking)
     return found
 
 
@@ -211,14 +211,14 @@ class StudyData:
         """The same study with only these people's answers; `people` stays whole."""
         return replace(
             self,
-            choices=[one for one in self.choices if one.person in codes],
-            ratings=[one for one in self.ratings if one.person in codes],
-            comparisons=[one for one in self.comparisons if one.person in codes],
-            guesses=[one for one in self.guesses if one.person in codes],
-            meetings=[one for one in self.meetings if one.person in codes],
-            importance=[one for one in self.importance if one.person in codes],
-            method_choices=[one for one in self.method_choices if one.person in codes],
-            taught=[one for one in self.taught if one.person in codes],
+            choices=[choice for choice in self.choices if choice.person in codes],
+            ratings=[rating for rating in self.ratings if rating.person in codes],
+            comparisons=[comparison for comparison in self.comparisons if comparison.person in codes],
+            guesses=[guess for guess in self.guesses if guess.person in codes],
+            meetings=[meeting for meeting in self.meetings if meeting.person in codes],
+            importance=[ranking for ranking in self.importance if ranking.person in codes],
+            method_choices=[choice for choice in self.method_choices if choice.person in codes],
+            taught=[lesson for lesson in self.taught if lesson.person in codes],
         )
 
     @property
@@ -227,17 +227,17 @@ class StudyData:
         queries, or of importance rankings; without either those that were rated, as an evaluation's controllers. Ways
         of telling the robot are conditions, of which choosing is one."""
         if self.taught:
-            return tuple(sorted({one.method for one in self.taught}))
-        queried = {one.condition for one in self.choices if one.role == "regular"}
-        queried |= {one.condition for one in self.importance if one.role == "regular"}
-        return tuple(sorted(queried or {one.condition for one in self.ratings if one.condition is not None}))
+            return tuple(sorted({lesson.method for lesson in self.taught}))
+        queried = {choice.condition for choice in self.choices if choice.role == "regular"}
+        queried |= {ranking.condition for ranking in self.importance if ranking.role == "regular"}
+        return tuple(sorted(queried or {rating.condition for rating in self.ratings if rating.condition is not None}))
 
     def item(self, questionnaire: str, key: str) -> ItemText:
         """The item's words; its key where the questionnaire's file is not there."""
-        found = (one for one in self.items if (one.questionnaire, one.key) == (questionnaire, key))
+        found = (item for item in self.items if (item.questionnaire, item.key) == (questionnaire, key))
         return next(found, ItemText(questionnaire, key, "scale", key.replace("_", " "), 7, {}))
 
     def place(self, questionnaire: str, key: str) -> int:
         """Where the item stands among all; items whose file is not there come last, in the order they were met."""
-        keys = [(one.questionnaire, one.key) for one in self.items]
+        keys = [(item.questionnaire, item.key) for item in self.items]
         return keys.index((questionnaire, key)) if (questionnaire, key) in keys else len(keys)

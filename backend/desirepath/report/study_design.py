@@ -90,9 +90,9 @@ def designs_of(data: StudyData) -> list[StudyDesign]:
 def _met(data: StudyData) -> dict[str, set[str]]:
     """Person -> conditions that they answered something under."""
     found: dict[str, set[str]] = {}
-    rated = [(one.person, one.condition) for one in data.ratings if one.condition]
+    rated = [(rating.person, rating.condition) for rating in data.ratings if rating.condition]
     known = {*data.conditions, *(condition for _, condition in rated)}
-    for person, condition in [(one.person, one.condition) for one in data.choices] + rated:
+    for person, condition in [(choice.person, choice.condition) for choice in data.choices] + rated:
         if condition in known:
             found.setdefault(person, set()).add(condition)
     return found
@@ -109,7 +109,7 @@ def _declared(data: StudyData) -> Iterator[StudyDesign]:
         if not within:  # a group's one condition is called as the group
             levels = {person: next(iter(of & set(names)), "") for person, of in _met(data).items()}
         else:
-            levels = {one.code: one.groups.get(key, "") for one in data.people}
+            levels = {row.code: row.groups.get(key, "") for row in data.people}
         groups = {person: names.index(name) for person, name in levels.items() if between and name in names}
         varied, of_groups = ({f: levels for f, levels in some.items() if len(levels) > 1} for some in (within, between))
         if within and not varied:  # one condition for everybody: the groups are compared in it

@@ -46,46 +46,46 @@ def write_study_report(
     from desirepath.explain.pictures import write_csv  # loads matplotlib, which is slow
     from desirepath.report.report_figures import pictures
 
-    found = analyse(data, load, who, plan)
+    findings = analyse(data, load, who, plan)
     out.mkdir(parents=True, exist_ok=True)
-    drawn = pictures(found)
+    drawn = pictures(findings)
     files = [path for picture in drawn for path in picture.save(out / FIGURES_FOLDER)]
-    if found.tests:
-        write_csv(out / TESTS_FILE, [_row(test, found.plan.alpha) for test in found.tests])
-    if scores := scale_rows(found):
+    if findings.tests:
+        write_csv(out / TESTS_FILE, [_row(test, findings.plan.alpha) for test in findings.tests])
+    if scores := scale_rows(findings):
         write_csv(out / SCALES_FILE, scores)
-    if answers := answer_rows(data, found):
+    if answers := answer_rows(data, findings):
         write_csv(out / ANSWERS_FILE, answers)
-    if found.explained:
-        write_csv(out / RANKINGS_FILE, [one.row() for one in found.explained.trials])
+    if findings.explained:
+        write_csv(out / RANKINGS_FILE, [trial.row() for trial in findings.explained.trials])
     if policies:
-        write_csv(out / POLICIES_FILE, [one.row() for one in policies])
-    (out / FINDINGS_FILE).write_text(json.dumps(findings_dict(found), indent=1) + "\n", encoding="utf-8")
+        write_csv(out / POLICIES_FILE, [policy.row() for policy in policies])
+    (out / FINDINGS_FILE).write_text(json.dumps(findings_dict(findings), indent=1) + "\n", encoding="utf-8")
     protocol = f"{data.protocol.get('protocol', 'unknown')}, version {data.protocol.get('version', '–')}"
     html = page(
         __package__,
         "study_report.html",
         name=data.name,
-        simulated=found.simulated,
-        analysed=found.flow.analysed,
-        brief=brief(found),
-        deviations=found.deviations,
+        simulated=findings.simulated,
+        analysed=findings.flow.analysed,
+        brief=brief(findings),
+        deviations=findings.deviations,
         sections=[
-            *sections(found, drawn, out / FIGURES_FOLDER),
+            *sections(findings, drawn, out / FIGURES_FOLDER),
             *([policies_section(policies)] if policies else []),
-            *every_test(found),
+            *every_test(findings),
         ],
-        facts=facts(found, study=data.study, protocol=protocol, protocol_hash=data.protocol_hash, command=command),
+        facts=facts(findings, study=data.study, protocol=protocol, protocol_hash=data.protocol_hash, command=command),
     )
     (out / REPORT_FILE).write_text(html, encoding="utf-8")
     return {
         "report": str(out / REPORT_FILE),
-        "participants": found.flow.analysed,
-        "answers": sum(of.answers for of in found.of_condition.values()),
-        "simulated": found.simulated,
-        "tests": len(found.tests),
-        "significant": [test.about for test in found.tests if test.significant(found.plan.alpha)],
-        "deviations": list(found.deviations),
+        "participants": findings.flow.analysed,
+        "answers": sum(of.answers for of in findings.of_condition.values()),
+        "simulated": findings.simulated,
+        "tests": len(findings.tests),
+        "significant": [test.about for test in findings.tests if test.significant(findings.plan.alpha)],
+        "deviations": list(findings.deviations),
         "figures": [str(path) for path in files],
     }
 
@@ -95,46 +95,48 @@ def _row(test: Tested, alpha: float) -> dict[str, object]:
     return {**row, "significant": test.significant(alpha), "sentence": test.sentence(alpha)}
 
 
-def answer_rows(data: StudyData, found: Findings) -> list[dict[str, object]]:
+def answer_rows(data: StudyData, findings: Findings) -> list[dict[str, object]]:
     """Every answer to a query of those analysed, practice trials and probes marked, with view and device."""
-    people = {one.code: one for one in data.people if one.code in found.analysed}
+    people = {row.code: row for row in data.people if row.code in findings.analysed}
     return [
         {
-            "participant": one.person,
-            "condition": one.condition,
-            "view": one.view,
-            "device": device_words(one, people[one.person]),
-            "role": one.role,
-            "query": one.query,
-            "first": one.first,
-            "second": one.second,
-            "second_chosen": one.second_chosen,
-            "decision_s": one.decision_s,
+            "participant": choice.person,
+            "condition": choice.condition,
+            "view": choice.view,
+            "device": device_words(choice, people[choice.person]),
+            "role": choice.role,
+            "query": choice.query,
+            "first": choice.first,
+            "second": choice.second,
+            "second_chosen": choice.second_chosen,
+            "decision_s": choice.decision_s,
         }
-        for one in data.choices
-        if one.person in people
+        for choice in data.choices
+        if choice.person in people
     ]
 
 
-def scale_rows(found: Findings) -> list[dict[str, object]]:
+def scale_rows(findings: Findings) -> list[dict[str, object]]:
     """Every score of a validated scale."""
     return [
         {
-            "participant": one.person,
+            "participant": score.person,
             "questionnaire": of.questionnaire,
             "scale": of.scale.name,
-            "condition": one.condition or "",
-            "asking": one.asking,
-            "score": one.score,
+            "condition": score.condition or "",
+            "asking": score.asking,
+            "score": score.score,
         }
-        for of in found.scales
-        for one in of.scores
+        for of in findings.scales
+        for score in of.scores
     ]
 
 
-def findings_dict(found: Findings) -> dict[str, Any]:
+def findings_dict(findings: Findings) -> dict[str, Any]:
     """The findings as plain JSON: pairs as "a, b", numbers that are not known as null."""
-    plain: dict[str, Any] = _plain({field.name: getattr(found, field.name) for field in dataclasses.fields(found)})
+    plain: dict[str, Any] = _plain(
+        {field.name: getattr(findings, field.name) for field in dataclasses.fields(findings)}
+    )
     return plain
 
 

@@ -56,7 +56,7 @@ def read_folder(folder: Path) -> tuple[StudyData, Load]:
         about.protocol.sha256,
         found.files,
         found.tables,
-        later=[(one["protocol"], one["files"]) for one in found.later],
+        later=[(version["protocol"], version["files"]) for version in found.later],
     )
     return data, found.trajectory
 
@@ -66,7 +66,7 @@ def read_study(s: Session, files: ArtefactStore, study: Study) -> tuple[StudyDat
     versions = s.scalars(
         select(ProtocolVersion).where(ProtocolVersion.study_id == study.id).order_by(ProtocolVersion.number)
     )
-    later = [(one.protocol, one.files) for one in versions]
+    later = [(version.protocol, version.files) for version in versions]
     tables = answers_of(s, study)
     data = tidy(study.name, study.id, study.protocol, study.protocol_hash, study.files, tables, later=later)
     return data, lambda trajectory: load_trajectory(files, trajectory)
@@ -97,7 +97,7 @@ def tidy(
         row["participant"] for row in tables["trials"] if row["trial"] in answers and row["role"] == FURTHER
     )
     items = [*_items(files), *_rated_items(row["plan"] for row in tables["sessions"])]
-    checks = {(one.questionnaire, one.key) for one in items if one.instructed}
+    checks = {(item.questionnaire, item.key) for item in items if item.instructed}
     session = {row["session"]: row for row in tables["sessions"]}
     plans = {name: row["plan"] for name, row in session.items()}
     return StudyData(
@@ -184,7 +184,9 @@ def _person(row: Row, sessions: Sequence[Row], further: int) -> ParticipantRow:
         state=last.get("state", "none"),
         order=tuple(order),
         groups=(last.get("assignment") or {}).get("groups", {}),
-        own_policy=next((one["personalisation"] for one in reversed(sessions) if one.get("personalisation")), None),
+        own_policy=next(
+            (session["personalisation"] for session in reversed(sessions) if session.get("personalisation")), None
+        ),
         further=further,
     )
 
@@ -279,7 +281,7 @@ def _items(files: Mapping[str, str]) -> Iterator[ItemText]:
                 type=item.type,
                 text=local(item.text, "en"),
                 points=item.points,
-                options={one.value: local(one.label, "en") for one in item.options},
+                options={option.value: local(option.label, "en") for option in item.options},
                 reversed=item.reversed,
                 instructed=item.instructed is not None,
             )

@@ -84,7 +84,7 @@ def roll_out_depth(controller: DepthController, make: MakeSenses, episodes: Epis
                 outcomes[i] = engine.outcomes[i]
         if (outcomes != Outcome.RUNNING).all():
             break
-    return DepthRollouts(outcomes, [np.array(one) for one in paths], [np.array(one) for one in taken], episodes.modes)
+    return DepthRollouts(outcomes, [np.array(path) for path in paths], [np.array(one) for one in taken], episodes.modes)
 
 
 def depth_trajectories(controller: DepthController, make: MakeSenses, scenes: Sequence[Scene]) -> list[Trajectory]:

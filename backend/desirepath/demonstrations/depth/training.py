@@ -104,9 +104,9 @@ def batch_demonstrations(
 
 def _states_along(rollouts: Sequence[Trajectory], make: MakeSenses) -> list[Floats]:
     """Of every rollout (its poses, size): all of them side by side, step by step; who has arrived waits there."""
-    scenes = [one.scene for one in rollouts]
+    scenes = [rollout.scene for rollout in rollouts]
     senses, n = make(Sights(scenes), False), len(rollouts)
-    lengths = np.array([len(one.poses) for one in rollouts])
+    lengths = np.array([len(rollout.poses) for rollout in rollouts])
     times = np.arange(lengths.max()) * CONTROL_DT_S
     people = np.stack([scene.person_poses(times) for scene in scenes])
     heights = np.array([[scene.person.height] for scene in scenes])

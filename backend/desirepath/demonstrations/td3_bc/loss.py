@@ -38,13 +38,13 @@ def demonstration_batch(demonstrations: Sequence[Demonstration], config: Demonst
     trajectories = [rollout for d in demonstrations for rollout in augment(d, config.augmentation)]
     gamma = get_setup(trajectories[0].scene.setup).gamma
     led_to = []
-    for one in trajectories:
-        boosted = one.rewards + np.where(one.dones, config.goal_boost, 0.0)  # each ends at its goal
-        led_to.append(returns_along(one, boosted, config.steps_at_once, gamma))
+    for trajectory in trajectories:
+        boosted = trajectory.rewards + np.where(trajectory.dones, config.goal_boost, 0.0)  # each ends at its goal
+        led_to.append(returns_along(trajectory, boosted, config.steps_at_once, gamma))
     rewards, following, continues = (np.concatenate(parts) for parts in zip(*led_to, strict=True))
     return Batch(
-        torch.from_numpy(np.concatenate([one.observations for one in trajectories])),
-        torch.from_numpy(np.concatenate([one.actions for one in trajectories])),
+        torch.from_numpy(np.concatenate([trajectory.observations for trajectory in trajectories])),
+        torch.from_numpy(np.concatenate([trajectory.actions for trajectory in trajectories])),
         torch.from_numpy(rewards),
         torch.from_numpy(following),
         torch.from_numpy(continues),

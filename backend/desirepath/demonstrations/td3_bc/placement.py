@@ -34,12 +34,13 @@ class Placements:
     ) -> None:
         setup = get_setup(trajectories[0].scene.setup)
         self._anywhere, self._spacing = ScenePool(setup, seed), spacing_of(setup)
-        self._rows = scenes_to_rows([one.scene for one in trajectories])
-        self._poses = [one.poses.astype(float) for one in trajectories]
-        self._people = [one.scene.person_poses(one.times) for one in trajectories]
+        self._rows = scenes_to_rows([trajectory.scene for trajectory in trajectories])
+        self._poses = [trajectory.poses.astype(float) for trajectory in trajectories]
+        self._people = [trajectory.scene.person_poses(trajectory.times) for trajectory in trajectories]
         longest = np.arange(2 * setup.max_steps + 1) * CONTROL_DT_S
         self._walks = [
-            one.scene.person_poses(longest) if walking and one.scene.walk is not None else None for one in trajectories
+            trajectory.scene.person_poses(longest) if walking and trajectory.scene.walk is not None else None
+            for trajectory in trajectories
         ]
         self._near, self._mixed = near, mixed
         self._steps = setup.max_steps
