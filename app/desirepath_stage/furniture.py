@@ -321,15 +321,15 @@ def _windows(x: float, along: float, side: int, wall_height: float) -> list[Shap
     """Two framed windows on the wall at `x`, seen from inside."""
     low, high = 0.42 * wall_height, 0.86 * wall_height
     tall, wide = high - low, min(1.7, 0.25 * along)
-    found = []
+    panes = []
     for where in (-0.24, 0.24):
         y, z = where * along, (low + high) / 2
         inner = x - side * 0.012
-        found.append(box((0.024, wide + 0.12, tall + 0.12), (inner, y, z), _LINEN))
+        panes.append(box((0.024, wide + 0.12, tall + 0.12), (inner, y, z), _LINEN))
         for pane in (-1, 1):
-            found.append(box((0.03, wide / 2 - 0.03, tall), (inner, y + pane * wide / 4, z), _GLASS))
-        found.append(box((0.09, wide + 0.2, 0.035), (x - side * 0.045, y, low - 0.07), _OAK_LIGHT))
-    return found
+            panes.append(box((0.03, wide / 2 - 0.03, tall), (inner, y + pane * wide / 4, z), _GLASS))
+        panes.append(box((0.09, wide + 0.2, 0.035), (x - side * 0.045, y, low - 0.07), _OAK_LIGHT))
+    return panes
 
 
 def _door(y: float, along: float, wall_height: float) -> list[Shape]:

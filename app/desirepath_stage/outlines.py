@@ -72,7 +72,7 @@ def body(shape: Shape, colour: Colour) -> Shape:
 def _prisms(shape: Shape) -> list[_Prism]:
     parts = _parts(shape)
     heights = sorted({round(float(height), 3) for part in parts for height in (part[:, 2].min(), part[:, 2].max())})
-    found: list[_Prism] = []
+    prisms: list[_Prism] = []
     for low, high in pairwise(heights):
         if high - low < SLICE_M:
             continue
@@ -83,12 +83,12 @@ def _prisms(shape: Shape) -> list[_Prism]:
         if sum(_area(_convex(part)) for part in there) < FILLED * _area(polygon):
             continue
         prism = _Prism(polygon, low, high)
-        if found and prism.looks_like(found[-1]) and low - found[-1].high < 2 * SLICE_M:
-            larger = max(found[-1], prism, key=lambda one: _area(one.polygon))
-            found[-1] = _Prism(larger.polygon, found[-1].low, high)
+        if prisms and prism.looks_like(prisms[-1]) and low - prisms[-1].high < 2 * SLICE_M:
+            larger = max(prisms[-1], prism, key=lambda one: _area(one.polygon))
+            prisms[-1] = _Prism(larger.polygon, prisms[-1].low, high)
         else:
-            found.append(prism)
-    return found
+            prisms.append(prism)
+    return prisms
 
 
 def _parts(shape: Shape) -> list[Points]:

@@ -53,9 +53,9 @@ def agreement_on(code: str, first: Sequence[Codes], second: Sequence[Codes]) -> 
     few answers it is rough.
     """
     table = _table(_given(code, first), _given(code, second))
-    found = cohens_kappa(table) if 0 < _expected(table) < 1 else None
-    low, high = (found.kappa_low, found.kappa_upp) if found and found.var_kappa > 0 else UNKNOWN
-    return _agreement(code, len(first), table, found.kappa if found else math.nan, low, high)
+    result = cohens_kappa(table) if 0 < _expected(table) < 1 else None
+    low, high = (result.kappa_low, result.kappa_upp) if result and result.var_kappa > 0 else UNKNOWN
+    return _agreement(code, len(first), table, result.kappa if result else math.nan, low, high)
 
 
 def agreement_on_all(

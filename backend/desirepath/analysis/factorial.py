@@ -141,12 +141,12 @@ def contrast_scores(design: Factorial, effect: Sequence[str]) -> Array:
 
 def _contrast(factors: Mapping[str, Sequence[str]], effect: Sequence[str]) -> Array:
     """Orthonormal contrasts (cells, df) of an effect: differences along its factors, means along the others."""
-    found = np.ones((1, 1))
+    contrasts = np.ones((1, 1))
     for name, levels in factors.items():
         k = len(levels)
         part = linalg.helmert(k).T if name in effect else np.full((k, 1), 1 / np.sqrt(k))
-        found = np.kron(found, part)
-    return found
+        contrasts = np.kron(contrasts, part)
+    return contrasts
 
 
 def _groups(design: Factorial) -> int:
@@ -159,9 +159,9 @@ def _effect_means(design: Factorial, cells: ArrayLike, effect: tuple[str, ...]) 
     factors = [*design.between, *design.within]
     sizes = [len(levels) for levels in (*design.between.values(), *design.within.values())]
     table = np.asarray(cells, dtype=float).reshape(sizes)
-    found = np.zeros_like(table)
+    means = np.zeros_like(table)
     for kept in product((False, True), repeat=len(effect)):
         names = {name for name, keep in zip(effect, kept, strict=True) if keep}
         away = tuple(k for k, name in enumerate(factors) if name not in names)
-        found += (-1) ** (len(effect) - len(names)) * table.mean(axis=away, keepdims=True)
-    return found.reshape(np.asarray(cells).shape)
+        means += (-1) ** (len(effect) - len(names)) * table.mean(axis=away, keepdims=True)
+    return means.reshape(np.asarray(cells).shape)

@@ -16,12 +16,12 @@ CHANCE_CIRCULAR = 0.25  # of three choices by three coins: two of the eight outc
 def whole_triads(answers: Mapping[frozenset[str], Answer]) -> list[list[Answer]]:
     """The triads that were answered whole: the three answers about all pairs of three. answers: by the pair they are
     about, one person's under one condition."""
-    found: dict[frozenset[str], list[Answer]] = {}
+    triads: dict[frozenset[str], list[Answer]] = {}
     for one, other in combinations(answers, 2):
         three = one | other
         if len(three) == 3 and one ^ other in answers:
-            found.setdefault(three, [answers[pair] for pair in answers if pair <= three])
-    return list(found.values())
+            triads.setdefault(three, [answers[pair] for pair in answers if pair <= three])
+    return list(triads.values())
 
 
 def is_circular(choices: Sequence[tuple[str, str]]) -> bool:

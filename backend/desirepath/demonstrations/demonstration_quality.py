@@ -55,7 +55,7 @@ def qualities(demonstrations: Sequence[Demonstration], groups: Sequence[object])
         return []
     paths = [_evenly(demonstration) for demonstration in demonstrations]
     measured = measure([demonstration.trajectory for demonstration in demonstrations])
-    found = []
+    described = []
     for i, one in enumerate(demonstrations):
         others = [j for j in range(len(paths)) if j != i and groups[j] == groups[i]]
         apart = {j: float(np.linalg.norm(paths[i] - paths[j], axis=1).mean()) for j in others}
@@ -75,7 +75,7 @@ def qualities(demonstrations: Sequence[Demonstration], groups: Sequence[object])
             "duplicate": same is not None,
             "outlier": nearest is not None and nearest > OUTLYING_M,
         }
-        found.append(
+        described.append(
             DemonstrationQuality(
                 length_m=float(measured.path_length[i]),
                 duration_s=float(measured.time[i]),
@@ -88,7 +88,7 @@ def qualities(demonstrations: Sequence[Demonstration], groups: Sequence[object])
                 flags=tuple(name for name, raised in flags.items() if raised),
             )
         )
-    return found
+    return described
 
 
 def _evenly(one: Demonstration) -> Doubles:

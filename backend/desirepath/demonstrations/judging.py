@@ -92,12 +92,12 @@ def likeness(trajectory: Trajectory, demonstrations: Sequence[Demonstration]) ->
     if not demonstrations:
         raise ValueError("demonstrations: none given to compare with")
     path = _sparse(trajectory.poses)
-    found = [deviation(path, _sparse(d.trajectory.poses), exact_m=EXACT_M) for d in demonstrations]
-    best = max(range(len(found)), key=lambda i: found[i].cost)
+    deviations = [deviation(path, _sparse(d.trajectory.poses), exact_m=EXACT_M) for d in demonstrations]
+    best = max(range(len(deviations)), key=lambda i: deviations[i].cost)
     wanted, shown = speed_profile(demonstrations[best].trajectory), speed_profile(trajectory)
     constant = wanted.std() < CHANGING_M_S
     return Likeness(
-        found[best],
+        deviations[best],
         math.nan if constant else float(np.corrcoef(wanted, shown)[0, 1]) if shown.std() > 0 else 0.0,
     )
 
@@ -150,15 +150,15 @@ def unseen_scenes(pairs: Sequence[Scene], kind: str, n: int, *, purpose: Purpose
     }
     if kind not in taken:
         raise ValueError(f"kind {kind!r}: known are {', '.join(taken)}")
-    found: list[Scene] = []
+    scenes: list[Scene] = []
     first = first_seed(purpose, seed)
     for begin in range(first, first + SCENES_PER_SEED, DRAWN_AT_ONCE):
         for drawn in draw_scenes(pairs[0].setup, range(begin, begin + DRAWN_AT_ONCE)):
-            scene = replace(taken[kind](pairs[len(found) % len(pairs)], drawn), seed=drawn.seed, walk=None)
-            if len(found) < n and _drivable(scene):
-                found.append(scene)
-        if len(found) == n:
-            return found
+            scene = replace(taken[kind](pairs[len(scenes) % len(pairs)], drawn), seed=drawn.seed, walk=None)
+            if len(scenes) < n and _drivable(scene):
+                scenes.append(scene)
+        if len(scenes) == n:
+            return scenes
     raise SceneError("seed", seed, f"gave fewer than {n} scenes with random {kind}; ask for fewer or another seed")
 
 

@@ -72,9 +72,9 @@ class Crossed(Part):
             "each" if self._varies("each") else "",
             "one_of" if self._varies("one_of") else "",
         ]
-        said = [name for name in given if name]
-        if len(said) != 1:
-            listed = " and ".join(said) or "nothing"
+        declared = [name for name in given if name]
+        if len(declared) != 1:
+            listed = " and ".join(declared) or "nothing"
             raise ValueError(f"must say the view once, as 'view', in 'each' or in 'one_of'; has {listed}")
         twice = set(self.each or ()) & set(self.one_of or ())
         if twice:
@@ -97,13 +97,13 @@ class Crossed(Part):
     def conditions(self, group: int) -> list[Condition]:
         """What somebody of that group meets, in the order in which the protocol names them."""
         mine = self.groups[group]
-        found = []
+        combinations = []
         for cell in _combinations(self.each):
             levels = {**cell, **mine}
             name = "-".join((cell or mine).values())
             view = levels.get("view") or self.view
-            found.append(Condition.model_validate({"name": name, "view": view, "levels": levels}))
-        return found
+            combinations.append(Condition.model_validate({"name": name, "view": view, "levels": levels}))
+        return combinations
 
 
 def _combinations(factors: dict[str, list[str]] | None) -> list[dict[str, str]]:

@@ -18,15 +18,15 @@ def read_fields(made: type[Any]) -> dict[str, FieldInfo]:
     if not is_dataclass(made):
         raise TypeError(f"{made!r} is neither a dataclass nor a Pydantic model")
     hints = get_type_hints(made, include_extras=True)
-    found = {}
+    described = {}
     for item in fields(made):
         default = item.default if item.default_factory is MISSING else item.default_factory()
         missing = default is MISSING
         hint = hints[item.name]
-        found[item.name] = (
+        described[item.name] = (
             FieldInfo.from_annotation(hint) if missing else FieldInfo.from_annotated_attribute(hint, default)
         )
-    return found
+    return described
 
 
 def limits_of(field: FieldInfo) -> tuple[Any, Any]:

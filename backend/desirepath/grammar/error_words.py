@@ -26,10 +26,10 @@ MOST_PROBLEMS = 200  # of a file (ours); nobody reads more
 def parse(source: Source, model: type[M], *, strict: bool = True) -> M:
     """The file as that model. Raises ProtocolError with every problem. strict: a number in quotes is none, nor is `yes`
     true; otherwise they are, as in files of before."""
-    found, problems = read_as(source, model, strict=strict)
-    if found is None or problems:
+    parsed, problems = read_as(source, model, strict=strict)
+    if parsed is None or problems:
         raise ProtocolError(problems)
-    return found
+    return parsed
 
 
 def read_as(source: Source, model: type[M], *, strict: bool = True) -> tuple[M | None, list[Problem]]:
@@ -39,11 +39,11 @@ def read_as(source: Source, model: type[M], *, strict: bool = True) -> tuple[M |
         try:
             return model.model_validate_json(json.dumps(source.data), strict=strict), source.twice
         except ValidationError as wrong:
-            found = [
+            errors = [
                 (_in_file(error["loc"], source), error)
                 for error in wrong.errors(include_url=False, include_context=True)
             ]
-        texts = {path: source.written(path) for path, error in found if error["type"] == "string_type"}
+        texts = {path: source.written(path) for path, error in errors if error["type"] == "string_type"}
         if not (again and any(text is not None for text in texts.values())):
             break
         source.data = json.loads(json.dumps(source.data))  # what an alias shares may be a text here and a number there
@@ -51,7 +51,7 @@ def read_as(source: Source, model: type[M], *, strict: bool = True) -> tuple[M |
             if text is not None:
                 source.value(path[:-1])[path[-1]] = text
     return None, source.twice + [
-        source.problem(path, _in_words(error, path, model, source)) for path, error in found[:MOST_PROBLEMS]
+        source.problem(path, _in_words(error, path, model)) for path, error in errors[:MOST_PROBLEMS]
     ]
 
 
@@ -66,7 +66,7 @@ def _in_file(location: tuple[int | str, ...], source: Source) -> yaml_source.Pat
     return path
 
 
-def _in_words(error: Any, path: yaml_source.Path, model: type[BaseModel], source: Source) -> str:
+def _in_words(error: Any, path: yaml_source.Path, model: type[BaseModel]) -> str:
     context: dict[str, Any] = error.get("ctx", {})
     given = error.get("input")
     match error["type"]:
@@ -106,16 +106,16 @@ def _in_words(error: Any, path: yaml_source.Path, model: type[BaseModel], source
         case "model_type" | "dataclass_type" | "dict_type" | "model_attributes_type":
             example = _example(_schema_at(model, error["loc"]), _schema(model), given)
             return f"must be a mapping of keys to values, such as {_form(path, example)}"
-    said: str = error["msg"]
-    return said[0].lower() + said[1:]
+    message: str = error["msg"]
+    return message[0].lower() + message[1:]
 
 
 def describe_expected_json(error: Any) -> str:
     """What a value in JSON would have to be, of one of Pydantic's errors."""
     if error["type"] == "missing":
         return "must be given"
-    said = re.sub(r"^(Input|String|List|Value|Dictionary|Number|Tuple) should", "must", str(error["msg"]))
-    return said.removeprefix("Value error, ").replace("a valid dictionary", "an object")
+    message = re.sub(r"^(Input|String|List|Value|Dictionary|Number|Tuple) should", "must", str(error["msg"]))
+    return message.removeprefix("Value error, ").replace("a valid dictionary", "an object")
 
 
 def _without_quotes(given: object) -> str:
@@ -159,8 +159,8 @@ def _schema_at(model: type[BaseModel], location: tuple[int | str, ...]) -> Schem
 
 
 def _allowed_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    found = _variants(_schema_at(model, location), _schema(model))
-    return [key for one in found for key in one.get("properties", {})]
+    variants = _variants(_schema_at(model, location), _schema(model))
+    return [key for variant in variants for key in variant.get("properties", {})]
 
 
 _BY_PATTERN = dict(zip(PATTERNS, ("a_name", "random", "https://example.org", "en"), strict=True))
@@ -168,31 +168,31 @@ _BY_PATTERN = dict(zip(PATTERNS, ("a_name", "random", "https://example.org", "en
 
 def _example(schema: Schema, whole: Schema, given: object = None) -> Any:
     """A value that would do. given: a text that stands there; the first text that is needed is that."""
-    found = (_variants(schema, whole) or [{}])[0]
-    if isinstance(given, str) and found.get("type") == "string" and "pattern" not in found:
+    variant = (_variants(schema, whole) or [{}])[0]
+    if isinstance(given, str) and variant.get("type") == "string" and "pattern" not in variant:
         return given
-    if "examples" in found:
-        return found["examples"][0]
-    match found.get("const", (found.get("enum") or [None])[0]), found.get("type"):
-        case None, "object" if "properties" in found:
-            fields = found["properties"]
-            said = [key for key, of in fields.items() if of.get("default") is not None]
-            needed = found.get("required") or said[:1] or list(fields)[:1]
+    if "examples" in variant:
+        return variant["examples"][0]
+    match variant.get("const", (variant.get("enum") or [None])[0]), variant.get("type"):
+        case None, "object" if "properties" in variant:
+            fields = variant["properties"]
+            explicit = [key for key, of in fields.items() if of.get("default") is not None]
+            needed = variant.get("required") or explicit[:1] or list(fields)[:1]
             return {
                 key: fields[key].get("default") or _example(fields[key], whole, given if key == needed[0] else None)
                 for key in needed
             }
         case None, "object":
-            of = found.get("additionalProperties") or {}
+            of = variant.get("additionalProperties") or {}
             return {"en" if of.get("type") == "string" else "a_name": _example(of, whole)}
         case None, "array":
-            return [_example(found.get("items", {}), whole)] * max(found.get("minItems", 1), 1)
+            return [_example(variant.get("items", {}), whole)] * max(variant.get("minItems", 1), 1)
         case None, "integer" | "number":
-            return found.get("minimum", 1)
+            return variant.get("minimum", 1)
         case None, "boolean":
             return True
         case None, _:
-            return _BY_PATTERN.get(found.get("pattern", ""), "...")
+            return _BY_PATTERN.get(variant.get("pattern", ""), "...")
         case word, _:
             return word
 

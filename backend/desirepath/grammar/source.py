@@ -246,13 +246,13 @@ class Source:
 
     def value(self, path: Path) -> Any:
         """What stands there, None if nothing does."""
-        found = self.data
+        node = self.data
         for part in path:
             try:
-                found = found[part]
+                node = node[part]
             except (KeyError, IndexError, TypeError):
                 return None
-        return found
+        return node
 
     def problem(self, path: Path, message: str) -> Problem:
         """A problem with the field at `path`."""

@@ -115,17 +115,14 @@ class DepthEncoder(StoredArrays):
     def latents(self, frames: Frames) -> NDArray[np.float32]:
         """(n, 80, 128) metres -> (n, 32), the means."""
         with torch.no_grad():
-            found: NDArray[np.float32] = self._vae.encode(torch.from_numpy(frames / np.float32(self.range_m)))[
-                0
-            ].numpy()
-        return found
+            means, _ = self._vae.encode(torch.from_numpy(frames / np.float32(self.range_m)))
+        return np.asarray(means.numpy())
 
     def frames(self, latents: NDArray[np.float32]) -> Frames:
         """(n, 32) -> (n, 80, 128) metres."""
         with torch.no_grad():
-            found = self._vae.decode(torch.from_numpy(latents)).clamp(0.0, 1.0)
-        restored: Frames = found.numpy() * np.float32(self.range_m)
-        return restored
+            rendered = self._vae.decode(torch.from_numpy(latents)).clamp(0.0, 1.0)
+        return np.asarray(rendered.numpy() * np.float32(self.range_m))
 
     def to_parts(self) -> tuple[dict[str, object], Arrays]:
         """Weights in half precision, which changes a latent by about 1e-3."""

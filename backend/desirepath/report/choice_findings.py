@@ -93,10 +93,10 @@ def describe_condition(choices: Sequence[Choice], condition: str, plan: Analysis
 
 
 def _by_person(choices: Sequence[Choice]) -> dict[str, list[Choice]]:
-    found: dict[str, list[Choice]] = defaultdict(list)
+    by_person: dict[str, list[Choice]] = defaultdict(list)
     for choice in choices:
-        found[choice.person].append(choice)
-    return found
+        by_person[choice.person].append(choice)
+    return by_person
 
 
 def compare_conditions(regular: Sequence[Choice], pair: Pair) -> Agreement:

@@ -138,7 +138,7 @@ def trials_of(rankings: Sequence[ImportanceRanking]) -> list[Trial]:
     sizes: dict[int, list[int]] = defaultdict(list)
     for k, one in enumerate(rankings):
         sizes[len(one.scores)].append(k)
-    found: dict[int, Trial] = {}
+    by_place: dict[int, Trial] = {}
     for size, which in sizes.items():
         some = [(rankings[k], sorted(rankings[k].scores)) for k in which]
         scores = np.array([[one.scores[thing] for thing in things] for one, things in some])
@@ -147,8 +147,8 @@ def trials_of(rankings: Sequence[ImportanceRanking]) -> list[Trial]:
         taus = kendall_tau_b(-places, scores)  # the first is the most important
         tied, unseen = (scores[:, i] == scores[:, j]).sum(axis=1), (scores == 0).sum(axis=1)
         for k, tau, ties, hidden in zip(which, taus, tied, unseen, strict=True):
-            found[k] = Trial(rankings[k], float(tau), int(ties), int(hidden))
-    return [found[k] for k in range(len(rankings))]
+            by_place[k] = Trial(rankings[k], float(tau), int(ties), int(hidden))
+    return [by_place[k] for k in range(len(rankings))]
 
 
 def is_awareness(key: str) -> bool:
@@ -161,15 +161,15 @@ def _scores(about: Sequence[Measure]) -> Iterator[tuple[str, str, float, float, 
     parts = [measure for measure in about if is_awareness(measure.item.key)]
     if parts:
         people = dict.fromkeys(person for part in parts for person in part.rated)
-        found: dict[str, dict[str, float]] = {}
+        awareness: dict[str, dict[str, float]] = {}
         for person in people:
             complete = set.intersection(*(set(part.rated.get(person, {})) for part in parts))
-            found[person] = {
+            awareness[person] = {
                 name: float(np.mean([turn_reversed(part.item, part.rated[person][name]) for part in parts]))
                 for name in complete
             }
         text = f"awareness of the robot's information processing (mean of {len(parts)} items)"
-        yield "awareness", text, 1.0, float(parts[0].item.points), found
+        yield "awareness", text, 1.0, float(parts[0].item.points), awareness
     for measure in about:
         if measure not in parts:
             turned_of = {

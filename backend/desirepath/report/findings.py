@@ -168,7 +168,7 @@ def analyse(
         scales=scales,
         of_condition={name: describe_condition(own.choices, name, used) for name in queried},
         between={pair: compare_conditions(regular, pair) for pair in combinations(queried, 2)},
-        triads={name: found for name in queried if (found := count_triads(own.choices, name))},
+        triads={name: of for name in queried if (of := count_triads(own.choices, name))},
         disagreement=disagreement(regular, queried, used.metrics, load),
         personalised=compare_own(own.comparisons, used),
         own_policies=dict(Counter(row.own_policy for row in kept if row.own_policy is not None)),

@@ -139,7 +139,7 @@ def _against_retest(choices: Sequence[Choice], pairs: Sequence[Pair], plan: Anal
 
 def _differences(rated: Sequence[Measure], designs: Sequence[StudyDesign]) -> list[tuple[str, NDArray[np.float64]]]:
     """Of every measure and every two conditions that everybody met: what it is, each person's difference."""
-    found = []
+    differences = []
     for design in designs:
         if design.factorial or not design.within:
             continue
@@ -149,8 +149,8 @@ def _differences(rated: Sequence[Measure], designs: Sequence[StudyDesign]) -> li
             for i in range(len(design.cells)) if len(rows) > 1 else ():
                 for j in range(i + 1, len(design.cells)):
                     about = f"{measure.item.key}, {design.cells[i]} against {design.cells[j]}".replace("_", " ")
-                    found.append((about, table[:, i] - table[:, j]))
-    return found
+                    differences.append((about, table[:, i] - table[:, j]))
+    return differences
 
 
 def _equivalent(
@@ -170,18 +170,18 @@ def _equivalent(
 
 
 def _weighed(data: StudyData, rated: Sequence[Measure], designs: Sequence[StudyDesign]) -> list[Weighed]:
-    found = [Weighed(about, bayes_factor(one)) for about, one in _differences(rated, designs)]
+    weighed = [Weighed(about, bayes_factor(of)) for about, of in _differences(rated, designs)]
     for against in ARMS:
         shares = own_shares(data.comparisons, against)
         if len(shares):
             more, fewer = int((shares > 0.5).sum()), int((shares < 0.5).sum())
             about = f"people who mostly chose the own policy over {ARMS[against]}"
-            found.append(Weighed(about, bayes_factor_of_choices(more, fewer)))
-    return found
+            weighed.append(Weighed(about, bayes_factor_of_choices(more, fewer)))
+    return weighed
 
 
 def _reliabilities(data: StudyData) -> list[ScaleReliability]:
-    found = []
+    reliabilities = []
     asked = find_askings(data.ratings)
     for questionnaire, scale in data.scales:
         keys = [item.key for item in scale.items]
@@ -197,8 +197,8 @@ def _reliabilities(data: StudyData) -> list[ScaleReliability]:
                 if len(of) == len(keys)
             ]
             if len(turned) > 2:
-                found.append(ScaleReliability(scale.names[0], condition, reliability(turned)))
-    return found
+                reliabilities.append(ScaleReliability(scale.names[0], condition, reliability(turned)))
+    return reliabilities
 
 
 def _worths(data: StudyData) -> list[Worth]:
@@ -220,7 +220,7 @@ def _worths(data: StudyData) -> list[Worth]:
 def _models(
     data: StudyData, rated: Sequence[Measure], designs: Sequence[StudyDesign], regular: Sequence[Choice]
 ) -> list[Modelled]:
-    found = []
+    models = []
     for design in designs:
         for measure in rated:
             if measure.item.type != "score" and len(design.cells) > 1 and not design.factorial:
@@ -230,11 +230,11 @@ def _models(
                     for name, value in of.items()
                     if name in design.cells
                 ]
-                found.append(_model(f"rating of {measure.item.key}".replace("_", " "), rows, design.cells))
+                models.append(_model(f"rating of {measure.item.key}".replace("_", " "), rows, design.cells))
     conditions = list(data.conditions)
     if len(conditions) > 1 and regular:
         rows = [(choice.person, conditions.index(choice.condition), float(choice.second_chosen)) for choice in regular]
-        found.append(_model("choosing the second shown", rows, conditions))
+        models.append(_model("choosing the second shown", rows, conditions))
     for against in ARMS:
         asked = [
             comparison
@@ -243,8 +243,8 @@ def _models(
         ]
         if asked:
             rows = [(comparison.person, 0, float(comparison.chosen == "own")) for comparison in asked]
-            found.append(_model(f"choosing the own policy over {ARMS[against]}", rows, ["all"]))
-    return found
+            models.append(_model(f"choosing the own policy over {ARMS[against]}", rows, ["all"]))
+    return models
 
 
 def _model(about: str, rows: Sequence[tuple[str, int, float]], conditions: Sequence[str]) -> Modelled:

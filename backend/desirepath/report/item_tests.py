@@ -72,10 +72,10 @@ def _of_design(rated: Sequence[Measure], design: StudyDesign, plan: AnalysisPlan
             item=item,
             design=design,
             means=_means(item, table, design),
-            tests=found,
+            tests=corrected,
             pairs=[
                 pair
-                for effect, test in zip(_effects(design), found, strict=True)
+                for effect, test in zip(_effects(design), corrected, strict=True)
                 if _has_pairs(design, effect) and (plan.pairs == "always" or test.significant(plan.alpha))
                 for pair in correct_pairs(
                     _pairs(table, design, effect[0], about=test.about, intervals=intervals),
@@ -84,7 +84,7 @@ def _of_design(rated: Sequence[Measure], design: StudyDesign, plan: AnalysisPlan
                 )
             ],
         )
-        for (item, table), found in zip(tables, tests, strict=True)
+        for (item, table), corrected in zip(tables, tests, strict=True)
     ]
 
 
@@ -151,12 +151,12 @@ def _margins(
 
 
 def _means(item: ItemText, table: Factorial, design: StudyDesign) -> dict[str, Mean]:
-    found = {}
+    means = {}
     for group, of_group in enumerate(design.group_names):
         for cell, of_cell in enumerate(design.cells if design.within else [""]):
             name = ", ".join(word for word in (of_cell, of_group) if word)
-            found[name] = end_at_scale(mean_of(table.values[table.groups == group, cell]), item.lowest, item.points)
-    return found
+            means[name] = end_at_scale(mean_of(table.values[table.groups == group, cell]), item.lowest, item.points)
+    return means
 
 
 def _rating_of(item: ItemText) -> str:

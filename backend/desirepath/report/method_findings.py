@@ -94,8 +94,8 @@ def _tests(shares: np.ndarray, names: Sequence[str], plan: AnalysisPlan) -> tupl
     if len(shares) < 2:
         return None, []
     if len(names) == 2:
-        found = wilcoxon(shares[:, 0], shares[:, 1], about=ABOUT, names=(names[0], names[1]))
-        return correct_tests([found], plan.correction)[0], []
+        pair = wilcoxon(shares[:, 0], shares[:, 1], about=ABOUT, names=(names[0], names[1]))
+        return correct_tests([pair], plan.correction)[0], []
     (test,) = correct_tests([friedman(shares, about=ABOUT)], plan.correction)
     if plan.pairs != "always" and not test.significant(plan.alpha):
         return test, []

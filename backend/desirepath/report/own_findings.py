@@ -57,14 +57,14 @@ def compare_own(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[P
     Answers of one person depend on each other, and so do those of people who were lent the same policy of another's
     (they share what is good or bad about it): units are people, or the people of one lent policy together.
     """
-    found = []
+    of_arm = []
     for against in ARMS:
         asked = [
             comparison for comparison in comparisons if {comparison.chosen, comparison.rejected} == {"own", against}
         ]
         if asked:
-            found.append((against, asked))
-    raw = [_tests(asked, against, plan) for against, asked in found]
+            of_arm.append((against, asked))
+    raw = [_tests(asked, against, plan) for against, asked in of_arm]
     tests = correct_tests([declared for declared, _ in raw], plan.correction)
     return [
         Personalised(
@@ -78,7 +78,7 @@ def compare_own(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[P
             look_alike=sum(comparison.look_alike for comparison in asked),
             stand_ins=len({comparison.person for comparison in asked if comparison.stand_in}),
         )
-        for (against, asked), test, (_, beside) in zip(found, tests, raw, strict=True)
+        for (against, asked), test, (_, beside) in zip(of_arm, tests, raw, strict=True)
     ]
 
 
@@ -111,11 +111,11 @@ def _units(asked: Sequence[Comparison], against: str) -> dict[str, list[Comparis
         of_person[comparison.person].append(comparison)
     if against != "other":
         return of_person
-    found: dict[str, list[Comparison]] = defaultdict(list)
+    units: dict[str, list[Comparison]] = defaultdict(list)
     for person, mine in of_person.items():
         lent = sorted({one.opponent for one in mine if one.opponent})
-        found[lent[0] if len(lent) == 1 else f"person {person}"] += mine
-    return found
+        units[lent[0] if len(lent) == 1 else f"person {person}"] += mine
+    return units
 
 
 def _mean_share(asked: Sequence[Comparison], against: str) -> float:

@@ -123,8 +123,8 @@ class PlannedDesign:
     @property
     def factors(self) -> dict[str, Sequence[str]]:
         """Every factor with its levels."""
-        found = {**self.within, **self.between}
-        return found or ({CONDITION: self.conditions} if len(self.conditions) > 1 else {})
+        factors = {**self.within, **self.between}
+        return factors or ({CONDITION: self.conditions} if len(self.conditions) > 1 else {})
 
     @property
     def effects(self) -> list[tuple[str, ...]]:

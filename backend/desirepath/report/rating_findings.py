@@ -76,15 +76,15 @@ def demographics(data: StudyData) -> list[Described]:
         single = rating.condition is None and not isinstance(rating.value, list)
         if single and (rating.questionnaire, rating.item) not in scored:
             answers[rating.questionnaire, rating.item, find_topic(rating, asked)].append(rating.value)
-    found = []
+    described = []
     for (questionnaire, key, asking), values in sorted(answers.items(), key=lambda one: data.place(*one[0][:2])):
         item = data.item(questionnaire, key)
         if item.type == "text":
             continue  # free text is read by people, not counted
         numbers = item.type in ("scale", "number")
         counts = {} if numbers else {label: values.count(value) for value, label in item.options.items()}
-        found.append(Described(item, len(values), counts, mean_of(values) if numbers else None, asking))
-    return found
+        described.append(Described(item, len(values), counts, mean_of(values) if numbers else None, asking))
+    return described
 
 
 @dataclass(frozen=True)
@@ -99,17 +99,17 @@ class Measure:
 def measures(data: StudyData, plan: AnalysisPlan, scales: Sequence[ScaleResult]) -> list[Measure]:
     """All that was rated about conditions: single items, and of a validated scale its score instead of its items."""
     scored = {(of.questionnaire, item.key) for of in scales for item in of.scale.items}
-    found: dict[tuple[str, str], dict[str, dict[str, list[float]]]] = defaultdict(dict)
+    answers: dict[tuple[str, str], dict[str, dict[str, list[float]]]] = defaultdict(dict)
     for rating in data.ratings:
         asked = plan.items is None or rating.questionnaire == plan.items
         if not asked or rating.condition is None or not isinstance(rating.value, int | float):
             continue
         if (rating.questionnaire, rating.item) not in scored:
-            rated_by = found[rating.questionnaire, rating.item].setdefault(rating.person, {})
+            rated_by = answers[rating.questionnaire, rating.item].setdefault(rating.person, {})
             rated_by.setdefault(rating.condition, []).append(float(rating.value))
     measures = [
         Measure(data.item(*key), {who: {name: float(np.mean(v)) for name, v in of.items()} for who, of in by.items()})
-        for key, by in sorted(found.items(), key=lambda one: data.place(*one[0]))
+        for key, by in sorted(answers.items(), key=lambda one: data.place(*one[0]))
     ]
     for of in scales:
         rated: dict[str, dict[str, float]] = defaultdict(dict)
@@ -145,24 +145,26 @@ def ranking_results(
     tests = correct_tests(
         [
             equal_first_choices(
-                [of[0] for of in found.values()],
+                [of[0] for of in first_places.values()],
                 about=f"first choices for {name_in_words(item)}{f' ({name_in_words(about)})' if about else ''}",
                 intervals=intervals,
             )
-            for (_, item, about), found in places.items()
+            for (_, item, about), first_places in places.items()
         ],
         plan.correction,
     )
     return [
         RankingResult(
             item=data.item(questionnaire, key),
-            places=found,
+            places=first_places,
             test=test,
             about=about,
             pairs=(
                 correct_pairs(
                     first_choice_pairs(
-                        [of[0] for of in found.values()], [name_in_words(name) for name in found], about=test.about
+                        [of[0] for of in first_places.values()],
+                        [name_in_words(name) for name in first_places],
+                        about=test.about,
                     ),
                     len(places) if plan.pairs_over == "items" else None,
                     test,
@@ -171,14 +173,14 @@ def ranking_results(
                 else ()
             ),
         )
-        for ((questionnaire, key, about), found), test in zip(places.items(), tests, strict=True)
+        for ((questionnaire, key, about), first_places), test in zip(places.items(), tests, strict=True)
     ]
 
 
 def scale_results(data: StudyData) -> list[ScaleResult]:
     """Every validated scale that was asked. Whoever answered it about a condition more than once counts with the mean
     of the scores; outside blocks every asking (before, after) has a score of its own."""
-    found = []
+    results = []
     asked = find_askings(data.ratings)
     for questionnaire, scale in data.scales:
         keys = {item.key for item in scale.items}
@@ -203,5 +205,5 @@ def scale_results(data: StudyData) -> list[ScaleResult]:
             for name, values in sorted(of_condition.items())
         }
         if given:
-            found.append(ScaleResult(questionnaire, scale, scores, means, incomplete))
-    return found
+            results.append(ScaleResult(questionnaire, scale, scores, means, incomplete))
+    return results

@@ -107,18 +107,18 @@ def power(
     results: list[Power] = []
     for size in participants:
         tell(f"{cohorts} studies of {size} participants are made up and analysed")
-        found: Counter[str] = Counter()
+        counts: Counter[str] = Counter()
         widths = []
         for k in range(cohorts):
             try:
                 findings = analyse_simulated(design.study(cohort, size, first=k * size), plan, beside=bool(beside))
             except NothingToReport:  # nobody finished
                 continue
-            found.update(name for name, is_found in expected.items() if is_found(findings))
+            counts.update(name for name, is_found in expected.items() if is_found(findings))
             widths += [of.share.high - of.share.mean for of in findings.between.values()]
         if rankers is not None:
-            found += count_found_rankings(ranked, rankers, size, cohorts, plan=plan, drop_out=assumed.drop_out)
-        rates = [rate(test, found[test], cohorts) for test in (*ranked.tests, *expected)]
+            counts += count_found_rankings(ranked, rankers, size, cohorts, plan=plan, drop_out=assumed.drop_out)
+        rates = [rate(test, counts[test], cohorts) for test in (*ranked.tests, *expected)]
         results.append(Power(size, rates, float(np.mean(widths)) if widths else None))
     return results
 
@@ -259,7 +259,7 @@ def count_found_rankings(
     """In how many of so many simulated studies each test finds its effect after correction."""
     plan = plan or AnalysisPlan()
     factors = tuple(STANDS_FOR.get(factor, factor) for factor in design.factors)
-    found = Counter[str]()
+    counts = Counter[str]()
     for k in range(cohorts):
         random = np.random.default_rng([cohort.seed, participants, k])
         finished = int(random.binomial(participants, 1 - drop_out))
@@ -268,8 +268,8 @@ def count_found_rankings(
         data = simulate_rankings(cohort, finished, first=k * participants, trials=design.trials, factors=factors)
         of = analyse_rankings(data.importance, (), plan, intervals=False)
         tests: Sequence[bool] = [test.significant(plan.alpha) for test in of.agreement.tests] if of else []
-        found.update(name for name, significant in zip(design.tests, tests, strict=False) if significant)
-    return found
+        counts.update(name for name, significant in zip(design.tests, tests, strict=False) if significant)
+    return counts
 
 
 def enough(powers: Sequence[Power]) -> dict[str, int | None]:

@@ -158,7 +158,7 @@ def _rated(
     cohort: RankerCohort, code: str, number: int, names: Sequence[str], of_cell: Sequence[Mapping[str, bool]]
 ) -> list[Rating]:
     random = np.random.default_rng([cohort.seed, number, 9])
-    found = []
+    ratings = []
     for score, items in (("awareness", ITEMS[:-2]), ("trust", ("trust",)), ("plausibility", ("plausibility",))):
         own = random.normal(0, PERSON_SHARE**0.5)
         for name, of in zip(names, of_cell, strict=True):
@@ -167,5 +167,5 @@ def _rated(
             for item in items:
                 at = opinion + common + random.normal(0, ((1 - ALIKE) * (1 - PERSON_SHARE)) ** 0.5)
                 value = int(rate_opinions(at, 7))
-                found.append(Rating(code, name, QUESTIONNAIRE, item, 8 - value if item.endswith("_2") else value))
-    return found
+                ratings.append(Rating(code, name, QUESTIONNAIRE, item, 8 - value if item.endswith("_2") else value))
+    return ratings

@@ -79,11 +79,11 @@ class Rating:
 
 def find_askings(ratings: Iterable[Rating]) -> dict[str, set[str]]:
     """Questionnaire -> the stages outside blocks that asked it: two where it was asked before and after."""
-    found: dict[str, set[str]] = defaultdict(set)
+    askings: dict[str, set[str]] = defaultdict(set)
     for rating in ratings:
         if rating.condition is None:
-            found[rating.questionnaire].add(rating.asking)
-    return found
+            askings[rating.questionnaire].add(rating.asking)
+    return askings
 
 
 def find_topic(one: Rating, asked: Mapping[str, set[str]]) -> str:
@@ -234,8 +234,8 @@ class StudyData:
 
     def item(self, questionnaire: str, key: str) -> ItemText:
         """The item's words; its key where the questionnaire's file is not there."""
-        found = (item for item in self.items if (item.questionnaire, item.key) == (questionnaire, key))
-        return next(found, ItemText(questionnaire, key, "scale", key.replace("_", " "), 7, {}))
+        texts = (item for item in self.items if (item.questionnaire, item.key) == (questionnaire, key))
+        return next(texts, ItemText(questionnaire, key, "scale", key.replace("_", " "), 7, {}))
 
     def place(self, questionnaire: str, key: str) -> int:
         """Where the item stands among all; items whose file is not there come last, in the order they were met."""

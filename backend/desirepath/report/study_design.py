@@ -89,13 +89,13 @@ def designs_of(data: StudyData) -> list[StudyDesign]:
 
 def _met(data: StudyData) -> dict[str, set[str]]:
     """Person -> conditions that they answered something under."""
-    found: dict[str, set[str]] = {}
+    met: dict[str, set[str]] = {}
     rated = [(rating.person, rating.condition) for rating in data.ratings if rating.condition]
     known = {*data.conditions, *(condition for _, condition in rated)}
     for person, condition in [(choice.person, choice.condition) for choice in data.choices] + rated:
         if condition in known:
-            found.setdefault(person, set()).add(condition)
-    return found
+            met.setdefault(person, set()).add(condition)
+    return met
 
 
 def _declared(data: StudyData) -> Iterator[StudyDesign]:

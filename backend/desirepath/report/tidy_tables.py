@@ -47,18 +47,18 @@ TAUGHT_BY = ("trial", "demonstration", "words", "tuning")  # kinds of step in wh
 
 def read_folder(folder: Path) -> tuple[StudyData, Load]:
     """A data set written by `desirepath export`. Raises DatasetError if it is none or was changed."""
-    found = read_dataset(folder)
-    about = found.about
+    dataset = read_dataset(folder)
+    about = dataset.about
     data = tidy(
         about.name,
         about.study,
-        found.protocol,
+        dataset.protocol,
         about.protocol.sha256,
-        found.files,
-        found.tables,
-        later=[(version["protocol"], version["files"]) for version in found.later],
+        dataset.files,
+        dataset.tables,
+        later=[(version["protocol"], version["files"]) for version in dataset.later],
     )
-    return data, found.trajectory
+    return data, dataset.trajectory
 
 
 def read_study(s: Session, files: ArtefactStore, study: Study) -> tuple[StudyData, Load]:
@@ -113,7 +113,7 @@ def tidy(
             _choice(row, answers[row["trial"]], session[row["session"]]) for row in trials if row["kind"] == "query"
         ],
         ratings=[one for one in _ratings(tables["responses"], plans) if (one.questionnaire, one.item) not in checks],
-        comparisons=[found for row in trials if (found := _comparison(row, answers[row["trial"]])) is not None],
+        comparisons=[compared for row in trials if (compared := _comparison(row, answers[row["trial"]])) is not None],
         newest=later[-1][0] if later else None,
         scales=list(_scales(files)),
         guesses=[
@@ -165,8 +165,8 @@ def _taught(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> Ite
             yield Taught(mine[0]["participant"], method, weights, took)
 
 
-def _time(said: datetime | str) -> datetime:
-    return datetime.fromisoformat(said) if isinstance(said, str) else said
+def _time(time: datetime | str) -> datetime:
+    return datetime.fromisoformat(time) if isinstance(time, str) else time
 
 
 def _person(row: Row, sessions: Sequence[Row], further: int) -> ParticipantRow:

@@ -97,9 +97,9 @@ def depth_trajectories(controller: DepthController, make: MakeSenses, scenes: Se
 
 def judge_followed(rollouts: DepthRollouts, shown: Sequence[Sequence[NDArray[np.floating]]]) -> list[Deviation]:
     """Of every rollout: t* and f against that of its scene's demonstrated paths that it follows best."""
-    found = []
+    deviations = []
     for path, others in zip(rollouts.paths, shown, strict=True):
         sparse = path[::SPARSE] if len(path) > 2 * SPARSE else path
         apart = [deviation(sparse, np.asarray(other, dtype=np.float64)[::SPARSE, :2], exact_m=1e-3) for other in others]
-        found.append(max(apart, key=lambda one: one.cost))
-    return found
+        deviations.append(max(apart, key=lambda one: one.cost))
+    return deviations

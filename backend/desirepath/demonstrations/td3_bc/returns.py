@@ -20,11 +20,11 @@ def returns_along(
     length = len(rewards)
     first = np.arange(length)
     last = np.minimum(first + steps, length) - 1
-    found = np.zeros(length)
+    discounted = np.zeros(length)
     for ahead in range(min(steps, length)):
-        found[: length - ahead] += rewards[ahead:] * np.float64(gamma**ahead)
+        discounted[: length - ahead] += rewards[ahead:] * np.float64(gamma**ahead)
     continues = np.where(trajectory.dones[last], 0.0, gamma ** (last - first))
-    return found.astype(np.float32), trajectory.next_observations[last], continues.astype(np.float32)
+    return discounted.astype(np.float32), trajectory.next_observations[last], continues.astype(np.float32)
 
 
 class ReturnsBuffer(ReplayBuffer):

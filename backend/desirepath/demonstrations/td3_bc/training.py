@@ -169,16 +169,16 @@ def train_with_demonstrations(
         for averaged in (False, True):
             policy = training.policy(averaged=averaged)
             judged = judge(policy, demonstrations)
-            found = success_rate(evaluate(policy.act, training.setup, unseen).outcome)
+            success = success_rate(evaluate(policy.act, training.setup, unseen).outcome)
             likeness = judged.success_rate + judged.t_star - judged.frechet_m
-            score = found + (likeness if config.demonstrations else 0.0)
+            score = success + (likeness if config.demonstrations else 0.0)
             history.append(
                 {
                     "updates": updates,
                     "transitions": training.transitions,
                     "averaged": float(averaged),
                     **judged.as_dict(),
-                    "unseen_success_rate": found,
+                    "unseen_success_rate": success,
                     "score": score,
                 }
             )
