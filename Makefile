@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 # Many tests wait for servers and browsers: more processes than cores may be quicker.
 TEST_PROCESSES ?= 2
 
-.PHONY: compose-here rehearse-upgrade run check test-fast test soak setup setup-test lint lock secrets clean
+.PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test lint lock secrets clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
@@ -72,8 +72,3 @@ rehearse-upgrade: setup-test
 
 clean:
 	rm -rf $(VENV) .venv-tools node_modules .pytest_cache .mypy_cache .ruff_cache
-
-# Half an hour of 50 participants against two server processes on a PostgreSQL of its own: memory, open files and threads
-# stay flat.
-soak: setup
-	$(BIN)/desirepath benchmark soak --sessions 50 --minutes 30 --processes 2

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from desirepath_experiments.cli.benchmark.group import write_result
+from desirepath_experiments.benchmarks.results import write_result
 
 
 def test_the_command_is_kept_without_the_folders_of_this_machine(

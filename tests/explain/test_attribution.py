@@ -26,7 +26,7 @@ from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.trajectory import Trajectory
-from desirepath_experiments.benchmarks.faithfulness import faithfulness, gain_over_chance
+from desirepath_experiments.benchmarks.explanations import faithfulness, gain_over_chance
 
 SETUP = get_setup("study_room")
 

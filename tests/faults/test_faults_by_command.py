@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from desirepath_experiments.benchmarks.faults import benchmark_faults
+from desirepath_experiments.benchmarks.faults import FaultsConfig, benchmark_faults
+from desirepath_experiments.benchmarks.results import Progress
 from desirepath_experiments.own_postgres import NoPostgres
 
 
 def test_a_killed_server_process_costs_no_answer_and_no_job() -> None:
     try:
-        found = benchmark_faults(kills=1, participants=2, processes=2, seed=0)
+        found = benchmark_faults(FaultsConfig(kills=1, participants=2), Progress())
     except NoPostgres as problem:
         pytest.skip(str(problem))
     assert found["answers_acknowledged"] >= 2, "one before the fault and one after it"
@@ -22,5 +23,5 @@ def test_a_killed_server_process_costs_no_answer_and_no_job() -> None:
 
 
 def test_bad_numbers_are_refused() -> None:
-    with pytest.raises(ValueError, match="kills = 0"):
-        benchmark_faults(kills=0)
+    with pytest.raises(ValueError, match="kills"):
+        FaultsConfig(kills=0)

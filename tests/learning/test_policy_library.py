@@ -41,7 +41,7 @@ from desirepath.simulation.npz import from_npz, to_npz
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
-from desirepath_experiments.shipping.policy_libraries import directions, library_settings
+from desirepath_experiments.shipping.policy_libraries import draw_directions, library_settings
 
 SETUPS = ("study_room", "open_field")
 
@@ -141,7 +141,7 @@ def test_a_damaged_library_is_named(tmp_path: Path) -> None:
 
 
 def test_directions_are_opposite_and_orthogonal() -> None:
-    found = directions(24, 48)
+    found = draw_directions(24, 48)
     np.testing.assert_allclose(found[0::2], -found[1::2])
     np.testing.assert_allclose(found[0::2] @ found[0::2].T, 24 * np.eye(24), atol=1e-3)
     assert len(library_settings(51)) == 69

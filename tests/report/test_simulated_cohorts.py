@@ -6,10 +6,8 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from desirepath.analysis.repeated_measures import friedman
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings
 from desirepath.report.planned_design import Assumed, PlannedDesign
@@ -19,16 +17,20 @@ from desirepath.report.simulated_cohorts import (
     RANKINGS,
     Cohort,
     CohortError,
-    rate_opinions,
     read_cohort,
     simulate_data,
 )
 from desirepath.report.simulated_power import COMPARISONS, analyse_simulated, enough, power, rate
-from desirepath_experiments.cohorts.design_cohorts import DESIGNS, design_cohorts
-from desirepath_experiments.cohorts.further_cohorts import CASES, further_cohorts
-from desirepath_experiments.cohorts.known_cohorts import OTHER_ITEM, OTHER_PAIR, OTHER_RANKING, known_cohorts
-from desirepath_experiments.cohorts.null_cohorts import null_cohorts
-from desirepath_experiments.cohorts.null_ratings import friedman_p, null_family
+from desirepath_experiments.cohorts.design_cohorts import DESIGNS, DesignConfig, benchmark_design_cohorts
+from desirepath_experiments.cohorts.further_cohorts import CASES, FurtherConfig, benchmark_further_cohorts
+from desirepath_experiments.cohorts.interface_cohorts import (
+    OTHER_ITEM,
+    OTHER_PAIR,
+    OTHER_RANKING,
+    NullConfig,
+    benchmark_null_cohorts,
+    known_cohorts,
+)
 
 DIFFERENT = Cohort(
     ratings={"fun": {"immersive": 1.5}, "boredom": {"first_person": 1.5}},
@@ -94,23 +96,24 @@ def test_a_habit_of_taking_the_second_trajectory_shows_in_kappa_not_in_agreement
 
 def test_null_cohorts_are_rejected_no_more_often_than_alpha() -> None:
     """A small version of `benchmark null-cohorts`: the interval of every rate must reach down to alpha."""
-    rates = {one.test: one for one in null_cohorts(40, 31, seed=1)}
-    assert rates["Friedman, any item, corrected"].low <= 0.05
-    assert all(one.low <= 0.05 for one in rates.values())
-    assert rates["Wilcoxon, immersive/top_down"].n == 400
-    assert 0.02 < rates["Wilcoxon, immersive/top_down"].rate < 0.08
+    rates = {one["test"]: one for one in benchmark_null_cohorts(NullConfig(40, seed=1))["rates"]}
+    assert rates["Friedman, any item, corrected"]["low"] <= 0.05
+    assert all(one["low"] <= 0.05 for one in rates.values())
+    assert rates["Wilcoxon, immersive/top_down"]["n"] == 400
+    assert 0.02 < rates["Wilcoxon, immersive/top_down"]["rate"] < 0.08
 
 
 def test_what_is_put_in_is_found_over_many_cohorts_and_nothing_else() -> None:
     """A small version of `benchmark known-cohorts`."""
-    rates = {one.test: one for one in known_cohorts(DIFFERENT, 12, 31)}
-    assert all(rates[key].rate > 0.8 for key in ("fun", "boredom", "usefulness"))
-    assert all(rates[other].low <= 0.05 for other in (OTHER_ITEM, OTHER_RANKING, OTHER_PAIR))
-    blind = known_cohorts(replace(DIFFERENT, ratings={"fun": {"immersive": 0.01}}), 8, 31)[0]
-    assert blind.test == "fun"
-    assert blind.rate < 0.5
+    plan = AnalysisPlan()
+    rates = {one["test"]: one for one in known_cohorts(DIFFERENT, 12, 31, plan)["rates"]}
+    assert all(rates[key]["rate"] > 0.8 for key in ("fun", "boredom", "usefulness"))
+    assert all(rates[other]["low"] <= 0.05 for other in (OTHER_ITEM, OTHER_RANKING, OTHER_PAIR))
+    blind = known_cohorts(replace(DIFFERENT, ratings={"fun": {"immersive": 0.01}}), 8, 31, plan)["rates"][0]
+    assert blind["test"] == "fun"
+    assert blind["rate"] < 0.5
     with pytest.raises(ValueError, match=r"ratings\.joy: known are"):
-        known_cohorts(replace(DIFFERENT, ratings={"joy": {}}), 1, 31)
+        known_cohorts(replace(DIFFERENT, ratings={"joy": {}}), 1, 31, plan)
 
 
 def test_people_lent_the_same_policy_find_too_much_unless_they_count_as_one() -> None:
@@ -128,7 +131,8 @@ def test_people_lent_the_same_policy_find_too_much_unless_they_count_as_one() ->
 
 def test_what_stands_beside_the_tests_is_said_where_something_differs_and_seldom_elsewhere() -> None:
     """A small version of `benchmark further-cohorts`."""
-    rows = {(row["truth"], row["statement"]): row for row in further_cohorts(8, [20], seed=1)}
+    rates = benchmark_further_cohorts(FurtherConfig(8, (20,), seed=1))["rates"]
+    rows = {(row["truth"], row["statement"]): row for row in rates}
     said = {truth: {s for t, s in rows if t == truth} for truth, _ in rows}
     assert said["nothing differs"] == said["something differs"]
     assert {"Period", "Carry-over", "Guess", "Mixed model, rating of fun"} <= said["nothing differs"]
@@ -141,18 +145,6 @@ def test_what_stands_beside_the_tests_is_said_where_something_differs_and_seldom
     assert margin["low"] <= 0.05
     assert rows["no difference", "Equivalence within the margin"]["rate"] > 0.7
     assert all(row["high"] > 0.9 for (truth, _), row in rows.items() if truth == "intervals")
-
-
-def test_ratings_alone_are_tested_as_the_analysis_tests_them() -> None:
-    """Many cohorts at once: p as one by one, ties included; the ten items stay within alpha together."""
-    ratings = rate_opinions(np.random.default_rng(2).normal(size=(3, 4, 12, 3)), 7)
-    together = friedman_p(ratings)
-    for place in np.ndindex(3, 4):
-        assert together[place] == pytest.approx(friedman(ratings[place], about="x").p)
-    found = null_family(6_000, 31, seed=1)
-    assert found.n == 6_000
-    assert found.low <= 0.05
-    assert found.rate > 0.03
 
 
 def test_more_people_more_power() -> None:
@@ -209,12 +201,14 @@ def test_a_cohort_that_cannot_be_is_refused(tmp_path: Path, text: str, named: st
 
 def test_every_design_s_tests_are_counted_over_cohorts() -> None:
     """A small version of `benchmark design-cohorts`: nothing where nothing is, Friedman where something is."""
-    rows = {(row["design"], row["test"]): row for row in design_cohorts(6, (12,))}
+    rates = benchmark_design_cohorts(DesignConfig(6, (12,)))["rates"]
+    rows = {(row["design"], row["test"]): row for row in rates}
     assert {design for design, _ in rows} == set(DESIGNS)
     assert sum(row["rate"] > 0.5 for row in rows.values()) == 0
     assert ("2 x 2 within", "Wilcoxon signed-rank, view × speed") in rows
     assert ("three conditions", "Chi-square of first choices") in rows
-    found = {(row["design"], row["test"]): row["rate"] for row in design_cohorts(6, (24,), effect=2.5)}
+    rates = benchmark_design_cohorts(DesignConfig(6, (24,), effect=2.5))["rates"]
+    found = {(row["design"], row["test"]): row["rate"] for row in rates}
     assert found["three conditions", "Friedman, rating of fun"] == 1.0
     assert found["two groups", "Mann-Whitney, immersive against top down"] > 0.6
     assert found["2 x 2 within", "Wilcoxon signed-rank, speed"] < 0.6

@@ -18,7 +18,7 @@ from desirepath.simulation.scene import Person, Pose, Room, Scene, SceneError
 from desirepath.simulation.scenes import draw_scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
-from desirepath_experiments.benchmarks.crowd_reference import CrowdReference
+from tests.simulation.reference_crowd import CrowdReference
 
 CROWD_CORRIDOR = get_setup("crowd_corridor")
 STUDY_ROOM = get_setup("study_room")

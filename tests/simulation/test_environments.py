@@ -16,7 +16,7 @@ from desirepath.simulation.fast import make_engine
 from desirepath.simulation.reference import ReferenceEngine
 from desirepath.simulation.scenes import draw_scene
 from desirepath.simulation.setups import SETUPS, get_setup
-from desirepath_experiments.benchmarks.engines import benchmark_simulate
+from desirepath_experiments.benchmarks.engines import SimulateConfig, benchmark_simulate
 
 STUDY_ROOM = get_setup("study_room")
 
@@ -139,7 +139,7 @@ def test_sb3_td3_learns_on_it() -> None:
 
 
 def test_the_benchmark_reports_both_engines_from_one_run() -> None:
-    report = benchmark_simulate("open_field", n_envs=16, seconds=0.5)
+    report = benchmark_simulate(SimulateConfig("open_field", n_envs=16, seconds=0.5))
     assert report["fast_steps_per_s"] > 0
     for mode in ("", "_velocity_mode"):
         pybullet = report["pybullet_steps_per_s" + mode]

@@ -28,7 +28,8 @@ from desirepath.study.protocol.freezing import freeze_text, thaw
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.simulated.participant import Character
 from desirepath.study.studies import StudyError, create_study
-from desirepath_experiments.shipping.attended_people import attended_set, ship_attended
+from desirepath_experiments.shipping.ranking_sets import find_attended, ship_ranking_set
+from desirepath_experiments.shipping.storing import Request
 from tests.explain.ranking_rooms import small_ranking_set
 from tests.study.small_protocol import small_protocol
 from tests.study.walking import Walker
@@ -45,7 +46,7 @@ def small_attended_set() -> RankingSet:
     for stream in (actor.read.spatial, actor.read.temporal):
         stream.score[-1].weight.data *= 10  # untrained, it would look everywhere alike
     policy = AttentionPolicy("crowd_corridor", actor_to_arrays(actor))
-    return attended_set(policy, "untrained", 8, 2)[0]
+    return find_attended(policy, "untrained", 8, 2)[0]
 
 
 @pytest.fixture(scope="session")
@@ -176,4 +177,4 @@ def test_what_a_set_does_not_have_can_be_no_condition(tmp_path, database, files,
 
 def test_without_the_policy_the_command_says_which_one_makes_it(tmp_path) -> None:
     with pytest.raises(LearningError, match=r"is missing: make it first with `desirepath ship attent"):
-        ship_attended(tmp_path)
+        ship_ranking_set(Request("crowd_corridor", folder=tmp_path))

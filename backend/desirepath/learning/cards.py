@@ -39,8 +39,6 @@ DEPARTURES = {
     "those that the answers speak for.",
     "conditioned": "Not in the thesis: nine preference weights are further inputs of the policy; aligning it takes no "
     "training.",
-    "sharpened": "Trained on by the gradient of what whole rollouts measure (path length, distance, clearance, ...), "
-    "taken through the simulation, then mixed with the policy it began with as far as it arrives as surely.",
     "recovery": "While a robot comes no nearer to its goal (6 s) the base policy acts, then the policy at zero "
     "weights, until it is half a metre nearer; at last it stands. The thesis's policies have no memory.",
     "added": "After training, on selection scenes: `clearance` alone enters more strongly than it was learned, and who "

@@ -10,10 +10,12 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+import pydantic
 from numpy.typing import NDArray
+from pydantic import Field
 
 from desirepath.learning.alignment.conditioning_search import ConditioningSearchConfig, search_conditioning
 from desirepath.learning.alignment.fine_tuning import FineTuningConfig
@@ -28,18 +30,33 @@ from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
 from desirepath.learning.policies.steerability import steerability_of
 from desirepath.learning.preferences.objectives import NAMES
-from desirepath.learning.preferences.oracles import ALWAYS_RIGHT, ORACLE_PREFERENCES, ResponseModel, make_oracle
+from desirepath.learning.preferences.oracles import ORACLE_PREFERENCES, ResponseModel, make_oracle
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.queries.queries import QueryConfig, generate_queries
 from desirepath.learning.rewards.linear import fit_linear
 from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
 from desirepath.learning.rewards.weights import fit_weights
 from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath_experiments.benchmarks.results import Progress
 
 Floats = NDArray[np.float32]
 Config = RelabellingConfig | ConditioningSearchConfig
 FIRST_REPORT_SEED = 400  # reporting scenes that no card uses and nothing was chosen on
 FIRST_QUERY_SEED = 1_000  # query scenes that no shipped set uses
+
+
+@pydantic.dataclasses.dataclass(frozen=True)
+class AlignConfig(ResponseModel):
+    """Who answers how many queries, and what is made of the answers."""
+
+    setup: Annotated[str, Field(description="study_room or open_field.")] = "open_field"
+    mode: Annotated[
+        Literal["instant", "conditioning_search", "fine_tuning", "thesis"], Field(description="How a policy is made.")
+    ] = "conditioning_search"
+    oracle: Annotated[str, Field(description="Who answers.")] = "min-human-distance"
+    queries: Annotated[int, Field(ge=2, description="Fresh ones of the shipped ensemble.")] = 15
+    seed: int = 0
+    n: Annotated[int, Field(ge=2, description="Fresh scenes in which the policies are compared.")] = 2_000
 
 
 @dataclass(frozen=True)
@@ -53,14 +70,16 @@ class AlignedPolicy:
     search: tuple[Policy, Policy] | None = None
 
 
-def instant(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
+def align_at_once(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
     """Recipe A: the posterior after all answers, its weights folded into the conditioned policy."""
     del config  # nothing is trained
     weights = fit_weights(preferences).preference_weights()
-    return AlignedPolicy(load_conditioned(f"{setup}/conditioned").at(weights), {"preference_weights": _named(weights)})
+    return AlignedPolicy(
+        load_conditioned(f"{setup}/conditioned").at(weights), {"preference_weights": name_weights(weights)}
+    )
 
 
-def searched(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
+def search(setup: str, preferences: list[Preference], config: Config) -> AlignedPolicy:
     """Conditioning search from the instant policy on, which stays where that is not better on the gate's scenes."""
     if not isinstance(config, ConditioningSearchConfig):
         raise LearningError(f"config = {config}: mode conditioning_search needs a ConditioningSearchConfig")
@@ -68,7 +87,7 @@ def searched(setup: str, preferences: list[Preference], config: Config) -> Align
     conditioned = load_conditioned(f"{setup}/conditioned")
     result = search_conditioning(conditioned, weights, load_policy(f"{setup}/base"), config)
     more = {
-        "preference_weights": _named(weights),
+        "preference_weights": name_weights(weights),
         "offsets": result.offsets.tolist(),
         "takes_over": result.takes_over,
         "preferred": result.preferred.as_dict(),
@@ -106,23 +125,15 @@ class Mode:
 
 
 MODES = {
-    "instant": Mode(instant, lambda seed: FineTuningConfig(seed=seed), own_process=False),
-    "conditioning_search": Mode(searched, lambda seed: ConditioningSearchConfig(seed=seed)),
+    "instant": Mode(align_at_once, lambda seed: FineTuningConfig(seed=seed), own_process=False),
+    "conditioning_search": Mode(search, lambda seed: ConditioningSearchConfig(seed=seed)),
     "fine_tuning": Mode(from_base, lambda seed: FineTuningConfig(seed=seed)),
     "thesis": Mode(from_base, lambda seed: thesis_config(seed=seed)),
 }
 
 
 def benchmark_align(
-    *,
-    setup: str = "open_field",
-    mode: str = "conditioning_search",
-    oracle: str = "min-human-distance",
-    queries: int = 15,
-    seed: int = 0,
-    response_model: ResponseModel = ALWAYS_RIGHT,
-    n: int = 2_000,
-    config: Config | None = None,
+    config: AlignConfig, progress: Progress | None = None, *, training: Config | None = None
 ) -> dict[str, Any]:
     """From the last answer to a policy ready to show, and what it gained.
 
@@ -134,35 +145,34 @@ def benchmark_align(
     to what is possible (`movement.best_possible`); null for an oracle outside the vocabulary. `against_instant` (mode
     conditioning_search): what the search found compared with the instant policy, whether it takes over or not.
     """
-    if mode not in MODES:
-        raise LearningError(f"mode = {mode!r}: known are {', '.join(MODES)}")
-    chosen = MODES[mode]
-    config = config or chosen.config(seed)
+    setup, oracle, n, mode = config.setup, config.oracle, config.n, MODES[config.mode]
     base, neutral = load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(settings()["neutral"])
-    query_config = QueryConfig(count=queries, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup])
+    query_config = QueryConfig(
+        count=config.queries, seed=FIRST_QUERY_SEED + config.seed, max_duration_s=LONGEST_SHOWN_S[setup]
+    )
     asked = generate_queries(load_ensemble(setup), query_config)
-    answering = response_model
-    preferences = make_oracle(
+    answering = make_oracle(
         oracle,
-        seed=seed,
-        lapse_rate=answering.lapse_rate,
-        indifference=answering.indifference,
-        myopia_s=answering.myopia_s,
-    ).answer(asked.queries)
-    seconds, made = _timed(chosen, setup, preferences, config)
-    report_seed = FIRST_REPORT_SEED + seed
+        lapse_rate=config.lapse_rate,
+        seed=config.seed,
+        indifference=config.indifference,
+        myopia_s=config.myopia_s,
+        peak_end=config.peak_end,
+    )
+    seconds, made = _time(mode, setup, answering.answer(asked.queries), training or mode.config(config.seed))
+    report_seed = FIRST_REPORT_SEED + config.seed
     compared = compare_policies(base, made.policy, n=n, seed=report_seed)
     objective = (*(ORACLE_PREFERENCES[oracle].objectives if oracle in ORACLE_PREFERENCES else ()), None)[0]
     aligned = evaluate_policy(made.policy, n=n, seed=report_seed)
     return {
         "setup": setup,
-        "mode": mode,
+        "mode": config.mode,
         "oracle": oracle,
-        "noise": answering.lapse_rate,
-        "indifference": answering.indifference,
-        "myopia_s": answering.myopia_s,
-        "queries": queries,
-        "seed": seed,
+        "noise": config.lapse_rate,
+        "indifference": config.indifference,
+        "myopia_s": config.myopia_s,
+        "queries": config.queries,
+        "seed": config.seed,
         "seconds": seconds,
         "base": evaluate_policy(base, n=n, seed=report_seed),
         "neutral": evaluate_policy(neutral, n=n, seed=report_seed),
@@ -174,13 +184,13 @@ def benchmark_align(
         "both_succeed": compared["both_succeed"],
         "ceiling_m": compared["ceiling_m"],
         "objective": objective,
-        **_moved(objective, base, neutral, made.policy, n, report_seed),
+        **_measure_movement(objective, base, neutral, made.policy, n, report_seed),
         **made.more,
         **({"against_instant": compare_policies(*made.search, n=n, seed=report_seed)} if made.search else {}),
     }
 
 
-def _timed(mode: Mode, setup: str, preferences: list[Preference], config: Config) -> tuple[float, AlignedPolicy]:
+def _time(mode: Mode, setup: str, preferences: list[Preference], config: Config) -> tuple[float, AlignedPolicy]:
     if not mode.own_process:
         began = time.perf_counter()
         made = mode.make(setup, preferences, config)
@@ -191,7 +201,9 @@ def _timed(mode: Mode, setup: str, preferences: list[Preference], config: Config
     return time.perf_counter() - began, made
 
 
-def _moved(objective: str | None, base: Policy, neutral: Policy, aligned: Policy, n: int, seed: int) -> dict[str, Any]:
+def _measure_movement(
+    objective: str | None, base: Policy, neutral: Policy, aligned: Policy, n: int, seed: int
+) -> dict[str, Any]:
     """`share_of_the_way` and, under `moved`, the objective's measure in detail."""
     if objective is None:
         return {"share_of_the_way": None, "moved": None}
@@ -200,5 +212,5 @@ def _moved(objective: str | None, base: Policy, neutral: Policy, aligned: Policy
     return {"share_of_the_way": moved["share_of_the_way"], "moved": moved}
 
 
-def _named(weights: Floats) -> dict[str, float]:
+def name_weights(weights: Floats) -> dict[str, float]:
     return {name: float(weight) for name, weight in zip(NAMES, weights, strict=True) if weight > 0}

@@ -8,12 +8,13 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import httpx
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from desirepath.cli.loopback import loopback_server
 from desirepath.jobs.leases import attempts_at
@@ -21,6 +22,7 @@ from desirepath.settings import Settings
 from desirepath.store.database import Database
 from desirepath.store.outbox import enqueue_job
 from desirepath_experiments.benchmarks.processes import Usage, family, processor_s, usage_of
+from desirepath_experiments.benchmarks.results import Progress
 
 SETTLE_S = 60.0  # after the start: DBOS looks more often at first, what the first visitors need is loaded
 JOB_PATIENCE_S = 60.0
@@ -32,32 +34,37 @@ class RestBenchmarkError(RuntimeError):
     """A job was not taken up."""
 
 
-def benchmark_rest(
-    *, minutes: float = 3.0, restarts: int = 3, jobs: int = 10, tell: Callable[[str], None] = lambda words: None
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class RestConfig:
+    """For how long nobody is there, and what is tried beside it."""
+
+    minutes: Annotated[float, Field(ge=0.1, description="How long nobody is there.")] = 3.0
+    restarts: Annotated[int, Field(ge=1, description="Starts on a folder that is there.")] = 3
+    jobs: Annotated[int, Field(ge=0, description="Jobs that are queued one after another then.")] = 10
+
+
+def benchmark_rest(config: RestConfig, progress: Progress) -> dict[str, Any]:
     """Start `desirepath serve --demo` on a new folder, then again on the same one, and look at it while nobody comes.
 
     Returns seconds of the wall clock and of the server's processor until the sign-in page was read: `new_folder`, and
     `restart` (median of `restarts`); per minute at rest, of all processes: `processor_s`, `written_kb` (what they gave
     to the system), `disk_kb` (what went to the disk), `wakeups`; `memory_mb`: proportional (PSS), at the end;
     `processes`: the same of each; `job_start_ms`: from a job's row to its begin, median and slowest of `jobs`.
-    Raises RestBenchmarkError, ValueError.
+    Raises RestBenchmarkError.
     """
-    if minutes <= 0 or restarts < 1:
-        raise ValueError(f"minutes = {minutes}, restarts = {restarts}: more than 0 minutes, at least one restart")
-    load = os.getloadavg()[0]
+    minutes, load = config.minutes, os.getloadavg()[0]
     with tempfile.TemporaryDirectory(prefix="desirepath-rest-") as folder:
         settings = Settings(data=Path(folder) / "data", database_url=None, artefacts_url=None)
-        new_folder = _started(settings)
-        again = [_started(settings) for _ in range(restarts)]
+        new_folder = _time_start(settings)
+        again = [_time_start(settings) for _ in range(config.restarts)]
         with loopback_server(settings, arguments=("--demo",)) as (_, server):
-            tell(f"at rest for {minutes:g} minutes, after {SETTLE_S:.0f} s")
+            progress.tell(f"at rest for {minutes:g} minutes, after {SETTLE_S:.0f} s")
             time.sleep(SETTLE_S)
             before = {pid: usage_of(pid) for pid in family(server.pid)}
             time.sleep(minutes * 60)
             used = [usage_of(pid) - before[pid] for pid in family(server.pid) if pid in before]
-            tell(f"{jobs} jobs")
-            waits = [_job_waits(settings) for _ in range(jobs)]
+            progress.tell(f"{config.jobs} jobs")
+            waits = [_time_job(settings) for _ in range(config.jobs)]
     rows = [_per_minute(one, minutes) for one in used]
     totals = {name: round(sum(row[name] for row in rows), 2) for name in rows[0] if name != "process"}
     return {
@@ -71,7 +78,7 @@ def benchmark_rest(
     }
 
 
-def _started(settings: Settings) -> dict[str, float]:
+def _time_start(settings: Settings) -> dict[str, float]:
     began = time.perf_counter()
     with loopback_server(settings, arguments=("--demo",)) as (url, server):
         httpx.get(f"{url}/lab/sign-in", trust_env=False).raise_for_status()
@@ -89,7 +96,7 @@ def _per_minute(used: Usage, minutes: float) -> dict[str, Any]:
     }
 
 
-def _job_waits(settings: Settings) -> float:
+def _time_job(settings: Settings) -> float:
     """Milliseconds from a job's row to the begin of its attempt. Raises RestBenchmarkError."""
     database = Database(settings.database)
     try:

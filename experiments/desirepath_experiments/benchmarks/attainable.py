@@ -1,7 +1,7 @@
 """What can be attained of a preference in a scene, jointly with arriving: the best of many planned rollouts.
 
 The planner knows the whole scene and the simulator, as no policy does; a policy's share of what is attained lives in
-`preference_learning.py`. The bounds of single measures, which mostly nobody can reach, are `bounds.py`'s. All ours.
+`headline.py`. The bounds of single measures, which mostly nobody can reach, are `bounds.py`'s. All ours.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def _beside(guides: Sequence[NDArray[np.floating[Any]]], starts: Doubles, goals:
     return np.stack(rows)
 
 
-def attained(
+def plan_rollouts(
     scenes: Sequence[Scene],
     weights: Doubles,
     config: PlannerConfig | None = None,

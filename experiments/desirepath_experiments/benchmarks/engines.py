@@ -5,18 +5,31 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from desirepath.simulation.fast import make_engine
 from desirepath.simulation.reference import SUBSTEPS, DriveMode, ReferenceEngine
 from desirepath.simulation.scenes import draw_scene
 from desirepath.simulation.setups import Setup, get_setup
+from desirepath_experiments.benchmarks.results import Progress
 
 ROUNDS = 5
 WARM_UP_CALLS = 40  # compile, fill caches
+
+
+@dataclass(frozen=True)
+class SimulateConfig:
+    """Where the engines step, and for how long in all."""
+
+    setup: Annotated[str, Field(description="Any setup that PyBullet has, too.")] = "open_field"
+    n_envs: Annotated[int, Field(ge=1, description="Environments of the fast engine.")] = 256
+    seconds: Annotated[float, Field(gt=0, description="Of processor time, over all engines.")] = 18.0
+    seed: int = 0
 
 
 def _random_actions(rng: np.random.Generator, count: int) -> NDArray[np.float32]:
@@ -64,9 +77,7 @@ class _Reference:
         return 1
 
 
-def benchmark_simulate(
-    setup: str = "study_room", *, n_envs: int = 256, seconds: float = 18.0, seed: int = 0
-) -> dict[str, Any]:
+def benchmark_simulate(config: SimulateConfig, progress: Progress | None = None) -> dict[str, Any]:
     """Steps per second of the fast engine and of PyBullet on the same kind of work, one thread each, in one run.
 
     All run the same setup with the same lidar, observation, collision and self-intersection checks and reward under
@@ -76,10 +87,10 @@ def benchmark_simulate(
     step. `pybullet_steps_per_s` and `ratio` are of the wheeled robot on its floor, the drive mode one would train in;
     the `_velocity_mode` pair is of a body without floor, motors or contact forces.
     """
-    chosen = get_setup(setup)
+    chosen, seed = get_setup(config.setup), config.seed
     modes: tuple[DriveMode, ...] = ("wheels", "velocity")
     references = {mode: _Reference(chosen, mode, seed) for mode in modes}
-    contestants = {"fast": fast_stepper(chosen, n_envs, seed)} | {
+    contestants = {"fast": fast_stepper(chosen, config.n_envs, seed)} | {
         mode: reference.step for mode, reference in references.items()
     }
     steps, spent = dict.fromkeys(contestants, 0), dict.fromkeys(contestants, 0.0)
@@ -89,7 +100,7 @@ def benchmark_simulate(
         reference.building = 0.0
     for _ in range(ROUNDS):
         for who, step in contestants.items():
-            made, took = steps_in(seconds / ROUNDS / len(contestants), step)
+            made, took = steps_in(config.seconds / ROUNDS / len(contestants), step)
             steps[who], spent[who] = steps[who] + made, spent[who] + took
     for mode, reference in references.items():
         spent[mode] -= reference.building
@@ -103,7 +114,7 @@ def benchmark_simulate(
         "ratio_velocity_mode": rate["fast"] / rate["velocity"],
         "setup": chosen.name,
         "lidar_beams": chosen.robot.lidar.beams,
-        "fast_environments": n_envs,
+        "fast_environments": config.n_envs,
         "pybullet_drive_mode": "wheels",
         "pybullet_substeps": SUBSTEPS,
         "pybullet_ray_threads": 1,

@@ -16,27 +16,24 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-import structlog
+import pydantic
+from pydantic import Field
 from sqlalchemy import func, select, text
 
 from desirepath.cli.loopback import loopback_server
 from desirepath.jobs.heartbeat import FILE as HEARTBEAT
-from desirepath.settings import Settings
-from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.models import Job, Response, ServerProcess, Session, Trial, utc_now
 from desirepath.store.outbox import enqueue_job
-from desirepath.store.shipped_policies import register_shipped
-from desirepath.study.protocol.freezing import freeze
-from desirepath.study.studies import create_study
 from desirepath_experiments.benchmarks.open_browser import ServeBenchmarkError
 from desirepath_experiments.benchmarks.persistent import Persistent
 from desirepath_experiments.benchmarks.processes import children_of, command_of
-from desirepath_experiments.benchmarks.serving import QUICK_STUDY, await_processes
-from desirepath_experiments.own_postgres import own_postgres, own_postgres_pid
+from desirepath_experiments.benchmarks.results import Progress
+from desirepath_experiments.benchmarks.serving import await_processes, open_installation
+from desirepath_experiments.own_postgres import own_postgres_pid
 
 Fault = Literal["server", "worker", "connections", "database", "disk"]
 PAUSE_S = (0.5, 3.0)  # between two faults; a process is there again before the next one
@@ -45,7 +42,6 @@ JOBS_PATIENCE_S = 600.0
 JOB_SCENES = 400  # of the evaluations that run meanwhile; some seconds each
 DISK_MB, FULL_S = 512, 1.5  # of the data folder's own small disk, where one may be mounted; how long it is full
 LOOK_S = 0.02
-log = structlog.get_logger("desirepath.faults")
 
 
 @dataclass
@@ -68,14 +64,17 @@ class Outcome:
         }
 
 
-def benchmark_faults(
-    *,
-    kills: int = 20,
-    participants: int = 6,
-    processes: int = 2,
-    seed: int = 0,
-    tell: Callable[[str], None] = lambda words: None,
-) -> dict[str, Any]:
+@pydantic.dataclasses.dataclass(frozen=True)
+class FaultsConfig:
+    """How often what is killed, under which load."""
+
+    kills: Annotated[int, Field(ge=1, description="How often something is killed.")] = 20
+    participants: Annotated[int, Field(ge=1, description="Who answer all the while.")] = 6
+    processes: Annotated[int, Field(ge=1, description="Server processes.")] = 2
+    seed: Annotated[int, Field(ge=0, description="Of the moments and of what is killed.")] = 0
+
+
+def benchmark_faults(config: FaultsConfig, progress: Progress) -> dict[str, Any]:
     """Kill so often, in turn and at random moments: a server process or the worker (kill -9), connections to the
     database (half of them, ended by it), the database (one of its own processes: it ends all connections and recovers),
     and fill the disk for a moment (where a small one may be mounted).
@@ -88,60 +87,50 @@ def benchmark_faults(
     faults (by sort: times, next_answer_after_s and there_again_after_s with median and worst), sent_again,
     watched_again (pairs that started over, seen though they were: a database that crashed forgot it), not_tried and
     why, lost_because (what jobs that were lost say), seconds.
-    Raises ServeBenchmarkError where nobody gets on any more, ValueError for bad numbers, NoPostgres.
+    Raises ServeBenchmarkError where nobody gets on any more, NoPostgres.
     """
-    if kills < 1 or participants < 1:
-        raise ValueError(f"kills = {kills}, participants = {participants}: at least 1 each")
-    began = time.monotonic()
-    random = np.random.default_rng(seed)
+    began, random = time.monotonic(), np.random.default_rng(config.seed)
     with contextlib.ExitStack() as held:
         folder = Path(held.enter_context(tempfile.TemporaryDirectory(prefix="desirepath-faults-")))
-        url = held.enter_context(own_postgres())
-        data, mounted = folder / "data", held.enter_context(_small_disk(folder / "data"))
-        settings = Settings(data=data, database_url=url, artefacts_url=None)
-        database, files = Database(settings.database), ArtefactStore(settings.artefacts)
-        held.callback(database.close)
-        database.migrate()
-        with database.transaction() as s:
-            register_shipped(s, files)
-            study = create_study(s, files, freeze(QUICK_STUDY), name="benchmark faults", created_by=None)
+        data, mounted = folder / "data", held.enter_context(_mount_small_disk(folder / "data"))
+        there = held.enter_context(open_installation(data, postgresql=True))
+        database = there.database
         sorts: list[Fault] = ["server", "worker", "connections", "database"]
         if mounted:
             sorts.append("disk")
-        arguments = ("--processes", str(processes))
-        log_file = folder / "server.log"
-        with loopback_server(settings, worker=True, log=log_file, arguments=arguments) as (address, supervisor):
-            await_processes(database, processes)
+        arguments, log = ("--processes", str(config.processes)), folder / "server.log"
+        with loopback_server(there.settings, worker=True, log=log, arguments=arguments) as (address, supervisor):
+            await_processes(database, config.processes)
             stopping = threading.Event()
-            link = study.recruiting_token
-            people = [Persistent(address, link, seed * 1000 + n, stopping) for n in range(participants)]
+            first, link = config.seed * 1000, there.study.recruiting_token
+            people = [Persistent(address, link, first + n, stopping) for n in range(config.participants)]
             threads = [threading.Thread(target=one.walk, daemon=True) for one in people]
             for thread in threads:
                 thread.start()
             outcomes: dict[Fault, Outcome] = {sort: Outcome() for sort in sorts}
-            jobs = [_job(database, 0)]
+            jobs = [_start_job(database, 0)]
             scene = _Scene(database, data, supervisor.pid, people)
             scene.await_answer(since=0)
-            for number in range(kills):
+            for number in range(config.kills):
                 sort = sorts[number % len(sorts)]
                 time.sleep(float(random.uniform(*PAUSE_S)))
-                tell(f"{number + 1} of {kills}: {sort}")
+                progress.tell(f"{number + 1} of {config.kills}: {sort}")
                 scene.strike(sort, random, outcomes[sort])
-                jobs.append(_job(database, number + 1))
+                jobs.append(_start_job(database, number + 1))
             stopping.set()
             for thread in threads:
                 thread.join(RECOVERY_PATIENCE_S)
             stuck = sum(thread.is_alive() for thread in threads)
             broken = [one.problem for one in people if one.problem]
             if stuck or broken:
-                raise ServeBenchmarkError(f"{stuck} of {participants} participants do not get on; {broken[:1]}")
-            unfinished = _unfinished(database, jobs)
+                raise ServeBenchmarkError(f"{stuck} of {config.participants} participants do not get on; {broken[:1]}")
+            unfinished = _await_jobs(database, jobs)
         acknowledged = {key: value for one in people for key, value in one.acknowledged.items()}
         lost, halves = lost_answers(database, acknowledged), half_trials(database)
     return {
-        "kills": kills,
-        "participants": participants,
-        "processes": processes,
+        "kills": config.kills,
+        "participants": config.participants,
+        "processes": config.processes,
         "answers_acknowledged": len(acknowledged),
         "answers_lost": lost,
         "half_trials": halves,
@@ -152,7 +141,7 @@ def benchmark_faults(
         "watched_again": sum(one.watched_again for one in people),
         "faults": {sort: outcome.as_dict() for sort, outcome in outcomes.items()},
         "not_tried": [] if mounted else ["disk: no small file system may be mounted here"],
-        "seed": seed,
+        "seed": config.seed,
         "seconds": round(time.monotonic() - began, 1),
     }
 
@@ -191,7 +180,7 @@ class _Scene:
                 clients = [one for one in children_of(serving) if "postgres: desirepath" in command_of(one)]
                 os.kill(int(random.choice(clients)), signal.SIGKILL)
             case "disk":
-                with _full(self._data):
+                with _fill(self._data):
                     time.sleep(FULL_S)
         self.await_answer(since=answered)
         outcome.answer_after_s.append(
@@ -232,7 +221,7 @@ class _Scene:
             time.sleep(LOOK_S)
 
 
-def _job(database: Database, number: int) -> str:
+def _start_job(database: Database, number: int) -> str:
     while True:
         try:
             with database.transaction() as s:
@@ -242,7 +231,7 @@ def _job(database: Database, number: int) -> str:
             time.sleep(LOOK_S)
 
 
-def _unfinished(database: Database, jobs: list[str]) -> list[str]:
+def _await_jobs(database: Database, jobs: list[str]) -> list[str]:
     """What the jobs that did not succeed say."""
     deadline = time.monotonic() + JOBS_PATIENCE_S
     while True:
@@ -276,7 +265,7 @@ def half_trials(database: Database) -> int:
 
 
 @contextlib.contextmanager
-def _small_disk(folder: Path) -> Iterator[bool]:
+def _mount_small_disk(folder: Path) -> Iterator[bool]:
     """The folder as a small file system of its own; False where none may be mounted."""
     folder.mkdir()
     libc = ctypes.CDLL(None, use_errno=True)
@@ -289,7 +278,7 @@ def _small_disk(folder: Path) -> Iterator[bool]:
 
 
 @contextlib.contextmanager
-def _full(folder: Path) -> Iterator[None]:
+def _fill(folder: Path) -> Iterator[None]:
     """No room on the folder's disk within the block."""
     filler = folder / "filler"
     try:

@@ -1,19 +1,20 @@
 """The headline of personalisation: of what can be attained of a preference, how much does the own policy get?
 
 Every seed draws query scenes, answers and reporting scenes of its own. What can be attained is planned in
-`attainable.py`, jointly with arriving; single measures against their bounds are `preference_learning.py`'s. All
-simulated.
+`attainable.py`, jointly with arriving. All simulated.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from itertools import product
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import pydantic
 from numpy.typing import NDArray
+from pydantic import Field
 
 from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_pairs import LONGEST_SHOWN_S
@@ -30,7 +31,8 @@ from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath_experiments.benchmarks.alignment import FIRST_QUERY_SEED
-from desirepath_experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, attained
+from desirepath_experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, plan_rollouts
+from desirepath_experiments.benchmarks.results import Progress
 
 Doubles = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -39,21 +41,25 @@ MADE_OF_OBJECTIVES = tuple(
     name for name, one in ORACLE_PREFERENCES.items() if one.weights is not None and one.later is None
 )
 """The 13 preferences that are weighted sums of objectives, so that what is attained of them can be planned."""
-WORTHS = ("base", "own", "true_weights", "attained")
 
 
-@dataclass(frozen=True)
+@pydantic.dataclasses.dataclass(frozen=True)
 class HeadlineConfig:
-    """scenes: of each seed, in which success is counted; in the first `planned` of them rollouts are planned, and the
-    shares are of these. lapse_rates: shares of answers that are wrong."""
+    """Which preferences answer how often, and where their policies are measured."""
 
-    preferences: tuple[str, ...] = MADE_OF_OBJECTIVES
-    seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
-    lapse_rates: tuple[float, ...] = (0.0, 0.1)
-    answers: int = 15
-    scenes: int = 500
-    planned: int = 50
-    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    setup: Annotated[str, Field(description="study_room, open_field or crowd_hall.")] = "study_room"
+    preferences: Annotated[
+        tuple[str, ...], Field(min_length=1, description="Whose answers; default all that are made of objectives.")
+    ] = MADE_OF_OBJECTIVES
+    seeds: Annotated[
+        tuple[int, ...],
+        Field(min_length=1, description="FIRST-LAST; each draws queries, answers and scenes of its own."),
+    ] = (0, 1, 2, 3, 4)
+    noises: Annotated[tuple[float, ...], Field(description="Shares of wrong answers, comma-separated.")] = (0.0, 0.1)
+    conditioned: Annotated[str, Field(description="A conditioned policy; default the shipped one.")] = ""
+    answers: Annotated[int, Field(ge=2, description="Of each preference and seed.")] = 15
+    scenes: Annotated[int, Field(ge=1, description="Of each seed, in which success is counted.")] = 500
+    planned: Annotated[int, Field(ge=1, description="Of these, in which the best rollouts are planned.")] = 50
 
 
 @dataclass(frozen=True)
@@ -66,44 +72,40 @@ class _Reported:
 
 
 def benchmark_headline(
-    setup: str,
-    conditioned: ConditionedPolicy | None = None,
-    config: HeadlineConfig | None = None,
-    on_progress: Callable[[float], None] | None = None,
+    config: HeadlineConfig, progress: Progress, planner: PlannerConfig | None = None
 ) -> dict[str, Any]:
     """Every preference answers `answers` varied queries per seed; its policy is measured in the seed's own scenes.
 
-    conditioned: None: what alignments condition. Result: {"simulated": True, "setup", "config", "scenes", "summary",
+    Result: {"simulated": True, "setup", "config", "scenes", "summary",
     "preferences", "rows"}. A row holds what the base policy, the policy of the answers, the policy of the true weights
     and the attained rollouts gain by the preference (mean over the planned scenes in which all arrive, typical
     differences), `share` and `share_true` of the way from base to attained, the success rates in all scenes, and what
     the policy was conditioned on. Raises LearningError for preferences that are not made of objectives, or no seeds.
     """
-    config = config or HeadlineConfig()
+    setup = config.setup
     known = JUDGING_CROWDS if get_setup(setup).pedestrians else MADE_OF_OBJECTIVES
     if config.preferences == MADE_OF_OBJECTIVES:
         config = replace(config, preferences=known)
     unknown = [name for name in config.preferences if name not in known]
-    if unknown or not config.seeds or not config.preferences or not 0 < config.planned <= config.scenes:
+    if unknown or config.planned > config.scenes:
         raise LearningError(
-            f"preferences = {list(config.preferences)}, seeds = {list(config.seeds)}, planned = {config.planned} of "
-            f"{config.scenes} scenes: known are {', '.join(known)}; at least 1 seed and planned scene"
+            f"preferences = {list(config.preferences)}, planned = {config.planned} of {config.scenes} scenes: known "
+            f"preferences are {', '.join(known)}"
         )
-    policy = conditioned or load_conditioned(f"{setup}/conditioned")
+    policy = load_conditioned(config.conditioned or f"{setup}/conditioned")
     base = load_policy(f"{setup}/base")
     rows: list[dict[str, Any]] = []
     for place, seed in enumerate(config.seeds):
         scenes = scene_set(setup, config.scenes, purpose=Purpose.REPORT, seed=FIRST_REPORT_SEED + seed)
-        queries = fresh_queries(setup, config.answers, seed)
+        queries = draw_queries(setup, config.answers, seed)
         course = Course(scenes)
         reported = _Reported(course, course.rollout(base), {})
         few = scenes[: config.planned]
         guides = [one.poses for one in rollout(get_setup(setup), base.rollout_policy, few)]
         for n, name in enumerate(config.preferences):
-            reported.attained[name] = attained(few, true_weights(name), config.planner, guides)[0]
-            rows += _rows(policy, queries, reported, name, seed, config)
-            if on_progress:
-                on_progress((place + (n + 1) / len(config.preferences)) / len(config.seeds))
+            reported.attained[name] = plan_rollouts(few, true_weights(name), planner, guides)[0]
+            rows += _measure(policy, queries, reported, name, seed, config)
+            progress.tell(f"{(place + (n + 1) / len(config.preferences)) / len(config.seeds):.0%}")
     return {
         "simulated": True,
         "setup": setup,
@@ -122,13 +124,13 @@ def true_weights(name: str) -> Doubles:
     return weights
 
 
-def fresh_queries(setup: str, answers: int, seed: int) -> Sequence[Query]:
+def draw_queries(setup: str, answers: int, seed: int) -> Sequence[Query]:
     """Fresh queries that no shipped set holds, by the policy that the shipped varied queries were made with."""
     asked = QueryConfig(count=answers, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup])
     return generate_varied_queries(load_conditioned(f"{setup}/conditioned"), VariedConfig(asked)).queries
 
 
-def _rows(
+def _measure(
     policy: ConditionedPolicy,
     queries: Sequence[Query],
     reported: _Reported,
@@ -137,12 +139,12 @@ def _rows(
     config: HeadlineConfig,
 ) -> list[dict[str, Any]]:
     true = true_weights(name)
-    given = _rolled_out(policy, (true / true.max()).astype(np.float32), reported.course)
+    given = _roll_out(policy, (true / true.max()).astype(np.float32), reported.course)
     rows = []
-    for lapse_rate in config.lapse_rates:
+    for lapse_rate in config.noises:
         answers = make_oracle(name, lapse_rate=lapse_rate, seed=seed).answer(queries)
         weights = fit_weights(answers).preference_weights()
-        own = _rolled_out(policy, weights, reported.course)
+        own = _roll_out(policy, weights, reported.course)
         rows.append(
             {
                 "preference": name,
@@ -150,17 +152,17 @@ def _rows(
                 "seed": seed,
                 "conditioned_on": {k: float(w) for k, w in zip(policy.objectives, weights, strict=True) if w > 0},
                 "foremost_found": int(weights.argmax()) == int(true.argmax()),
-                **compared_with_attained(own, given, reported.base, reported.attained[name], true, policy.setup),
+                **compare_with_attained(own, given, reported.base, reported.attained[name], true, policy.setup),
             }
         )
     return rows
 
 
-def _rolled_out(policy: ConditionedPolicy, weights: Floats, course: Course) -> MeasuredRollouts:
+def _roll_out(policy: ConditionedPolicy, weights: Floats, course: Course) -> MeasuredRollouts:
     return course.rollout(policy.at(weights).without_critic())
 
 
-def compared_with_attained(
+def compare_with_attained(
     own: MeasuredRollouts,
     given: MeasuredRollouts,
     base: MeasuredRollouts,

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import httpx
 import numpy as np
 import yaml
+from pydantic import Field
+from pydantic.dataclasses import dataclass
 
 from desirepath.cli.loopback import loopback_server
 from desirepath.installed import PROTOCOLS
@@ -28,6 +30,7 @@ from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.simulated.http import HttpSessionClient
 from desirepath.study.simulated.participant import any_answer
 from desirepath.study.studies import create_study
+from desirepath_experiments.benchmarks.results import Progress
 from desirepath_experiments.browser.client import PATIENCE_MS, WINDOW, chromium
 
 if TYPE_CHECKING:
@@ -86,7 +89,14 @@ PICTURES = """() => {
 number of the request that it shows."""
 
 
-def benchmark_live(*, inputs: int = 120, tell: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
+@dataclass(frozen=True)
+class LiveConfig:
+    """How often the hand moves."""
+
+    inputs: Annotated[int, Field(ge=20, description="Inputs per control and hand.")] = 120
+
+
+def benchmark_live(config: LiveConfig, progress: Progress) -> dict[str, Any]:
     """Move one weight of nine by its slider, and three in their triangle, and time every picture.
 
     Returns by control (`sliders`, `triangle`) and by hand (`keys`: one press after the other; `drag`: a mouse that is
@@ -94,8 +104,6 @@ def benchmark_live(*, inputs: int = 120, tell: Callable[[str], None] = lambda _:
     p50_ms, p95_ms and max_ms from an input to the end of the frame that first shows it or something newer, and what
     parts it has in the middle (p50): waiting to be asked, server with network, message and painting, the next frame.
     """
-    if inputs < 20:
-        raise ValueError(f"inputs = {inputs}: at least 20, or a 95th percentile says nothing")
     with tempfile.TemporaryDirectory(prefix="desirepath-live-") as folder:
         settings = Settings(data=Path(folder), database_url=None, artefacts_url=None)
         database, files = Database(settings.database), ArtefactStore(settings.artefacts)
@@ -103,13 +111,13 @@ def benchmark_live(*, inputs: int = 120, tell: Callable[[str], None] = lambda _:
         with database.transaction() as s:
             register_shipped(s, files)
             studies = {
-                "sliders": _study(s, files, {"scenes": 1}),
-                "triangle": _study(s, files, {"scenes": 1, "objectives": list(THREE)}),
+                "sliders": _open_study(s, files, {"scenes": 1}),
+                "triangle": _open_study(s, files, {"scenes": 1, "objectives": list(THREE)}),
             }
         measured = {}
         with loopback_server(settings, worker=False) as (url, _), chromium() as browser:
             for control, study in studies.items():
-                measured[control] = _measured(browser, url, study, control, inputs, tell)
+                measured[control] = _measure(browser, url, study, control, config.inputs, progress)
         database.close()
     worst = max(found["p95_ms"] for hands in measured.values() for found in hands.values())
     return {
@@ -123,7 +131,7 @@ def benchmark_live(*, inputs: int = 120, tell: Callable[[str], None] = lambda _:
     }
 
 
-def _study(s: Any, files: ArtefactStore, tuning: dict[str, Any]) -> Study:
+def _open_study(s: Any, files: ArtefactStore, tuning: dict[str, Any]) -> Study:
     stages = [
         {"consent": {"text": "texts/consent.md", "version": "1"}},
         {"tuning": tuning},
@@ -138,18 +146,11 @@ def _study(s: Any, files: ArtefactStore, tuning: dict[str, Any]) -> Study:
         "query_set": "study_room/queries_200",
         "stages": stages,
     }
-    return create_study(
-        s,
-        files,
-        freeze_text(yaml.safe_dump(said, sort_keys=False), folder=PROTOCOLS),
-        name="benchmark live",
-        created_by=None,
-    )
+    frozen = freeze_text(yaml.safe_dump(said, sort_keys=False), folder=PROTOCOLS)
+    return create_study(s, files, frozen, name="benchmark live", created_by=None)
 
 
-def _measured(
-    browser: Browser, url: str, study: Study, control: str, inputs: int, tell: Callable[[str], None]
-) -> dict[str, Any]:
+def _measure(browser: Browser, url: str, study: Study, control: str, inputs: int, progress: Progress) -> dict[str, Any]:
     """One participant at the tuning step: each hand in turn."""
     context = browser.new_context(viewport=WINDOW)  # type: ignore[arg-type]  # a plain dict does
     context.set_default_timeout(PATIENCE_MS)
@@ -171,8 +172,8 @@ def _measured(
             _forget(page, stage)
             _hand(page, control, hand, inputs)
             page.wait_for_timeout(1_500)
-            found[hand] = timed(page.evaluate("window.liveClock"), stage.evaluate("window.livePictures"))
-            tell(f"{control}, {hand}: {found[hand]}")
+            found[hand] = time_pictures(page.evaluate("window.liveClock"), stage.evaluate("window.livePictures"))
+            progress.tell(f"{control}, {hand}: {found[hand]}")
     context.close()
     return found
 
@@ -214,7 +215,7 @@ def _forget(page: Page, stage: Frame) -> None:
     stage.evaluate("() => { window.livePictures.length = 0; }")
 
 
-def timed(clock: Mapping[str, Sequence[float]], pictures: Sequence[tuple[float, float, int]]) -> dict[str, Any]:
+def time_pictures(clock: Mapping[str, Sequence[float]], pictures: Sequence[tuple[float, float, int]]) -> dict[str, Any]:
     """Every input against the first picture that shows what was asked for after it, or something newer.
 
     clock: as `CLOCK` keeps it; pictures: when painted, when shown, of which request, in their order.

@@ -46,32 +46,6 @@ def family_s(pid: int) -> float:
     return sum(_of_living(processor_s, one) for one in family(pid))
 
 
-def family_ever_s(pid: int) -> float:
-    """Processor time of a process and all that it started, those that have ended and were waited for among them."""
-
-    def with_ended(one: int) -> float:
-        fields = Path(f"/proc/{one}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-        return sum(int(field) for field in fields[11:15]) / os.sysconf("SC_CLK_TCK")
-
-    return sum(_of_living(with_ended, one) for one in family(pid))
-
-
-def open_files(pid: int) -> int:
-    """How many file descriptors a process has open; 0 when it has ended."""
-    try:
-        return sum(1 for _ in Path(f"/proc/{pid}/fd").iterdir())
-    except OSError:
-        return 0
-
-
-def threads_of(pid: int) -> int:
-    """How many threads a process runs; 0 when it has ended."""
-    try:
-        return sum(1 for _ in Path(f"/proc/{pid}/task").iterdir())
-    except OSError:
-        return 0
-
-
 def _of_living(what: Callable[[int], float], pid: int) -> float:
     try:
         return what(pid)

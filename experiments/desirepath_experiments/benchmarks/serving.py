@@ -14,10 +14,12 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import httpx
 import numpy as np
+import pydantic
+from pydantic import Field
 from sqlalchemy import func, select, text
 
 from desirepath.cli.loopback import loopback_server
@@ -33,6 +35,7 @@ from desirepath.study.protocol.freezing import freeze
 from desirepath.study.studies import create_study
 from desirepath_experiments.benchmarks.open_browser import OpenBrowser, ServeBenchmarkError, Tally, beside
 from desirepath_experiments.benchmarks.processes import family_mb, family_s
+from desirepath_experiments.benchmarks.results import Progress
 from desirepath_experiments.own_postgres import own_postgres, own_postgres_pid
 
 QUICK_STUDY = PROTOCOLS / "quick_preference_study.yaml"
@@ -46,8 +49,35 @@ ALIGNMENT_BEGUN = 0.04  # progress past loading and fitting the reward model: th
 ALIGNMENT_PATIENCE_S = 180.0
 LOOK_S = 0.5
 PROCESSES_PATIENCE_S = 60.0
-MIN_PACE_S, MAX_PACE_S = 0.1, 120.0
 LOG_LINES = 12  # of the server's log, in an error
+
+
+@pydantic.dataclasses.dataclass(frozen=True)
+class ServeConfig:
+    """How many answer how often against how many processes on which database."""
+
+    sessions: Annotated[int, Field(ge=1, description="Participants at once.")] = 20
+    answers: Annotated[
+        int, Field(ge=1, le=MOST_ANSWERS, description="Of each; with one more every session would start an alignment.")
+    ] = 2
+    pace: Annotated[
+        float | None,
+        Field(
+            ge=0.1,
+            le=120,
+            description="Seconds between two answers of one participant; default 20 as people take, and as much less "
+            "with fewer than 50 participants.",
+        ),
+    ] = None
+    during_alignment: Annotated[bool, Field(description="Let alignments run meanwhile.")] = False
+    processes: Annotated[
+        int, Field(ge=1, description="Of the server; more than one on a PostgreSQL server of the benchmark's own.")
+    ] = 1
+    postgresql: Annotated[bool, Field(description="On PostgreSQL with one process, too.")] = False
+
+    @property
+    def pace_s(self) -> float:
+        return usual_pace_s(self.sessions) if self.pace is None else self.pace
 
 
 def usual_pace_s(sessions: int) -> float:
@@ -56,19 +86,8 @@ def usual_pace_s(sessions: int) -> float:
     return PACE_S * min(1.0, sessions / AT_LEAST)
 
 
-def benchmark_serve(
-    *,
-    sessions: int = 20,
-    answers: int = 2,
-    pace_s: float | None = None,
-    during_alignment: bool = False,
-    processes: int = 1,
-    postgresql: bool = False,
-) -> dict[str, Any]:
-    """Let `sessions` participants answer `answers` pairs each, all at once, and compare what was stored.
-
-    pace_s: between two answers of one participant; default `usual_pace_s`. processes: of the server; more than one on a
-    PostgreSQL server of the benchmark's own, and one as well with postgresql.
+def benchmark_serve(config: ServeConfig, progress: Progress | None = None) -> dict[str, Any]:
+    """Let participants answer pairs, all at once, and compare what was stored.
 
     Returns sessions, answers_sent, answers_acknowledged, answers_stored, p50_ack_ms and p95_ack_ms (from sending an
     answer to its acknowledgement, as the client measures it), p95_stage_ms (from asking for a trajectory to the stage's
@@ -82,54 +101,41 @@ def benchmark_serve(
     session left in it, its answers and everything else: database_kb_per_session, rows_per_session; and what it made
     the database write: commits_per_session, log_kb_per_session (the write-ahead log).
     Raises ServeBenchmarkError if an acknowledged answer is not stored exactly once or a participant could not go on,
-    ValueError for numbers that the quick protocol has no room for.
+    ValueError for fewer answers than an alignment learns from.
     """
-    if sessions < 1:
-        raise ValueError(f"sessions = {sessions}: at least 1")
-    if not 1 <= answers <= MOST_ANSWERS:
+    if config.during_alignment and config.answers < LEAST_ALIGNED:
         raise ValueError(
-            f"answers = {answers}: 1 to {MOST_ANSWERS}; with one more, every session would start an alignment"
+            f"answers = {config.answers}: alignments learn from these answers and need at least {LEAST_ALIGNED}"
         )
-    if during_alignment and answers < LEAST_ALIGNED:
-        raise ValueError(f"answers = {answers}: alignments learn from these answers and need at least {LEAST_ALIGNED}")
-    pace = usual_pace_s(sessions) if pace_s is None else pace_s
-    if not MIN_PACE_S <= pace <= MAX_PACE_S:
-        raise ValueError(f"pace = {pace}: {MIN_PACE_S} to {MAX_PACE_S:.0f} s between two answers of one participant")
     began = time.monotonic()
-    postgresql = postgresql or processes > 1
     with (
         tempfile.TemporaryDirectory(prefix="desirepath-benchmark-") as folder,
-        installation(Path(folder), postgresql) as found,
+        open_installation(Path(folder), postgresql=config.postgresql or config.processes > 1) as there,
     ):
-        settings, database, files, study = found.settings, found.database, found.files, found.study
-        log = Path(folder) / "server.log"
+        log, arguments = Path(folder) / "server.log", ("--processes", str(config.processes))
         try:
-            with loopback_server(
-                settings, worker=during_alignment, log=log, arguments=("--processes", str(processes))
-            ) as (url, server):
-                found.await_processes(processes)
-                result = {
-                    "sessions": sessions,
-                    **walk_everybody(database, url, server.pid, study, sessions, answers, pace),
-                }
-                if during_alignment:
-                    with _alignments(database, files, study) as running:
-                        result["during_alignment"] = walk_everybody(
-                            database, url, server.pid, study, sessions, answers, pace, running
-                        )
+            with loopback_server(there.settings, worker=config.during_alignment, log=log, arguments=arguments) as (
+                url,
+                server,
+            ):
+                await_processes(there.database, config.processes)
+                result = {"sessions": config.sessions, **_walk_everybody(there, url, server.pid, config)}
+                if config.during_alignment:
+                    with _run_alignments(there) as running:
+                        result["during_alignment"] = _walk_everybody(there, url, server.pid, config, running)
         except ServeBenchmarkError as problem:
             raise ServeBenchmarkError(f"{problem}\nThe server's log ends with:\n{_end_of_errors(log)}") from None
     return {
         **result,
-        "processes": processes,
-        "pace_s": pace,
+        "processes": config.processes,
+        "pace_s": config.pace_s,
         "cores": os.cpu_count(),
         "seconds": round(time.monotonic() - began, 1),
     }
 
 
 @dataclass(frozen=True)
-class BenchmarkInstallation:
+class Installation:
     """An installation of a benchmark's own with one open study of the quick protocol."""
 
     settings: Settings
@@ -137,13 +143,9 @@ class BenchmarkInstallation:
     files: ArtefactStore
     study: Study
 
-    def await_processes(self, processes: int) -> None:
-        """See `await_processes`."""
-        await_processes(self.database, processes)
-
 
 @contextlib.contextmanager
-def installation(folder: Path, postgresql: bool) -> Iterator[BenchmarkInstallation]:
+def open_installation(folder: Path, *, postgresql: bool) -> Iterator[Installation]:
     """An installation in this folder, on a PostgreSQL server of its own where that is asked for. Raises NoPostgres."""
     with own_postgres() if postgresql else contextlib.nullcontext() as server_url:
         # Named here, so that no setting of the surroundings leads to an installation that is in use.
@@ -154,27 +156,20 @@ def installation(folder: Path, postgresql: bool) -> Iterator[BenchmarkInstallati
             register_shipped(s, files)
             study = create_study(s, files, freeze(QUICK_STUDY), name="benchmark", created_by=None)
         try:
-            yield BenchmarkInstallation(settings, database, files, study)
+            yield Installation(settings, database, files, study)
         finally:
             database.close()
 
 
-def walk_everybody(
-    database: Database,
-    url: str,
-    server_pid: int,
-    study: Study,
-    sessions: int,
-    answers: int,
-    pace_s: float,
-    aligning: Callable[[], bool] | None = None,
+def _walk_everybody(
+    there: Installation, url: str, server_pid: int, config: ServeConfig, aligning: Callable[[], bool] | None = None
 ) -> dict[str, Any]:
     """One walk of everybody, checked against the database. Returns what `benchmark_serve` says of it."""
-    tally = Tally()
+    tally, database, sessions = Tally(), there.database, config.sessions
     memory_before = family_mb(server_pid)
     processor_before = family_s(server_pid)
     database_before = _database_state(database)
-    memory, looks, failed = asyncio.run(_walk_all(tally, url, server_pid, study, sessions, answers, pace_s, aligning))
+    memory, looks, failed = asyncio.run(_walk_all(tally, url, server_pid, there.study, config, aligning))
     if failed:
         raise ServeBenchmarkError(f"{len(failed)} of {sessions} participants could not go on; the first: {failed[0]}")
     processor = family_s(server_pid) - processor_before
@@ -220,12 +215,11 @@ async def _walk_all(
     url: str,
     server_pid: int,
     study: Study,
-    sessions: int,
-    answers: int,
-    pace_s: float,
+    config: ServeConfig,
     aligning: Callable[[], bool] | None,
 ) -> tuple[float, list[bool], list[str]]:
     """Returns the server's memory with everybody connected (MB), looks at the alignments, and what went wrong."""
+    sessions, pace_s = config.sessions, config.pace_s
     ready = asyncio.Barrier(sessions)
     looks: list[bool] = []
     memory = 0.0
@@ -235,7 +229,9 @@ async def _walk_all(
         async with httpx.AsyncClient(base_url=url, timeout=60.0, verify=trust) as client:
             participant = OpenBrowser(client, number, tally)
             try:
-                await participant.walk(study.recruiting_token, answers, ready, pace_s * number / sessions, pace_s)
+                await participant.walk(
+                    study.recruiting_token, config.answers, ready, pace_s * number / sessions, pace_s
+                )
             except BaseException:
                 await ready.abort()  # nobody waits for one who will not come
                 raise
@@ -323,21 +319,22 @@ def answers_stored(database: Database, tally: Tally) -> int:
 
 
 @contextlib.contextmanager
-def _alignments(database: Database, files: ArtefactStore, study: Study) -> Iterator[Callable[[], bool]]:
+def _run_alignments(there: Installation) -> Iterator[Callable[[], bool]]:
     """Alignments on one session's answers, one after another; begins when the first one trains.
 
     Yields a function that says whether one is running. They end with the server.
     """
+    database = there.database
     with database.transaction() as s:
         session_id = s.scalars(select(Response.session_id).order_by(Response.created_at)).first()
-        snapshot = take_snapshot(s, files, session_id=session_id)
+        snapshot = take_snapshot(s, there.files, session_id=session_id)
         jobs = [
             enqueue_job(
                 s,
                 "align",
                 {"snapshot": snapshot.id, "setup": snapshot.setup, "recipe": "fine_tuning", "seed": seed},
                 priority=PARTICIPANT_WAITS,
-                study_id=study.id,
+                study_id=there.study.id,
                 session_id=session_id,  # its process gets the priority of one that somebody waits for
                 created_by="benchmark",
             ).id

@@ -8,9 +8,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import numpy as np
+import pydantic
+from pydantic import Field
 from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
 
 from desirepath.analysis.metrics import success_rate
@@ -20,7 +23,7 @@ from desirepath.learning.policies.sb3 import policy_of_sb3, sb3_td3
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import BaseConfig, BaseTraining
 from desirepath.learning.td3.td3 import Td3Config
-from desirepath.simulation.environments import FastVecEnv, NavigationEnv
+from desirepath.simulation.environments import FastVecEnv
 from desirepath.simulation.fast import evaluate
 from desirepath.simulation.setups import Setup, get_setup
 
@@ -28,17 +31,24 @@ TARGET = 0.94
 CONFIRM_SCENES = 2_000
 FIRST_CONFIRM_SEED, CONFIRM_SEEDS = 10_000, 500  # reporting scenes that no card uses: so many tries per training seed
 LAST, AVERAGED = "last", "averaged"
+Arm = Literal["fast", "sb3_fast"]
+ARMS: tuple[Arm, ...] = get_args(Arm)
 
 
-@dataclass(frozen=True)
+@pydantic.dataclasses.dataclass(frozen=True)
 class TrainBenchmarkConfig:
-    """How often a training is checked and when it gives up; how long PyBullet is measured."""
+    """What is trained how often. keep: a file of finished trainings, so that a broken run goes on."""
 
-    updates_per_check: int = 600
-    check_scenes: int = 500
-    max_updates: int = 40_000
-    max_seconds: float = 240.0  # processor time of one training, so that the whole command ends
-    pybullet_steps: int = 600
+    setup: Annotated[str, Field(description="study_room or open_field.")] = "open_field"
+    seeds: Annotated[int, Field(ge=1, description="Number of trainings per arm.")] = 1
+    arms: Annotated[tuple[Arm, ...], Field(min_length=1, description="Any of fast,sb3_fast.")] = ARMS
+    keep: Annotated[
+        Path | None, Field(description="Keep finished trainings in this file; a broken run goes on from there.")
+    ] = None
+    updates_per_check: Annotated[int, Field(ge=1, description="Between two checks of success.")] = 600
+    check_scenes: Annotated[int, Field(ge=1, description="In which success is checked.")] = 500
+    max_updates: Annotated[int, Field(ge=1, description="After which a training gives up.")] = 40_000
+    max_seconds: Annotated[float, Field(gt=0, description="Of one training, processor time; then it gives up.")] = 240.0
 
 
 @dataclass(frozen=True)
@@ -60,8 +70,7 @@ class Progress:
 class Reached:
     """One training judged by one kind of weights: the work until the confirmed 94 %, or until it gave up (None).
 
-    seconds, seconds_to_94: processor time of training, checks not counted. wall_seconds: the same by the wall clock,
-    None where no clock ran.
+    seconds, seconds_to_94: processor time of training, checks not counted. wall_seconds: the same by the wall clock.
     """
 
     arm: str
@@ -69,7 +78,7 @@ class Reached:
     seed: int
     seconds_to_94: float | None
     seconds: float
-    wall_seconds: float | None
+    wall_seconds: float
     updates: int
     transitions: int
     held_out_success: float | None
@@ -105,7 +114,7 @@ Training = Generator[None, None, list[Reached]]
 """Trains by one chunk whenever it is asked to go on; returns what it reached."""
 
 
-def taking_turns(trainings: Mapping[str, Training]) -> dict[str, list[Reached]]:
+def take_turns(trainings: Mapping[str, Training]) -> dict[str, list[Reached]]:
     """Run them all, chunk by chunk in turns: what is slow on this machine for a while is slow for all of them."""
     reached: dict[str, list[Reached]] = {}
     while len(reached) < len(trainings):
@@ -212,18 +221,3 @@ def train_sb3(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Train
         return Progress(policies, model._n_updates, model.num_timesteps, *learning.spent, updating.spent.seconds)
 
     return train_until_target(arm, setup, base.seed, chunk, config)
-
-
-def pybullet_seconds_per_step(setup: Setup, steps: int) -> float:
-    """Wheel motors, restarts included: what a user's training would pay per step, without network and updates."""
-    env = NavigationEnv(setup, engine="pybullet", drive_mode="wheels", progress_weight=1.0, time_limit="terminated")
-    random = np.random.default_rng(0)
-    env.reset(seed=0)
-    began = time.process_time()
-    for _ in range(steps):
-        _, _, terminated, _, _ = env.step(random.uniform(-1, 1, 2).astype(np.float32))
-        if terminated:
-            env.reset()
-    seconds = (time.process_time() - began) / steps
-    env.close()
-    return seconds

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 
 from desirepath.cli.output import COMMAND_LINE, JsonFlag, plain_errors, say
-from desirepath_experiments.cli.benchmark.group import seed_range
+from desirepath_experiments.cli.options import parse_seeds
 
 
 class Where(StrEnum):
@@ -72,7 +72,7 @@ def commands(
         raise LookupError(f"--budget {budget!r}: known are {', '.join(wanted.budgets)}")
     given: dict[str, Any] = {"seed": seed, "seeds": seeds, "device": device}
     typed = {name: value for name, value in given.items() if value is not None}
-    options = {name: seed_range(value) if name == "seeds" else value for name, value in typed.items()}
+    options = {name: parse_seeds(value) if name == "seeds" else value for name, value in typed.items()}
     processes = processes or wanted.processes
     console = Console(stderr=True)
     more = "".join(f"--{name} {value} " for name, value in typed.items())

@@ -1,20 +1,26 @@
 """Every test of every design over many simulated studies: how often it finds something where nothing differs (at most
 alpha), and where something does, by number of people.
 
-Everything here is simulated. Whole studies like the interface study are in `null_cohorts.py` and `known_cohorts.py`.
+Everything here is simulated. Whole studies like the interface study are in `interface_cohorts.py`.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from functools import partial
+from typing import Annotated, Any
+
+import pydantic
+from pydantic import Field
 
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import Findings
 from desirepath.report.planned_design import PlannedDesign
 from desirepath.report.simulated_cohorts import CONDITIONS, Cohort
-from desirepath.report.simulated_power import Rate, Tell, analyse_simulated, rate
+from desirepath.report.simulated_power import analyse_simulated
+from desirepath_experiments.benchmarks.results import Progress
+from desirepath_experiments.cohorts.counting import Said, count
 
 ITEM, RANKING, COMPARED = "fun", "usefulness", 5
 TWO = ("immersive", "top_down")
@@ -35,38 +41,44 @@ DESIGNS: dict[str, PlannedDesign] = {
 """Each with one item; the one of three conditions with a ranking and comparisons of the own policy, too."""
 
 
-def design_cohorts(
-    cohorts: int = 1_000,
-    participants: Sequence[int] = (6, 12, 31),
-    *,
-    effect: float = 0.0,
-    seed: int = 0,
-    alpha: float = 0.05,
-    tell: Tell = lambda done: None,
-) -> list[dict[str, object]]:
-    """How often each test is significant by itself (uncorrected), a row per design, test and number of people.
+@pydantic.dataclasses.dataclass(frozen=True)
+class DesignConfig:
+    """How many studies of every design, and how much differs."""
 
-    effect: standard deviations by which the item is rated higher under `immersive`; then also 60 % rank it first, and
-    the own policy is preferred in 75 % (both arms). 0: nothing differs.
+    cohorts: Annotated[int, Field(ge=1, description="Of each design and number of people.")] = 1_000
+    participants: Annotated[tuple[int, ...], Field(min_length=1, description="Numbers of people.")] = (6, 12, 31)
+    effect: Annotated[
+        float,
+        Field(description="Standard deviations by which one condition is rated higher; 0: nothing differs."),
+    ] = 0.0
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+def benchmark_design_cohorts(config: DesignConfig, progress: Progress | None = None) -> dict[str, Any]:
+    """`rates`: how often each test is significant by itself (uncorrected), a row per design, test and number of people.
+
+    With an effect also 60 % rank `immersive` first, and the own policy is preferred in 75 % (both arms).
     """
+    plan, effect = AnalysisPlan(alpha=0.05), config.effect
     cohort = Cohort(
         ratings={ITEM: {"immersive": effect}},
         first_choice={RANKING: {"immersive": 0.6}} if effect else {},
         own=0.75 if effect else 0.5,
-        seed=seed,
+        seed=config.seed,
     )
-    rows = []
-    sizes = [(name, size) for name in DESIGNS for size in participants]
-    for done, (name, size) in enumerate(sizes):
-        found, seen = Counter[str](), Counter[str]()
-        for k in range(cohorts):
-            findings = analyse_simulated(DESIGNS[name].study(cohort, size, first=k * size), AnalysisPlan(alpha=alpha))
-            for test, p in _every_p(findings):
-                seen[test] += 1
-                found[test] += p <= alpha
-        rows += [_row(name, size, rate(test, found[test], seen[test])) for test in seen]
-        tell((done + 1) / len(sizes))
-    return rows
+
+    def said(design: PlannedDesign, size: int, number: int) -> Said:
+        findings = analyse_simulated(design.study(cohort, size, first=number * size), plan)
+        return ((test, p <= plan.alpha) for test, p in _every_p(findings))
+
+    rows = [
+        {"design": name, "participants": size, "test": of.test, "rate": of.rate, "low": of.low, "high": of.high}
+        | {"cohorts": of.n}
+        for name, design in DESIGNS.items()
+        for size in config.participants
+        for of in count(config.cohorts, partial(said, design, size))
+    ]
+    return {"simulated": True, **asdict(config), "alpha": plan.alpha, "rates": rows}
 
 
 def _every_p(findings: Findings) -> Iterator[tuple[str, float]]:
@@ -78,10 +90,3 @@ def _every_p(findings: Findings) -> Iterator[tuple[str, float]]:
     for of in findings.personalised:
         for test in (of.test, of.beside):
             yield f"{test.test}, own against {of.against}", test.p
-
-
-def _row(design: str, size: int, of: Rate) -> dict[str, object]:
-    return {
-        "design": design, "participants": size, "test": of.test, "rate": of.rate, "low": of.low, "high": of.high,
-        "cohorts": of.n,
-    }  # fmt: skip

@@ -7,13 +7,15 @@ Everything here is simulated. The declared tests of every design are `design_coh
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
+from typing import Annotated, Any
 
 import numpy as np
+import pydantic
 from numpy.typing import NDArray
+from pydantic import Field
 
 from desirepath.analysis.choices import binomial_test, share_over_people
 from desirepath.analysis.equivalence import equivalence
@@ -23,9 +25,10 @@ from desirepath.report.further_findings import Further, analyse_further
 from desirepath.report.own_findings import compare_own
 from desirepath.report.rating_findings import measures
 from desirepath.report.simulated_cohorts import Cohort, rate_opinions, simulate_data
-from desirepath.report.simulated_power import Rate, Tell, rate
 from desirepath.report.study_data import Choice, Comparison, Rating, StudyData
 from desirepath.report.study_design import designs_of
+from desirepath_experiments.benchmarks.results import Progress
+from desirepath_experiments.cohorts.counting import Said, count
 
 ITEM = "fun"
 TWO = ("immersive", "top_down")
@@ -35,32 +38,34 @@ STRONG = 3.0  # Bayes factor that is often called evidence (Jeffreys 1961)
 GROUP = 10  # people who finish together
 QUALITY_SD = 1.0  # of policies, log-odds: some are better whoever looks
 ITEMS_ALIKE = 0.4  # correlation of a scale's items
-Found = Iterator[tuple[str, bool]]
 
 
-def further_cohorts(
-    cohorts: int = 200, participants: Sequence[int] = (6, 12, 31), *, seed: int = 0, tell: Tell = lambda done: None
-) -> list[dict[str, object]]:
-    """A row per statement, truth and number of people: how often it was made, with the 95 % interval of that. Of what
-    needs no mixed model there are ten times as many cohorts."""
-    rows = []
-    for done, size in enumerate(participants):
-        for truth, of in CASES.items():
-            found, seen = Counter[str](), Counter[str]()
-            for k in range(cohorts if of in (_nothing, _something) else 10 * cohorts):
-                for name, hit in of(size, seed * 1_000_000 + k):
-                    seen[name] += 1
-                    found[name] += hit
-            rows += [_row(truth, size, rate(name, found[name], seen[name])) for name in seen]
-        tell((done + 1) / len(participants))
-    return rows
+@pydantic.dataclasses.dataclass(frozen=True)
+class FurtherConfig:
+    """How many studies of how many people."""
+
+    cohorts: Annotated[
+        int, Field(ge=1, description="Of each number of people; ten times as many of what needs no mixed model.")
+    ] = 200
+    participants: Annotated[tuple[int, ...], Field(min_length=1, description="Numbers of people.")] = (6, 12, 31)
+    seed: Annotated[int, Field(ge=0)] = 0
 
 
-def _row(truth: str, size: int, of: Rate) -> dict[str, object]:
-    return {
-        "truth": truth, "participants": size, "statement": of.test, "rate": of.rate, "low": of.low, "high": of.high,
-        "cohorts": of.n,
-    }  # fmt: skip
+def benchmark_further_cohorts(config: FurtherConfig, progress: Progress | None = None) -> dict[str, Any]:
+    """`rates`: a row per statement, truth and number of people: how often it was made, with the 95 % interval of
+    that."""
+
+    def said(of: Callable[[int, int], Said], size: int, number: int) -> Said:
+        return of(size, config.seed * 1_000_000 + number)
+
+    rows = [
+        {"truth": truth, "participants": size, "statement": one.test, "rate": one.rate}
+        | {"low": one.low, "high": one.high, "cohorts": one.n}
+        for size in config.participants
+        for truth, of in CASES.items()
+        for one in count(config.cohorts * (1 if of in (_nothing, _something) else 10), partial(said, of, size))
+    ]
+    return {"simulated": True, "seed": config.seed, "alpha": PLAN.alpha, "rates": rows}
 
 
 PLAN = AnalysisPlan(metrics=(), equivalence=Equivalence(rating=MARGIN), bayes_factors=True, models=True)
@@ -80,7 +85,7 @@ def _beside(data: StudyData) -> Further:
     return analyse_further(data, measures(data, PLAN, []), designs_of(data), PLAN, [TWO])
 
 
-def _statements(found: Further) -> Found:
+def _statements(found: Further) -> Said:
     """What is said of two conditions and of own against others."""
     for test in found.order_effects:
         yield ("Carry-over" if "carry-over" in test.about else "Period"), test.p <= PLAN.alpha
@@ -101,19 +106,19 @@ def _statements(found: Further) -> Found:
             yield "Bradley-Terry: interval of the own policy's worth without 0", not worth.low <= 0 <= worth.high
 
 
-def _nothing(size: int, seed: int) -> Found:
+def _nothing(size: int, seed: int) -> Said:
     yield from _statements(_beside(_study(size, seed, Cohort())))
     random = np.random.default_rng([seed, 1])
     yield "Guess", binomial_test(int(random.binomial(size, 0.5)), size, about="guess").p <= PLAN.alpha
 
 
-def _something(size: int, seed: int) -> Found:
+def _something(size: int, seed: int) -> Said:
     """The second condition is rated 1 SD higher, the own policy preferred in 75 %, 80 % guess right; in the other
     condition a quarter of the queries is answered the other way, for good; who meets the conditions in the second order
     rates both 1 SD higher, everybody the second one met 1 SD higher."""
     data = _study(size, seed, Cohort(ratings={ITEM: {TWO[0]: 1.0}}, own=0.75))
-    yield from ((name, hit) for name, hit in _statements(_beside(_flipped(data, seed))) if name not in ORDER)
-    yield from ((name, hit) for name, hit in _statements(_beside(_ordered(data))) if name in ORDER)
+    yield from ((name, hit) for name, hit in _statements(_beside(_flip(data, seed))) if name not in ORDER)
+    yield from ((name, hit) for name, hit in _statements(_beside(_add_order(data))) if name in ORDER)
     random = np.random.default_rng([seed, 1])
     yield "Guess", binomial_test(int(random.binomial(size, 0.8)), size, about="guess").p <= PLAN.alpha
 
@@ -121,7 +126,7 @@ def _something(size: int, seed: int) -> Found:
 ORDER = ("Period", "Carry-over")
 
 
-def _flipped(data: StudyData, seed: int) -> StudyData:
+def _flip(data: StudyData, seed: int) -> StudyData:
     random = np.random.default_rng([seed, 2])
     queries = sorted({one.query for one in data.choices})
     other = {query for query, turned in zip(queries, random.random(len(queries)) < 0.25, strict=True) if turned}
@@ -132,7 +137,7 @@ def _flipped(data: StudyData, seed: int) -> StudyData:
     return replace(data, choices=[answered(one) for one in data.choices])
 
 
-def _ordered(data: StudyData) -> StudyData:
+def _add_order(data: StudyData) -> StudyData:
     order = {one.code: one.order for one in data.people}
 
     def rated(one: Rating) -> Rating:
@@ -142,12 +147,12 @@ def _ordered(data: StudyData) -> StudyData:
     return replace(data, ratings=[rated(one) for one in data.ratings])
 
 
-def _at_the_margin(size: int, seed: int) -> Found:
+def _at_the_margin(size: int, seed: int) -> Said:
     """Equivalence must not be found where the difference is as large as the margin."""
     yield "Equivalence within the margin", _equivalent(size, seed, MARGIN)
 
 
-def _no_difference(size: int, seed: int) -> Found:
+def _no_difference(size: int, seed: int) -> Said:
     yield "Equivalence within the margin", _equivalent(size, seed, 0.0)
 
 
@@ -156,7 +161,7 @@ def _equivalent(size: int, seed: int, difference: float) -> bool:
     return equivalence(random.normal(difference, STEPS, size), MARGIN, about="ratings").p <= PLAN.alpha
 
 
-def _lent(size: int, seed: int, *, own: float) -> Found:
+def _lent(size: int, seed: int, *, own: float) -> Said:
     """Own against another's in groups who finish together, policies of different quality: everybody of a group is lent
     the same one, or each another one."""
     random = np.random.default_rng([seed, 4])
@@ -180,7 +185,7 @@ def _lent(size: int, seed: int, *, own: float) -> Found:
                 yield f"{test.test}, own against other's, {words}, counted by {unit}", test.p <= PLAN.alpha
 
 
-def _intervals(size: int, seed: int) -> Found:
+def _intervals(size: int, seed: int) -> Said:
     """Whether 95 % intervals hold what is true: shares of people who differ, alpha of a scale of five items."""
     random = np.random.default_rng([seed, 5])
     for share in (0.5, 0.85):
@@ -202,7 +207,7 @@ def _true_alpha() -> float:
     return reliability(_scale(np.random.default_rng(0), 200_000)).alpha
 
 
-CASES: dict[str, Callable[[int, int], Found]] = {
+CASES: dict[str, Callable[[int, int], Said]] = {
     "nothing differs": _nothing,
     "something differs": _something,
     "the difference is the margin": _at_the_margin,

@@ -6,50 +6,73 @@ Everything here is simulated. The people are `report/simulated_rankers.py`'s, th
 
 from __future__ import annotations
 
-from collections import Counter
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from typing import Annotated, Any
 
 import numpy as np
+import pydantic
+from pydantic import Field
 
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.explanation_findings import analyse_rankings
 from desirepath.report.rating_findings import measures
-from desirepath.report.simulated_power import Rate, Tell, rate
-from desirepath.report.simulated_rankers import RankerCohort, simulate_rankings
+from desirepath.report.simulated_power import Rate
+from desirepath.report.simulated_rankers import PUBLISHED, RankerCohort, simulate_rankings
+from desirepath_experiments.benchmarks.results import Progress
+from desirepath_experiments.cohorts.counting import count
 
+PLAN = AnalysisPlan()
 ANY = "any of tau's effects, corrected"
 ANY_RATED = "any effect on what was rated, corrected"
 
 
-def ranking_cohorts(
-    cohort: RankerCohort,
-    cohorts: int = 1_000,
-    participants: int = 24,
-    *,
-    plan: AnalysisPlan | None = None,
-    tell: Tell = lambda done: None,
-) -> tuple[list[Rate], dict[str, float]]:
+@pydantic.dataclasses.dataclass(frozen=True)
+class RankingConfig:
+    """How many studies of how many people, and whether anything differs."""
+
+    cohorts: Annotated[int, Field(ge=1, description="Studies, 12 rankings in each of 2 x 2 conditions.")] = 1_000
+    participants: Annotated[int, Field(ge=3)] = 24
+    published: Annotated[bool, Field(description="What chapter 8 found is put in; else nothing differs.")] = False
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+def benchmark_ranking_cohorts(config: RankingConfig, progress: Progress | None = None) -> dict[str, Any]:
+    """As `ranking_cohorts`."""
+    cohort = replace(PUBLISHED if config.published else RankerCohort(), seed=config.seed)
+    rates, taus = ranking_cohorts(cohort, config.cohorts, config.participants)
+    return {
+        "simulated": True,
+        "cohorts": config.cohorts,
+        "participants": config.participants,
+        "alpha": PLAN.alpha,
+        "correction": PLAN.correction,
+        "cohort": asdict(cohort),
+        "mean_tau": taus,
+        "rates": [asdict(rate) for rate in rates],
+    }
+
+
+def ranking_cohorts(cohort: RankerCohort, cohorts: int, participants: int) -> tuple[list[Rate], dict[str, float]]:
     """How often each test is significant by itself, and any of a family after correction; each condition's mean tau.
 
     A test's name ends in `, aligned ranks` where it is the one that stands beside.
     """
-    plan = plan or AnalysisPlan()
-    found, seen = Counter[str](), Counter[str]()
     means: dict[str, list[float]] = {}
-    for k in range(cohorts):
-        data = simulate_rankings(cohort, participants, first=k * participants)
-        of = analyse_rankings(data.importance, measures(data, plan, []), plan, intervals=False)
+
+    def said(number: int) -> Iterator[tuple[str, bool]]:
+        data = simulate_rankings(cohort, participants, first=number * participants)
+        of = analyse_rankings(data.importance, measures(data, PLAN, []), PLAN, intervals=False)
         assert of is not None  # noqa: S101  everybody ranked
         for one in (of.agreement, *of.rated):
             for test, check in zip(one.tests, one.checks, strict=True):
-                for name, p in ((test.about, test.p), (f"{test.about}, aligned ranks", check.ranks.p)):
-                    seen[name] += 1
-                    found[name] += p <= plan.alpha
-        families = {ANY: of.agreement.tests, ANY_RATED: [test for one in of.rated for test in one.tests]}
-        for name, tests in families.items():
-            seen[name] += 1
-            found[name] += any(test.significant(plan.alpha) for test in tests)
+                yield test.about, test.p <= PLAN.alpha
+                yield f"{test.about}, aligned ranks", check.ranks.p <= PLAN.alpha
+        rated = [test for one in of.rated for test in one.tests]
+        for name, tests in ((ANY, of.agreement.tests), (ANY_RATED, rated)):
+            yield name, any(test.significant(PLAN.alpha) for test in tests)
         for name, mean in of.agreement.means.items():
             means.setdefault(name, []).append(mean.mean)
-        tell((k + 1) / cohorts)
-    rates = [rate(name, found[name], seen[name]) for name in seen]
+
+    rates = count(cohorts, said)
     return rates, {name: round(float(np.mean(values)), 4) for name, values in means.items()}

@@ -1,23 +1,28 @@
-"""The shipped encoder, predictor and controllers of chapter 3, and queries by these, each with its card.
+"""The shipped encoder, predictor and controllers of chapter 3, and queries by these: how the controllers drive past
+people who stand and walk, in homes that none has seen.
 
-All are tasks of the reproduction (`reproduction/depth/computing.py`); a folder in which it ran gives them at once.
+All but the queries are tasks of the reproduction (`reproduction/depth/computing.py`); a folder in which it ran gives
+them at once.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from desirepath.demonstrations.depth.controller import DepthController
-from desirepath.demonstrations.depth.training import DEPARTURES, DepthTrainingConfig
+from desirepath.demonstrations.depth.episodes import home_episodes
+from desirepath.demonstrations.depth.judging import depth_trajectories
+from desirepath.demonstrations.depth.training import DEPARTURES, DepthTrainingConfig, senses_of
 from desirepath.installed import DATASETS
-from desirepath.learning.cards import Card, card_path, file_sha256, source_commit
-from desirepath.learning.queries.queries import QueryConfig
-from desirepath.learning.scene_sets import Purpose, describe
+from desirepath.learning.cards import Card, file_sha256
+from desirepath.learning.queries.queries import QueryConfig, QuerySet, queries_of
+from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.perception import SHIPPED_ENCODER
 from desirepath.perception.beta_vae import DepthEncoder, VaeConfig
-from desirepath.perception.predictor import PredictorConfig
-from desirepath.simulation.setups import get_setup
+from desirepath.perception.predictor import PersonPredictor, PredictorConfig
 from desirepath_experiments.reproduction.depth.computing import (
     EXPLORED_SEED,
     FUNCTIONS,
@@ -26,11 +31,10 @@ from desirepath_experiments.reproduction.depth.computing import (
 )
 from desirepath_experiments.reproduction.depth.plan import BUDGETS, make_plan
 from desirepath_experiments.reproduction.tasks import Task, Work, in_order, results_of
-from desirepath_experiments.shipping.depth_queries import SHOWN, generate_depth_queries
 from desirepath_experiments.shipping.query_sets import describe_queries
+from desirepath_experiments.shipping.storing import Request, store
 
-HOME = get_setup("home")
-
+HOME = "home"
 ENCODER, PREDICTOR, QUERIES = SHIPPED_ENCODER, "home/depth_predictor", "home/queries_depth_12"
 SHIPPED = {"VAE-HA": "home/depth", "VAE-ND": "home/depth_nd"}
 """Configuration -> name: who learned from demonstrations, and who did not."""
@@ -39,6 +43,20 @@ PERCEPTION_DEPARTURES = [
     "The thesis does not say how reconstruction and divergence are scaled: here pixels have a standard deviation of "
     "0.05 of the range, and count more where something is near, on the person and on thin things.",
 ]
+MODES = ("static", "opposite", "random")  # of people, scene by scene
+SHOWN = QueryConfig(count=12, max_duration_s=20.0, min_gap_m=0.3, scenes_per_round=16, max_scenes=160)
+"""Ours: homes have narrow ways, so trajectories differ less than in open rooms."""
+
+
+def ship_depth(request: Request) -> list[Card]:
+    """All of them."""
+    work = request.work or request.folder / HOME / "work"
+    return [*ship_perception(work, request.folder), *ship_controllers(work, request.folder)]
+
+
+def ship_depth_perception(request: Request) -> list[Card]:
+    """Encoder and predictor."""
+    return ship_perception(request.work or request.folder / HOME / "work", request.folder)
 
 
 def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") -> list[Card]:
@@ -110,6 +128,23 @@ def _ship_controller(configuration: str, work: Path, folder: Path, budget: str) 
     )
 
 
+def generate_depth_queries(
+    controllers: Sequence[DepthController],
+    encoder: DepthEncoder,
+    predictor: PersonPredictor | None = None,
+    config: QueryConfig = SHOWN,
+) -> QuerySet:
+    """Pairs of these controllers' trajectories. Raises LearningError as `queries_of` does, ValueError for a controller
+    that needs a predictor where none is given."""
+    drawn = scene_set(HOME, config.max_scenes, purpose=Purpose.QUERIES, seed=config.seed)
+    scenes = home_episodes(drawn, MODES, config.seed).scenes
+    roll_outs = [
+        partial(depth_trajectories, one, senses_of(one.configuration, encoder, predictor, config.seed))
+        for one in controllers
+    ]
+    return queries_of(HOME, roll_outs, scenes, config)
+
+
 def ship_queries(folder: Path, budget: str = "small", config: QueryConfig = SHOWN) -> Card:
     """Queries by the controllers in the same folder, which `budget` trained. Raises LearningError for too few."""
     files = {configuration: folder / f"{name}.npz" for configuration, name in SHIPPED.items()}
@@ -140,19 +175,5 @@ def _core_seconds(task: Task, work: Path) -> float:
 
 
 def _store(kind: str, name: str, content: bytes, folder: Path, budget: str, **fields: Any) -> Card:
-    path = folder / f"{name}.npz"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(content)
-    card = Card(
-        kind=kind,
-        name=name,
-        setup=HOME.name,
-        file=path.name,
-        sha256=file_sha256(path),
-        command=f"desirepath reproduce depth --out DIR --budget {budget} && desirepath ship depth home --work DIR/work",
-        seed=0,
-        commit=source_commit(),
-        **{"departures": DEPARTURES, **fields},
-    )
-    card.save(card_path(path))
-    return card
+    command = f"desirepath reproduce depth --out DIR --budget {budget} && desirepath ship depth home --work DIR/work"
+    return store(kind, name, content, folder, **{"command": command, "departures": DEPARTURES} | fields)

@@ -12,7 +12,7 @@ import numpy as np
 from desirepath.learning.alignment.gate import GateRule
 from desirepath.learning.alignment.library_measures import measure_against
 from desirepath.learning.alignment.policy_library import SLOWEST, PolicyLibrary, mix_policies
-from desirepath.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
+from desirepath.learning.cards import Card, file_sha256
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.step_basis import Doubles, Floats, StepBasis
 from desirepath.learning.policies.conditioned import ConditionedPolicy
@@ -27,6 +27,7 @@ from desirepath.learning.td3.base import OnProgress
 from desirepath.simulation.fast import evaluate
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
+from desirepath_experiments.shipping.storing import Request
 from desirepath_experiments.training.own_reward import OwnRewardConfig, tune_to_reward
 
 SCENES_SEED = 7_100  # of no other card and no benchmark
@@ -58,18 +59,19 @@ class PolicyLibraryConfig:
 TRAINED = {"study_room": 48, "open_field": 32}
 
 
-def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, on_progress: OnProgress) -> Card:
+def ship_policy_library(request: Request) -> Card:
     """Train what is not in `work` yet, measure all, store `SETUP/policy_library.npz` with what is
     allowed to be anybody's."""
+    setup, seed, on_progress = request.setup, request.seed, request.on_progress
     config, basis = PolicyLibraryConfig(TRAINED[setup]), load_step_basis(setup)
     if basis is None:
         raise LearningError(f"setup = {setup!r}: no step basis is shipped for it")
-    base_path, conditioned_path = (folder / setup / f"{name}.npz" for name in ("base", "conditioned"))
-    base, conditioned = Policy.load(base_path), ConditionedPolicy.load(conditioned_path).as_trained()
-    weights = directions(basis.size, config.trained, seed)
+    base = Policy.load(request.path("base"))
+    conditioned = ConditionedPolicy.load(request.path("conditioned")).as_trained()
+    weights = draw_directions(basis.size, config.trained, seed)
     trained = []
     for place, one in enumerate(weights):
-        trained.append(_trained(base, basis, one, place + 1_000 * seed, config.updates, work))
+        trained.append(_train(base, basis, one, place + 1_000 * seed, config.updates, request.work))
         on_progress(0.7 * (place + 1) / len(weights), {"trained": place + 1})
     actors = tuple(tuple(layer.astype(np.float16) for layer in policy.actor) for policy in trained)
     settings, mixes = library_settings(config.drawn), library_mixes(config.trained, config.mixes)
@@ -79,7 +81,7 @@ def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, 
         return conditioned.at(settings[row]) if of_mix < 0 else mix_policies(base, actors, mixes[of_mix])
 
     count = len(settings) + len(mixes)
-    success, longer_s = _arriving(map(policy, range(count)), count, base, config.arriving, on_progress)
+    success, longer_s = _count_arriving(map(policy, range(count)), count, base, config.arriving, on_progress)
     slowest = SLOWEST * float(longer_s[: len(settings)].max())
     enough = (success >= ENOUGH_SUCCESS) & (longer_s <= slowest)
     rows = np.flatnonzero(enough | (np.arange(count) < len(settings)))
@@ -87,18 +89,12 @@ def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, 
     measures = replace(measure_against(base, map(policy, rows.tolist()), basis, scenes), success=success[rows])
     kept = mixes[rows[len(settings) :] - len(settings)]
     whole = PolicyLibrary(setup, settings, weights, actors, kept, measures)
-    library = of_fewer_trained(whole.without_what_is_not_allowed(), config.kept)
-    path = folder / setup / "policy_library.npz"
-    library.save(path)
-    card = Card(
-        kind="policy_library",
-        name=f"{setup}/policy_library",
-        setup=setup,
-        file=path.name,
-        sha256=file_sha256(path),
-        command=f"desirepath ship policy-library {setup} --seed {seed}",
-        seed=seed,
-        commit=source_commit(),
+    library = keep_fewer_trained(whole.without_what_is_not_allowed(), config.kept)
+    return request.store(
+        "policy_library",
+        "policy_library",
+        library.save,
+        f"policy-library {setup}",
         config=asdict(config),
         scenes={
             "measured": describe(Purpose.ALIGN_SELECT, config.scenes, SCENES_SEED),
@@ -112,19 +108,17 @@ def ship_policy_library(setup: str, seed: int, folder: Path, work: Path | None, 
             "longest_s": round(library.longest_s, 1),
             "mean_success": round(float(library.measures.success[library.allowed].mean()), 3),
         },
-        parents={
-            f"{setup}/base": file_sha256(base_path),
+        parents=request.parents("base")
+        | {
             f"{setup}/step_basis": file_sha256(resolve(f"{setup}/step_basis")),  # the shipped one, whatever `folder`
             f"{setup}/conditioned": conditioned.digest(),  # as trained: what was added since has no part in it
         },
-        departures=[DEPARTURES["policy_library"]],
+        departures=["policy_library"],
         notes=["Nobody's answers have a part in it; the step basis is of the tuning families of simulated people."],
     )
-    card.save(card_path(path))
-    return card
 
 
-def directions(size: int, count: int, seed: int = 0) -> Floats:
+def draw_directions(size: int, count: int, seed: int = 0) -> Floats:
     """(count, size) weights of a step basis, each followed by its opposite; `2 size` in turn are orthogonal."""
     random, found = np.random.default_rng(DIRECTIONS_SEED + 1_000 * seed), list[Floats]()
     while len(found) < count:
@@ -153,7 +147,7 @@ def library_mixes(trained: int, drawn: int) -> Floats:
     return np.stack([*alone, *together]).astype(np.float32)
 
 
-def of_fewer_trained(library: PolicyLibrary, most: int) -> PolicyLibrary:
+def keep_fewer_trained(library: PolicyLibrary, most: int) -> PolicyLibrary:
     """Without the trained ones, one after the other, that the fewest of the remaining mixes are of."""
     parts, first = library.mixes != 0, len(library.settings)
     left = np.ones(len(library.actors), dtype=np.bool_)
@@ -171,7 +165,7 @@ def of_fewer_trained(library: PolicyLibrary, most: int) -> PolicyLibrary:
     )
 
 
-def _arriving(
+def _count_arriving(
     policies: Iterable[Policy], count: int, base: Policy, scenes: int, on_progress: OnProgress
 ) -> tuple[Doubles, Doubles]:
     """(n,) share that arrives and seconds longer than the base policy; of a quarter of the scenes where that is far
@@ -192,7 +186,7 @@ def _arriving(
     return found[0], found[1]
 
 
-def _trained(base: Policy, basis: StepBasis, weights: Floats, place: int, updates: int, work: Path | None) -> Policy:
+def _train(base: Policy, basis: StepBasis, weights: Floats, place: int, updates: int, work: Path | None) -> Policy:
     stored = work / base.setup / f"{place}.npz" if work is not None else None
     if stored is not None and stored.is_file():
         return Policy.load(stored)

@@ -13,8 +13,8 @@ from desirepath.learning.preferences.population_prior import FOLDER, columns_of,
 from desirepath.learning.queries.manner_queries import MannerConfig, manner_pairs
 from desirepath.learning.queries.queries import QueryConfig
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath_experiments.shipping.query_sets import LONGEST_SHOWN_S
+from desirepath_experiments.shipping.storing import Request
 
 FAMILIES = ("network", "mixture", "thresholds", "lexicographic")  # `changing` is people of `network`, one after another
 FIRST_MEMBER = 2_000  # numbers below are for measuring
@@ -24,8 +24,9 @@ PAIRS_PER_SCENE = 3
 SEED = 921
 
 
-def ship_population_priors(setup: str, folder: Path = FOLDER, on_progress: OnProgress = no_progress) -> Path:
-    """Fit and store them; returns the file."""
+def ship_population_priors(request: Request) -> Path:
+    """Fit and store them where the code finds them; returns the file."""
+    setup, folder = request.setup, FOLDER
     config = MannerConfig(
         QueryConfig(seed=SEED, max_duration_s=LONGEST_SHOWN_S[setup]), pairs_per_scene=PAIRS_PER_SCENE
     )
@@ -39,7 +40,7 @@ def ship_population_priors(setup: str, folder: Path = FOLDER, on_progress: OnPro
             one = member(f"{family}:{FIRST_MEMBER + k}", setup)
             valued = one.scores(trajectories) / one.unit(setup)
             scores[k] = valued[0::2] - valued[1::2]
-            on_progress((place + (k + 1) / MEMBERS) / len(FAMILIES), {"people": place * MEMBERS + k + 1})
+            request.on_progress((place + (k + 1) / MEMBERS) / len(FAMILIES), {"people": place * MEMBERS + k + 1})
         priors.append(fitted_prior(family, columns, scores))
     made_from = {"families": list(FAMILIES), "members": [FIRST_MEMBER, FIRST_MEMBER + MEMBERS - 1], "pairs": len(pairs)}
     folder.mkdir(parents=True, exist_ok=True)

@@ -2,137 +2,80 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from desirepath.installed import DATASETS
-from desirepath.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
+from desirepath.learning.cards import Card
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.queries.manner_queries import MannerConfig, generate_manner_queries
 from desirepath.learning.queries.queries import QueryConfig, QuerySet, generate_queries, path_gap_m
 from desirepath.learning.queries.varied_queries import VariedConfig, describe_differences, generate_varied_queries
 from desirepath.learning.scene_sets import Purpose, describe
-from desirepath.learning.td3.base import OnProgress, no_progress
+from desirepath_experiments.shipping.storing import Request
 
-SHIPPED_QUERIES = 200
-LONGEST_SHOWN_S = {
-    "study_room": 12.0,
-    "open_field": 20.0,
-    "crowd_hall": 16.0,
-}  # of a varied query; the field's robot is slow
+Config = QueryConfig | VariedConfig | MannerConfig
+LONGEST_SHOWN_S = {"study_room": 12.0, "open_field": 20.0, "crowd_hall": 16.0}
+"""Of a varied query; the field's robot is slow."""
 
 
-def ship_queries(
-    setup: str,
-    seed: int = 0,
-    folder: Path = DATASETS,
-    on_progress: OnProgress = no_progress,
-    count: int = SHIPPED_QUERIES,
-    trajectories: int = 2,
-) -> Card:
-    """Make, describe and store queries by the ensemble in the same folder; of three trajectories each scene:
-    triples.
-    """
-    config = QueryConfig(count=count, seed=seed, trajectories=trajectories)
-    what, stem = ("triples", "queries_triples") if trajectories == 3 else ("queries", "queries")
-    files = sorted((folder / setup / "ensemble").glob("*.npz"))
-    queries = generate_queries([Policy.load(path) for path in files], config, on_progress)
-    return _store_queries(
-        queries,
-        folder / setup / f"{stem}_{count}.npz",
-        what=what,
-        config=config,
-        seed=seed,
-        parents={f"{setup}/ensemble/{file.stem}": file_sha256(file) for file in files},
-        departures=["pair_filters"],
-    )
+def ship_queries(request: Request, trajectories: int = 2) -> Card:
+    """Make, describe and store queries by the ensemble in the same folder."""
+    config = QueryConfig(count=request.count, seed=request.seed, trajectories=trajectories)
+    members = _ensemble(request)
+    queries = generate_queries([Policy.load(request.path(one)) for one in members], config, request.on_progress)
+    command, stem = ("triples", "queries_triples") if trajectories == 3 else ("queries", "queries")
+    return _store(request, queries, stem, command, config, members)
 
 
-def ship_varied_queries(
-    setup: str,
-    seed: int = 0,
-    folder: Path = DATASETS,
-    on_progress: OnProgress = no_progress,
-    count: int = SHIPPED_QUERIES,
-) -> Card:
+def ship_triples(request: Request) -> Card:
+    """Three trajectories in each scene, every pair of them a query."""
+    return ship_queries(request, trajectories=3)
+
+
+def ship_varied_queries(request: Request) -> Card:
     """Make, describe and store queries by the conditioned policy in the same folder, balanced over the measures."""
-    config = VariedConfig(QueryConfig(count=count, seed=seed, max_duration_s=LONGEST_SHOWN_S[setup]))
-    driver = folder / setup / "conditioned.npz"
-    queries = generate_varied_queries(ConditionedPolicy.load(driver), config, on_progress)
-    return _store_queries(
-        queries,
-        folder / setup / f"queries_varied_{count}.npz",
-        what="varied-queries",
-        config=config,
-        seed=seed,
-        parents={f"{setup}/conditioned": file_sha256(driver)},
-        departures=["pair_filters", "varied"],
-        results={"differences": describe_differences(queries)},
-    )
+    config = VariedConfig(_shown(request))
+    driver = ConditionedPolicy.load(request.path("conditioned"))
+    queries = generate_varied_queries(driver, config, request.on_progress)
+    return _store(request, queries, "queries_varied", "varied-queries", config, ["conditioned"], "varied")
 
 
-def ship_manner_queries(
-    setup: str,
-    seed: int = 0,
-    folder: Path = DATASETS,
-    on_progress: OnProgress = no_progress,
-    count: int = SHIPPED_QUERIES,
-) -> Card:
+def ship_manner_queries(request: Request) -> Card:
     """Make, describe and store queries of policies in many manners in the same folder."""
-    config = MannerConfig(QueryConfig(count=count, seed=seed, max_duration_s=LONGEST_SHOWN_S[setup]))
-    queries = generate_manner_queries(setup, config, on_progress)
-    files = [*sorted((folder / setup / "ensemble").glob("*.npz")), folder / setup / "base.npz"]
-    named = {f"{setup}/{file.relative_to(folder / setup).with_suffix('')}": file for file in files}
-    return _store_queries(
-        queries,
-        folder / setup / f"queries_manners_{count}.npz",
-        what="manner-queries",
-        config=config,
-        seed=seed,
-        parents={
-            name: file_sha256(file)
-            for name, file in {**named, f"{setup}/conditioned": folder / setup / "conditioned.npz"}.items()
-        },
-        departures=["pair_filters", "manners"],
-        results={"differences": describe_differences(queries)},
-    )
+    config = MannerConfig(_shown(request))
+    queries = generate_manner_queries(request.setup, config, request.on_progress)
+    parents = [*_ensemble(request), "base", "conditioned"]
+    return _store(request, queries, "queries_manners", "manner-queries", config, parents, "manners")
 
 
-def _store_queries(
-    queries: QuerySet,
-    path: Path,
-    *,
-    what: str,
-    config: QueryConfig | VariedConfig | MannerConfig,
-    seed: int,
-    parents: dict[str, str],
-    departures: list[str],
-    results: dict[str, Any] | None = None,
+def _shown(request: Request) -> QueryConfig:
+    return QueryConfig(count=request.count, seed=request.seed, max_duration_s=LONGEST_SHOWN_S[request.setup])
+
+
+def _ensemble(request: Request) -> list[str]:
+    return [f"ensemble/{path.stem}" for path in sorted(request.path("ensemble/0").parent.glob("*.npz"))]
+
+
+def _store(
+    request: Request, queries: QuerySet, stem: str, what: str, config: Config, parents: list[str], departure: str = ""
 ) -> Card:
-    """Write a query set and its card. what: the subcommand that makes it; results: more than every set's numbers."""
-    queries.save(path)
+    """what: the subcommand that makes it. departure: of sets whose pairs differ in every measure, which is told."""
     count = (config if isinstance(config, QueryConfig) else config.queries).count
-    card = Card(
-        kind="query_set",
-        name=f"{queries.setup}/{path.stem}",
-        setup=queries.setup,
-        file=path.name,
-        sha256=file_sha256(path),
-        command=f"desirepath ship {what} {queries.setup} --count {count} --seed {seed}",
-        seed=seed,
-        commit=source_commit(),
+    more = {"differences": describe_differences(queries)} if departure else {}
+    return request.store(
+        "query_set",
+        f"{stem}_{count}",
+        queries.save,
+        f"{what} {request.setup} --count {count}",
         config=config.as_dict(),
-        scenes={"drawn": describe(Purpose.QUERIES, queries.filtered["scenes"], seed)},
-        results=describe_queries(queries) | (results or {}),
-        parents=parents,
-        departures=[DEPARTURES[key] for key in departures],
+        scenes={"drawn": describe(Purpose.QUERIES, queries.filtered["scenes"], request.seed)},
+        results=describe_queries(queries) | more,
+        parents=request.parents(*parents),
+        departures=["pair_filters", *([departure] if departure else [])],
         notes=["Observations are stored rounded to float16 and were rounded before anything was made from them."],
     )
-    card.save(card_path(path))
-    return card
 
 
 def describe_queries(queries: QuerySet) -> dict[str, Any]:

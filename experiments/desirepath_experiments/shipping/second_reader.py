@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix, diags
 from sklearn.linear_model import LogisticRegression
 
 from desirepath.installed import ROOT
-from desirepath.learning.cards import Card, card_path, file_sha256, source_commit
+from desirepath.learning.cards import Card, file_sha256
 from desirepath.learning.words.lexicon import LANGUAGES, Language
 from desirepath.learning.words.second_reader import (
     BUCKETS,
@@ -24,6 +24,7 @@ from desirepath.learning.words.second_reader import (
 )
 from desirepath.learning.words.understanding import WordsReader
 from desirepath_experiments.benchmarks.labelled_wishes import Case, judge, read_cases
+from desirepath_experiments.shipping.storing import Request, store
 
 SENTENCES = ROOT / "tests" / "learning" / "words"
 PENALTY = 10.0  # scikit-learn's C
@@ -33,9 +34,9 @@ _HONEST = (
 )
 
 
-def ship_second_readers(folder: Path, sentences: Path = SENTENCES) -> list[Card]:
+def ship_words_veto(request: Request, sentences: Path = SENTENCES) -> list[Card]:
     """Train and store `words/second_reader_LANGUAGE.npz`, both with a card; a minute of one core."""
-    return [_ship(language, folder / "words", sentences) for language in LANGUAGES]
+    return [_ship(language, request.folder, sentences) for language in LANGUAGES]
 
 
 def _ship(language: Language, folder: Path, sentences: Path) -> Card:
@@ -43,26 +44,17 @@ def _ship(language: Language, folder: Path, sentences: Path) -> Card:
     sets = [read_cases(file) for file in files]
     if not sets:
         raise ValueError(f"{sentences} has no *_{language}.csv; it is tests/learning/words of a checkout")
-    fitted = fit_second_reader([case for cases in sets for case in cases], language)
-    path = reader_file(language, folder)
-    fitted.save(path)
-    card = Card(
-        kind="second_reader",
-        name=f"words/{path.stem}",
-        setup="",
-        file=path.name,
-        sha256=file_sha256(path),
+    return store(
+        "second_reader",
+        f"words/{reader_file(language, folder).stem}",
+        fit_second_reader([case for cases in sets for case in cases], language).save,
+        folder,
         command="desirepath ship words-veto",
-        seed=0,
-        commit=source_commit(),
         config={"buckets": BUCKETS, "penalty": PENALTY, "other_end": OTHER_END, "nothing_said": NOTHING_SAID},
-        scenes={},
         results={"left_out": _measure_left_out(files, sets, language)},
         parents={file.name: file_sha256(file) for file in files},
         notes=["The rules were tuned by the sets that are left out here, so this shows what doubting costs.", _HONEST],
     )
-    card.save(card_path(path))
-    return card
 
 
 def fit_second_reader(cases: Sequence[Case], language: Language) -> SecondReader:
@@ -98,7 +90,7 @@ def _measure_left_out(files: Sequence[Path], sets: Sequence[list[Case]], languag
     for file, cases in zip(files, sets, strict=True):
         others = [case for other in sets if other is not cases for case in other]
         second = fit_second_reader(others, language)
-        alone, both = (_judged(cases, language, one) for one in (None, second))
+        alone, both = (_judge(cases, language, one) for one in (None, second))
         right = [after for before, after in zip(alone, both, strict=True) if before == "right"]
         found[file.stem] = {
             "sentences": len(cases),
@@ -108,6 +100,6 @@ def _measure_left_out(files: Sequence[Path], sets: Sequence[list[Case]], languag
     return found
 
 
-def _judged(cases: Sequence[Case], language: Language, second: SecondReader | None) -> list[str]:
+def _judge(cases: Sequence[Case], language: Language, second: SecondReader | None) -> list[str]:
     reader = WordsReader(language, lambda _: second)
     return [judge(case, reader.understand(case.sentence)) for case in cases]

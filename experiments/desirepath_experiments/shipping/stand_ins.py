@@ -4,14 +4,12 @@ kept where the policy conditioned on it passes the gate. What they are for: `lea
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from desirepath.installed import DATASETS
 from desirepath.learning.alignment.gate import GateRule, at_gate
-from desirepath.learning.cards import file_sha256, source_commit
+from desirepath.learning.cards import source_commit
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.stand_ins import StandInCard, card_file
@@ -19,7 +17,7 @@ from desirepath.learning.preferences.objectives import NAMES
 from desirepath.learning.preferences.posterior import Posterior
 from desirepath.learning.preferences.spans import seen_in
 from desirepath.learning.queries.queries import QuerySet
-from desirepath.learning.td3.base import OnProgress, no_progress
+from desirepath_experiments.shipping.storing import Request
 
 PEOPLE = 24  # as many can finish together before anybody's policy is ready
 ANSWERS = 15  # as in study_protocols/personalisation_study.yaml
@@ -27,13 +25,11 @@ QUERY_SET = "queries_varied_200"
 TRIED = 10  # times as many are drawn: who is given the same weights as another one, or whose policy fails, is none
 
 
-def ship_stand_ins(
-    setup: str, seed: int = 0, folder: Path = DATASETS, on_progress: OnProgress = no_progress
-) -> StandInCard:
+def ship_stand_ins(request: Request) -> StandInCard:
     """Draw, ask, and store the setup's stand-ins."""
-    paths = {name: folder / setup / f"{name}.npz" for name in ("base", "conditioned", QUERY_SET)}
-    base, conditioned = Policy.load(paths["base"]), ConditionedPolicy.load(paths["conditioned"])
-    differences = seen_in(QuerySet.load(paths[QUERY_SET]).queries)
+    setup, seed = request.setup, request.seed
+    base, conditioned = Policy.load(request.path("base")), ConditionedPolicy.load(request.path("conditioned"))
+    differences = seen_in(QuerySet.load(request.path(QUERY_SET)).queries)
     prior = Posterior.prior(setup)
     drawn = prior.sample(TRIED * PEOPLE)
     random = np.random.default_rng([seed, 71])
@@ -59,7 +55,7 @@ def ship_stand_ins(
                     "gate_success": gate.success_rate,
                 }
             )  # fmt: skip
-            on_progress(len(people) / PEOPLE, {"success": gate.success_rate})
+            request.on_progress(len(people) / PEOPLE, {"success": gate.success_rate})
         if len(people) == PEOPLE:
             break
     card = StandInCard(
@@ -70,12 +66,12 @@ def ship_stand_ins(
         query_set=f"{setup}/{QUERY_SET}",
         answers=ANSWERS,
         people=people,
-        parents={f"{setup}/{name}": file_sha256(path) for name, path in paths.items()},
+        parents=request.parents("base", "conditioned", QUERY_SET),
         notes=[
             "Simulated people, drawn from the prior of `learning/preferences/posterior.py`, answered queries drawn by "
             "lot as that model says; `weights`: what recipe instant would give a participant with these answers.",
             "They are lent only while no other participant's policy is ready; reports say so.",
         ],
     )
-    card.save(card_file(setup, folder))
+    card.save(card_file(setup, request.folder))
     return card

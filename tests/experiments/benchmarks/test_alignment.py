@@ -7,8 +7,7 @@ import pytest
 from desirepath.learning.alignment.conditioning_search import ConditioningSearchConfig
 from desirepath.learning.alignment.fine_tuning import FineTuningConfig
 from desirepath.learning.alignment.gate import GateRule
-from desirepath.learning.errors import LearningError
-from desirepath_experiments.benchmarks.alignment import benchmark_align
+from desirepath_experiments.benchmarks.alignment import AlignConfig, benchmark_align
 
 TINY = {
     "instant": None,
@@ -28,7 +27,7 @@ TINY = {
 
 @pytest.mark.parametrize("mode", sorted(TINY))
 def test_align_benchmark_reports_the_keys_others_rely_on(mode: str) -> None:
-    result = benchmark_align(setup="study_room", mode=mode, queries=6, seed=1, n=60, config=TINY[mode])
+    result = benchmark_align(AlignConfig(setup="study_room", mode=mode, queries=6, seed=1, n=60), training=TINY[mode])
     assert result["seconds"] > 0
     for side in ("base", "neutral", "aligned"):
         assert {"setup", "n", "success_rate", "min_human_distance_m", "path_length_m", "time_s"} <= set(result[side])
@@ -45,10 +44,10 @@ def test_align_benchmark_reports_the_keys_others_rely_on(mode: str) -> None:
 
 
 def test_an_oracle_outside_the_vocabulary_has_no_way_to_share() -> None:
-    result = benchmark_align(setup="study_room", mode="instant", oracle="random", queries=4, seed=1, n=20)
+    result = benchmark_align(AlignConfig(setup="study_room", mode="instant", oracle="random", queries=4, seed=1, n=20))
     assert result["objective"] is result["share_of_the_way"] is None
 
 
 def test_an_unknown_mode_is_refused() -> None:
-    with pytest.raises(LearningError, match="instant, conditioning_search, fine_tuning, thesis"):
-        benchmark_align(mode="telepathy")
+    with pytest.raises(ValueError, match="'instant', 'conditioning_search', 'fine_tuning' or 'thesis'"):
+        AlignConfig(mode="telepathy")

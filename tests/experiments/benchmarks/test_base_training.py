@@ -16,38 +16,32 @@ from desirepath_experiments.benchmarks import training_arms
 from desirepath_experiments.benchmarks.base_training import benchmark_train
 from desirepath_experiments.benchmarks.training_arms import TrainBenchmarkConfig
 
-TINY = TrainBenchmarkConfig(updates_per_check=24, check_scenes=50, max_updates=48, pybullet_steps=5)
+TINY = TrainBenchmarkConfig(updates_per_check=24, check_scenes=50, max_updates=48)
 
 
 def test_train_benchmark_compares_arms_and_admits_failure(tiny_config: BaseConfig) -> None:
-    result = benchmark_train(seeds=1, config=TINY, base=replace(tiny_config, updates_per_step=12))
+    result = benchmark_train(TINY, base=replace(tiny_config, updates_per_step=12))
     assert result["seconds_to_94"] is None  # 48 updates do not make a driver
     assert result["held_out_success"] is None
-    for ratio in ("ratio_vs_sb3_fast", "ratio_vs_sb3_pybullet"):
-        assert result[ratio] is None
-        assert result[f"{ratio}_at_least"] is None  # ours got nowhere either
-    assert result["never_reached"] == {"fast": 1, "sb3_fast": 1, "sb3_pybullet": 1}
+    assert result["ratio_vs_sb3_fast"] is None
+    assert result["ratio_vs_sb3_fast_at_least"] is None  # ours got nowhere either
+    assert result["never_reached"] == {"fast": 1, "sb3_fast": 1}
     assert [(entry["arm"], entry["weights"]) for entry in result["per_seed"]] == [
         ("fast", "averaged"),
         ("fast", "last"),
         ("sb3_fast", "last"),
-        ("sb3_pybullet", "last"),
     ]
     for entry in result["per_seed"]:
         assert entry["updates"] >= 48
         assert entry["ms_per_update"] > 0
         assert entry["ms_per_transition"] > 0
         assert entry["seconds"] > 0
-    *trained, pybullet = result["per_seed"]
-    assert all(entry["transitions"] > tiny_config.random_transitions for entry in trained)
-    assert pybullet["wall_seconds"] is None  # computed: steps times seconds per PyBullet step
-    assert pybullet["seconds"] > pybullet["transitions"] * 1e-3
-    assert "not trained in PyBullet" in result["sb3_pybullet_note"]
+        assert entry["transitions"] > tiny_config.random_transitions
 
 
 def test_arms_that_take_turns_do_what_each_does_alone(tiny_config: BaseConfig) -> None:
     def work(*arms: str) -> list[tuple[object, ...]]:
-        result = benchmark_train(seeds=2, arms=arms, config=TINY, base=tiny_config)
+        result = benchmark_train(replace(TINY, seeds=2, arms=arms), base=tiny_config)
         names = ("arm", "weights", "seed", "updates", "transitions", "held_out_success", "tries")
         return sorted(tuple(entry[name] for name in names) for entry in result["per_seed"])
 
@@ -63,19 +57,19 @@ def test_turns_are_taken_chunk_by_chunk() -> None:
             yield
         return []
 
-    training_arms.taking_turns({"a": training("a", 3), "b": training("b", 1)})
+    training_arms.take_turns({"a": training("a", 3), "b": training("b", 1)})
     assert order == ["a", "b", "a", "a"]
 
 
 def test_a_slow_arm_that_never_arrives_gives_a_lower_bound(tiny_config: BaseConfig, tmp_path: Path) -> None:
     keep = tmp_path / "kept.json"
-    benchmark_train(seeds=1, arms=("fast", "sb3_fast"), config=TINY, base=tiny_config, keep=keep)
+    benchmark_train(replace(TINY, keep=keep), base=tiny_config)
     kept = json.loads(keep.read_text(encoding="utf-8"))
     for entry in kept["runs"]["fast 0"]:
         entry.update(seconds=1.0, seconds_to_94=1.0, held_out_success=0.95)
     kept["runs"]["sb3_fast 0"][0]["seconds"] = 7.0
     keep.write_text(json.dumps(kept), encoding="utf-8")
-    result = benchmark_train(seeds=1, arms=("fast", "sb3_fast"), config=TINY, base=tiny_config, keep=keep)
+    result = benchmark_train(replace(TINY, keep=keep), base=tiny_config)
     assert result["seconds_to_94"] == 1.0
     assert result["ratio_vs_sb3_fast"] is None
     assert result["ratio_vs_sb3_fast_at_least"] == 7.0
@@ -94,7 +88,7 @@ def test_a_target_that_is_reached_is_confirmed_on_scenes_that_are_new_at_every_t
 
     monkeypatch.setattr(training_arms, "scene_set", noting)
     monkeypatch.setattr(training_arms, "TARGET", 0.0)  # any policy reaches it
-    result = benchmark_train(seeds=2, arms=("fast", "sb3_fast"), config=TINY, base=tiny_config)
+    result = benchmark_train(replace(TINY, seeds=2), base=tiny_config)
     assert result["held_out_success"] is not None
     assert result["ratio_vs_sb3_fast"] == pytest.approx(
         result["seconds_to_94_per_arm"]["sb3_fast"] / result["seconds_to_94_per_arm"]["fast"]
@@ -108,13 +102,13 @@ def test_a_target_that_is_reached_is_confirmed_on_scenes_that_are_new_at_every_t
 
 def test_a_broken_benchmark_goes_on_where_it_was(tiny_config: BaseConfig, tmp_path: Path) -> None:
     keep = tmp_path / "kept.json"
-    first = benchmark_train(seeds=1, arms=("fast",), config=TINY, base=tiny_config, keep=keep)
-    again = benchmark_train(seeds=1, arms=("fast",), config=TINY, base=tiny_config, keep=keep)
+    first = benchmark_train(replace(TINY, arms=("fast",), keep=keep), base=tiny_config)
+    again = benchmark_train(replace(TINY, arms=("fast",), keep=keep), base=tiny_config)
     assert again["per_seed"] == first["per_seed"]  # seconds and all: nothing ran again
     with pytest.raises(LearningError, match="other settings"):
-        benchmark_train(seeds=1, config=TINY, base=replace(tiny_config, tau=0.5), keep=keep)
+        benchmark_train(replace(TINY, keep=keep), base=replace(tiny_config, tau=0.5))
 
 
 def test_unknown_arms_are_refused() -> None:
-    with pytest.raises(LearningError, match="known arms"):
-        benchmark_train(arms=("fast", "warp"))
+    with pytest.raises(ValueError, match="'fast' or 'sb3_fast'"):
+        TrainBenchmarkConfig(arms=("fast", "warp"))

@@ -16,15 +16,16 @@ from desirepath.learning.preferences.objectives import NAMES, best_possible, gai
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup, preference_setups
-from desirepath_experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, attained
+from desirepath_experiments.benchmarks.attainable import NOT_ARRIVED, PlannerConfig, plan_rollouts
 from desirepath_experiments.benchmarks.headline import (
     MADE_OF_OBJECTIVES,
     HeadlineConfig,
     benchmark_headline,
-    compared_with_attained,
+    compare_with_attained,
     summarise,
     true_weights,
 )
+from desirepath_experiments.benchmarks.results import Progress
 
 PREFERENCE_SETUPS = preference_setups()
 
@@ -47,7 +48,7 @@ def test_a_planned_drive_arrives_and_beats_the_base_policy_but_not_what_the_scen
     guides = [
         one.poses for one in rollout(get_setup("study_room"), load_policy("study_room/base").rollout_policy, scenes)
     ]
-    best, drives = attained(scenes, weights, FEW, guides)
+    best, drives = plan_rollouts(scenes, weights, FEW, guides)
     typical = typical_differences("study_room")
     arrived = best > NOT_ARRIVED
     assert arrived.mean() > 0.8
@@ -63,20 +64,20 @@ def test_a_planned_drive_arrives_and_beats_the_base_policy_but_not_what_the_scen
 def test_a_plan_is_the_same_again() -> None:
     scenes = scene_set("open_field", 3, purpose=Purpose.ALIGN_SELECT, seed=42)
     weights = true_weights("min-human-distance")
-    assert attained(scenes, weights, FEW)[0].tolist() == attained(scenes, weights, FEW)[0].tolist()
+    first, again = (plan_rollouts(scenes, weights, FEW)[0].tolist() for _ in range(2))
+    assert first == again
 
 
 def test_every_seed_answers_other_queries_and_reports_on_other_scenes() -> None:
     config = HeadlineConfig(
         preferences=("slow-near-person", "min-human-distance"),
         seeds=(3, 4),
-        lapse_rates=(0.0,),
+        noises=(0.0,),
         answers=6,
         scenes=30,
         planned=8,
-        planner=FEW,
     )
-    result = benchmark_headline("study_room", config=config)
+    result = benchmark_headline(config, Progress(), FEW)
     assert result["simulated"]
     first, second = result["scenes"]
     assert first["last_scene_seed"] < second["first_scene_seed"]
@@ -87,7 +88,7 @@ def test_every_seed_answers_other_queries_and_reports_on_other_scenes() -> None:
     assert summary["runs"] == 4
     assert summary["worst_run"] <= summary["worst_share"] <= summary["median_share"]
     with pytest.raises(LearningError, match="faces-person"):
-        benchmark_headline("study_room", config=HeadlineConfig(preferences=("faces-person",)))
+        benchmark_headline(HeadlineConfig(preferences=("faces-person",)), Progress())
 
 
 def test_the_share_counts_only_where_all_arrive_and_what_a_policy_attained_was_attainable() -> None:
@@ -97,7 +98,7 @@ def test_the_share_counts_only_where_all_arrive_and_what_a_policy_attained_was_a
     own = course.rollout(load_policy("study_room/conditioned@farther=1"))
     true = true_weights("min-human-distance")
     nothing_planned_well = np.full(6, -50.0)
-    said = compared_with_attained(own, own, base, nothing_planned_well, true, "study_room")
+    said = compare_with_attained(own, own, base, nothing_planned_well, true, "study_room")
     assert 0 < said["share"] <= 1
     assert said["compared_in"] == int((base.success & own.success)[:6].sum())
     assert said["success"] == own.success.mean()

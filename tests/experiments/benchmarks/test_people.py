@@ -19,15 +19,9 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_people import PeopleConfig, benchmark_people, known_people, result_of
 from desirepath.learning.people.rows import bins_of, calibration_error
 from desirepath.simulation.setups import get_setup
-from desirepath_experiments.benchmarks.people_before import BeforeConfig, benchmark_before
-from desirepath_experiments.benchmarks.people_harm import (
-    PeopleHarmConfig,
-    benchmark_people_harm,
-    clopper_pearson,
-    known_persons,
-)
+from desirepath_experiments.benchmarks.people_harm import PeopleHarmConfig, benchmark_people_harm, clopper_pearson
 from desirepath_experiments.benchmarks.people_policies import PeoplePoliciesConfig, with_shares
-from desirepath_experiments.benchmarks.people_yardstick import YardstickConfig, benchmark_yardstick
+from desirepath_experiments.benchmarks.results import Progress
 
 STUDY_ROOM = get_setup("study_room")
 
@@ -62,42 +56,23 @@ def test_questions_may_be_of_many_manners_and_chosen_and_people_within_the_list(
     assert "shown_rate" not in result, "six answers are fewer than the eight after which a policy is made"
 
 
-def test_earlier_participants_are_of_the_same_population_or_of_another() -> None:
-    config = BeforeConfig(before=(0, 3), answers=(2, 4), people=2, pool=40, test=20, particles=500)
-    result = benchmark_before("study_room", config)
-    rows = [(row["population"], row["people_before"], row["people"]) for row in result["before"]]
-    assert rows == [("same", 0, 2), ("same", 3, 2), ("shifted", 3, 2)]
-    assert all(0 <= share <= 1 for row in result["before"] for share in row["accuracy"].values())
-
-
-def test_a_linear_model_of_many_answers_is_the_yardstick_of_a_query_set() -> None:
-    config = YardstickConfig(("thresholds",), people=2, answers=20, test=20, shown="queries_triples_50")
-    result = benchmark_yardstick("study_room", config)
-    assert (result["people"], result["answers_shown"]) == (2, 150)
-    names = {"linear_named", "linear_named_shown", "linear_all", "linear_all_shown", "posterior_shown"}
-    assert set(result["accuracy"]) == names
-    assert all(0 <= mean <= 1 and error >= 0 for mean, error in result["accuracy"].values())
-    assert result["choosing_p95_ms"] > 0
-
-
 def test_who_is_harmed_is_counted_as_an_alignment_job_decides_and_a_stopped_run_goes_on(tmp_path: Path) -> None:
     config = PeopleHarmConfig(
-        ("thresholds", "nine"), people=2, answers=9, seeds=(0,), pool=30, manners=8, test=20, scenes=10, particles=500
+        family="thresholds,nine", people=2, answers=9, seeds=(0,), pool=30, manners=8, test=20, scenes=10, particles=500
     )
-    heard: list[dict[str, Any]] = []
-    result = benchmark_people_harm("study_room", config, heard.append)
-    assert (result["people"], len(heard), set(result["families"])) == (4, 4, {"thresholds", "nine"})
-    assert [one["person"] for one in heard] == ["thresholds:200", "nine:200", "thresholds:201", "nine:201"]
-    for one in heard:
+    heard: list[str] = []
+    result = benchmark_people_harm(config, Progress(heard.append, tmp_path / "harm.json"))
+    assert (result["people"], set(result["families"])) == (4, {"thresholds", "nine"})
+    assert heard == ["0 thresholds:200", "0 nine:200", "0 thresholds:201", "0 nine:201"]
+    for one in result["persons"]:
         assert one["probability_clearly_better"] <= one["probability_better"]
         surely, clearly = one["probability_better"] >= SURE, one["probability_clearly_better"] >= CLEARLY
         assert one["shown"] == (surely and clearly)
     low, high = result["harmed_rate_interval"]
     assert low <= result["harmed_rate"] <= high
-    (tmp_path / "harm.json").write_text(json.dumps(result))
-    known = known_persons(tmp_path / "harm.json", "study_room", config)
-    assert benchmark_people_harm("study_room", config, pytest.fail, known) == result
-    assert known_persons(tmp_path / "harm.json", "study_room", replace(config, answers=8)) == []
+    again = Progress(pytest.fail, tmp_path / "harm.json")
+    assert benchmark_people_harm(config, again) == result
+    assert again.kept_persons("study_room", replace(config, answers=8)) == []
 
 
 def test_the_exact_interval_of_a_share() -> None:
@@ -153,10 +128,8 @@ def test_a_stopped_measurement_of_people_goes_on_where_it_was(tmp_path: Path) ->
 
 def test_shares_of_the_librarys_best_stand_in_every_family_s_row() -> None:
     config = replace(SMALL, people=1, answers=(8,))
-    policies = PeoplePoliciesConfig(
-        config.families, people=1, answers=8, pool=12, test=10, scenes=6, fine_tuning=False, trained=0
-    )
-    result = with_shares(benchmark_people("study_room", config), "study_room", policies, {})
+    policies = PeoplePoliciesConfig(family="thresholds", people=1, answers=8, pool=12, test=10, scenes=6, at_once=True)
+    result = with_shares(benchmark_people("study_room", config), policies, {})
     for row in (result, *result["rows"]):
         assert 0 <= row["success_at_once"] <= 1
         assert row["share_at_once"] is None or row["share_at_once"] <= 1 + 1e-9, "of the library's best"

@@ -24,7 +24,7 @@ from desirepath.store.models import Response, Trial
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.studies import create_study
 from desirepath_experiments.shipping import depth
-from desirepath_experiments.shipping.depth_queries import SHOWN
+from desirepath_experiments.shipping.depth import SHOWN
 from tests.study.small_protocol import small_protocol
 
 TINY = replace(SHOWN, count=3, scenes_per_round=12)

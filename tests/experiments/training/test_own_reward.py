@@ -4,7 +4,7 @@ it."""
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from desirepath.learning.alignment.own_policy import SearchedPolicy, search_poli
 from desirepath.learning.alignment.policy_library import best_of, mix_policies
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.pairs import PairDifferences
-from desirepath.learning.measures.step_basis import StepBasis
+from desirepath.learning.measures.step_basis import StepBasis, seen_steps
 from desirepath.learning.people.card import member
 from desirepath.learning.people.families.base import StepFamilyMember
 from desirepath.learning.policies.shipped import (
@@ -42,13 +42,33 @@ from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 from desirepath_experiments.benchmarks import people_policies
-from desirepath_experiments.benchmarks.people_policies import PeoplePoliciesConfig, TrueReward, known_persons
-from desirepath_experiments.benchmarks.true_yardstick import YardstickConfig, converged_on_the_truth
 from desirepath_experiments.training.own_reward import OwnRewardConfig, means_of, tune_to_reward
 
 OPEN_FIELD = get_setup("open_field")
 
 Pairs = list[tuple[Trajectory, Trajectory]]
+
+
+@dataclass(frozen=True)
+class TrueReward(RewardModel):
+    """A simulated person's own reward of every step; stored nowhere."""
+
+    kind = "true"
+
+    setup: str
+    person: StepFamilyMember
+    reduction = "mean"
+
+    def rewards(self, observations: np.ndarray, actions: np.ndarray, next_observations: np.ndarray) -> np.ndarray:
+        steps = seen_steps(get_setup(self.setup), observations, actions, next_observations)
+        return self.person.step_scores(steps).astype(np.float32)
+
+    def to_arrays(self) -> tuple[dict[str, object], dict[str, np.ndarray]]:
+        raise NotImplementedError
+
+    @classmethod
+    def from_arrays(cls, meta: object, arrays: object) -> TrueReward:
+        raise NotImplementedError
 
 
 @pytest.fixture(scope="module")
@@ -150,20 +170,6 @@ def test_what_a_search_spoiled_does_not_take_over(
     assert np.mean([one.outcome == Outcome.SUCCESS for one in rolled_out]) < 0.9
 
 
-def test_the_yardstick_is_never_below_the_librarys_best_and_says_each_step() -> None:
-    base, library = load_policy("open_field/base"), load_policy_library("open_field")
-    assert library is not None
-    person = member("network:0", "open_field")
-    assert isinstance(person, StepFamilyMember)
-    gains = np.zeros(len(library))
-    config = YardstickConfig(rounds=1, updates=20, scenes=20, generations=1)
-    conditioned = load_conditioned("open_field/conditioned")
-    found = converged_on_the_truth(person, TrueReward("open_field", person), library, conditioned, base, gains, config)
-    assert list(found.steps) == ["library", "search", "trained_1"]
-    assert list(found.steps.values()) == sorted(found.steps.values())
-    assert not found.policy.critic
-
-
 def test_who_answers_by_a_reward_file_has_a_policy_too_and_what_it_gains_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -172,26 +178,12 @@ def test_who_answers_by_a_reward_file_has_a_policy_too_and_what_it_gains_is_said
     inputs = [{"of": "observation", "form": "export"}, {"of": "action", "form": "export"}]
     said = {"format": "desirepath-reward-2", "setup": "open_field", "file": "net.pt", "inputs": inputs}
     (tmp_path / "somebody.json").write_text(json.dumps(said))
-    small = {"pool": 12, "test": 10, "scenes": 10}
-    monkeypatch.setattr(people_policies, "PeoplePoliciesConfig", lambda **given: PeoplePoliciesConfig(**given, **small))
     monkeypatch.setattr(people_policies, "TRUE_SCENES", 3)
     given = ["--setup", "open_field", "--reward", str(tmp_path / "somebody.json"), "--answers", "4", "--seeds", "2-3"]
+    given += ["--pool", "12", "--test", "10", "--scenes", "10"]
     told = CliRunner().invoke(app, ["benchmark", "people-policies", *given, "--at-once", "--json"])
     assert told.exit_code == 0, told.output
     result = json.loads(told.stdout.splitlines()[-1])
     assert [(one["person"], one["seed"]) for one in result["persons"]] == [("somebody", 2), ("somebody", 3)]
     assert {"share_at_once", "success_at_once", "raised_at_once", "calibration_error"} <= set(result)
     assert 0 <= result["calibration_error"] <= 1
-
-
-def test_a_stopped_benchmark_goes_on_where_it_was(tmp_path: Path) -> None:
-    config = PeoplePoliciesConfig(families=("network",), people=2)
-    nobody = known_persons(tmp_path / "out.json", "study_room", config)
-    assert nobody == []
-    persons = [{"person": "network:0", "seed": 0, "gain_at_once": 0.2}]
-    (tmp_path / "out.json").write_text(
-        json.dumps({"setup": "study_room", "config": asdict(config), "persons": persons})
-    )
-    assert known_persons(tmp_path / "out.json", "study_room", config) == persons
-    assert known_persons(tmp_path / "out.json", "open_field", config) == []
-    assert known_persons(tmp_path / "out.json", "study_room", replace(config, seeds=(1,))) == []

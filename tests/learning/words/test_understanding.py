@@ -14,7 +14,7 @@ from desirepath.learning.words.clauses import clauses_of
 from desirepath.learning.words.lexicon import LANGUAGES, LONGEST, LONGEST_WORD, MOST_WORDS, form_of, lexicon, words_of
 from desirepath.learning.words.second_reader import ENDS, Doubts, hashed_features, second_reader
 from desirepath.learning.words.understanding import WordsReader, words_reader
-from desirepath_experiments.benchmarks.word_judging import labelled_sentences
+from desirepath_experiments.benchmarks.words import labelled_sentences
 from tests.learning.words.measure import measure, read_cases
 
 

@@ -1,0 +1,123 @@
+"""`desirepath benchmark NAME`: each is a function of its configuration, which gives the command its options.
+
+A module is imported when its command is called, so that `--help` stays quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any, get_type_hints
+
+import typer
+from typer.core import TyperGroup
+
+from desirepath.cli.options import RESPONSE_MODEL, OptionsOf
+from desirepath_experiments.cli.options import make_command
+
+BENCHMARKS = {
+    "simulate": ("benchmarks.engines", "Steps per second of the fast engine against PyBullet, one thread each."),
+    "train": (
+        "benchmarks.base_training",
+        "Seconds until a base policy reaches 94 % success, ours against Stable-Baselines3.",
+    ),
+    "align": (
+        "benchmarks.alignment",
+        "Seconds from the last answer to a policy ready to show, and what it gained on fresh scenes.",
+    ),
+    "serve": (
+        "benchmarks.serving",
+        "Many participants at once, each with a real websocket to the stage: is every acknowledged answer stored?",
+    ),
+    "faults": (
+        "benchmarks.faults",
+        "Kill servers, workers and connections at random moments under load, fill the disk: what was lost? On a "
+        "PostgreSQL server of its own.",
+    ),
+    "rest": (
+        "benchmarks.at_rest",
+        "The demo with nobody there: processor time, disk writes, wake-ups, memory; seconds to start; how soon a job "
+        "begins.",
+    ),
+    "live": (
+        "benchmarks.live_controls",
+        "From the hand on a weight to the robot's new way in the picture, in Chromium, milliseconds.",
+    ),
+    "people": (
+        "benchmarks.people",
+        "Simulated people outside the nine objectives: predicted how well, claimed how surely, and what their robot "
+        "gains.",
+    ),
+    "people-policies": (
+        "benchmarks.people_policies",
+        "What the robot of simulated people outside the nine objectives gains at once and by the search behind it.",
+    ),
+    "people-harm": (
+        "benchmarks.people_harm",
+        "How many simulated people of all families are shown a policy as theirs that is worse for them, as an "
+        "alignment job decides it.",
+    ),
+    "headline": (
+        "benchmarks.headline",
+        "Simulated: what the policy of 15 answers gets of what can be attained, of 13 preferences; median and worst.",
+    ),
+    "explanations": (
+        "benchmarks.explanations",
+        "Are explanations true? Deletion and insertion against random orders, per method; milliseconds.",
+    ),
+    "words": (
+        "benchmarks.words",
+        "How well wishes in plain English and German become preference weights, case by case.",
+    ),
+    "null-cohorts": (
+        "cohorts.interface_cohorts",
+        "Simulated: how often the analysis of the interface study finds something where there is nothing.",
+    ),
+    "known-cohorts": (
+        "cohorts.interface_cohorts",
+        "Simulated: how often the analysis finds what was put into studies whose views differ, and anything else.",
+    ),
+    "design-cohorts": (
+        "cohorts.design_cohorts",
+        "Simulated: how often each test of each design finds something, where nothing differs or where something does.",
+    ),
+    "further-cohorts": (
+        "cohorts.further_cohorts",
+        "Simulated: how often what stands beside the declared tests is said rightly and wrongly.",
+    ),
+    "ranking-cohorts": (
+        "cohorts.ranking_cohorts",
+        "Simulated: how often the analysis of importance rankings finds an effect of outlines and lidar.",
+    ),
+}
+"""Command -> the module whose function `benchmark_NAME(config, progress)` it calls, and its help."""
+
+
+FLAGS = {**RESPONSE_MODEL.names, "published": "--published/--null"}
+"""Of fields whose option is not called as they are."""
+
+
+class _CommandsWhenCalled(TyperGroup):
+    """Lists all commands by their help alone; one that is called gets its options."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, listed, rest = super().resolve_command(ctx, args)
+        return name, typer.main.get_command(_load(name)) if listed is not None and name else None, rest
+
+
+def _load(name: str) -> typer.Typer:
+    where, words = BENCHMARKS[name]
+    run = getattr(import_module(f"desirepath_experiments.{where}"), f"benchmark_{name.replace('-', '_')}")
+    config = get_type_hints(run)["config"]
+    options = OptionsOf(f"{config.__module__}:{config.__name__}", names=FLAGS)
+    single = typer.Typer(add_completion=False)
+    single.command(name, help=words)(make_command(run, options))
+    return single
+
+
+commands = typer.Typer(
+    cls=_CommandsWhenCalled,
+    help="Measure speed; every ratio comes from one run on this machine.",
+    no_args_is_help=True,
+)
+for _name, (_, _help) in BENCHMARKS.items():
+    commands.command(_name, help=_help)(lambda: None)
