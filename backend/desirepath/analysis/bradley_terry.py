@@ -6,7 +6,7 @@ statsmodels' clustered logistic model says the same where nobody always wins; it
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,16 @@ class Worth:
     share: float
     low: float
     high: float
+
+
+def count_wins(choices: Iterable[tuple[str, str, str]], names: Sequence[str]) -> Array:
+    """(people, k, k) how often each person, by the alphabet, chose i over j; choices: (person, chosen, rejected)."""
+    given = list(choices)
+    people = sorted({person for person, _, _ in given})
+    wins = np.zeros((len(people), len(names), len(names)))
+    for person, chosen, rejected in given:
+        wins[people.index(person), names.index(chosen), names.index(rejected)] += 1
+    return wins
 
 
 def bradley_terry(wins: ArrayLike, names: Sequence[str], *, shared: float = 0.5) -> list[Worth]:

@@ -7,14 +7,15 @@ What was declared to be tested is in `rating_findings.py`, `choice_findings.py` 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.analysis.between_groups import mann_whitney
-from desirepath.analysis.bradley_terry import Worth, bradley_terry
+from desirepath.analysis.bradley_terry import Worth, bradley_terry, count_wins
 from desirepath.analysis.equivalence import bayes_factor, bayes_factor_of_choices, equivalence
 from desirepath.analysis.mixed_models import NoFit, RatioTest, chance_of_the_higher, cumulative_logit, ratio_test
 from desirepath.analysis.reliability import Reliability, reliability
@@ -24,6 +25,7 @@ from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.choice_findings import Pair, agree_per_person
 from desirepath.report.own_findings import ARMS, own_shares
 from desirepath.report.rating_findings import Measure
+from desirepath.report.report_cells import name_in_words
 from desirepath.report.study_data import Choice, StudyData, find_askings, find_topic
 from desirepath.report.study_design import StudyDesign
 
@@ -97,30 +99,22 @@ def _order_effects(data: StudyData, rated: Sequence[Measure], designs: Sequence[
     conditions: whether the sum of both depends on which came first (Grizzle 1965)."""
     order = {row.code: row.order for row in data.people}
     tests: list[Tested] = []
-    for design in designs:
-        if design.factorial or not design.within:
+    for design, measure, people, table in _within_people(rated, designs):
+        cells, item = list(design.cells), name_in_words(measure.item.key)
+        met = [[name for name in order[person] if name in cells] for person in people]
+        known = [k for k, names in enumerate(met) if sorted(names) == sorted(cells)]
+        if len(known) < 2 or len({tuple(met[k]) for k in known}) < 2:
             continue
-        cells = list(design.cells)
-        for measure in rated:
-            people, rows = design.values(measure.rated)
-            met = [[name for name in order[person] if name in cells] for person in people]
-            known = [k for k, names in enumerate(met) if sorted(names) == sorted(cells)]
-            if len(known) < 2 or len({tuple(met[k]) for k in known}) < 2:
-                continue
-            by_period = np.array([[rows[k][cells.index(name)] for name in met[k]] for k in known])
-            about = f"{measure.item.key.replace('_', ' ')}, first to last condition met"
-            if len(cells) > 2:
-                test = friedman(by_period, about=about)
-                tests.append(replace(test, direction="ratings change from period to period"))
-                continue
-            tests.append(wilcoxon(*by_period.T, about=about, names=("the first period", "the second period")))
-            first = np.array([met[k][0] == cells[0] for k in known])
-            sums = by_period.sum(axis=1)
-            test = mann_whitney(
-                sums[first], sums[~first], about=f"{measure.item.key.replace('_', ' ')}, carry-over",
-                names=(f"{cells[0]} first", f"{cells[1]} first"),
-            )  # fmt: skip
-            tests.append(test)
+        by_period = np.array([[table[k, cells.index(name)] for name in met[k]] for k in known])
+        about = f"{item}, first to last condition met"
+        if len(cells) > 2:
+            test = friedman(by_period, about=about)
+            tests.append(replace(test, direction="ratings change from period to period"))
+            continue
+        tests.append(wilcoxon(*by_period.T, about=about, names=("the first period", "the second period")))
+        first = np.array([met[k][0] == cells[0] for k in known])
+        sums, names = by_period.sum(axis=1), (f"{cells[0]} first", f"{cells[1]} first")
+        tests.append(mann_whitney(sums[first], sums[~first], about=f"{item}, carry-over", names=names))
     return tests
 
 
@@ -137,20 +131,25 @@ def _against_retest(choices: Sequence[Choice], pairs: Sequence[Pair], plan: Anal
     )  # fmt: skip
 
 
+def _within_people(
+    rated: Sequence[Measure], designs: Sequence[StudyDesign]
+) -> Iterator[tuple[StudyDesign, Measure, list[str], NDArray[np.float64]]]:
+    """Every measure of every comparison of one factor that everybody meets: who rated all, ratings (people, cells)."""
+    for design in designs:
+        if design.within and not design.factorial:
+            for measure in rated:
+                people, rows = design.values(measure.rated)
+                yield design, measure, people, np.array(rows, dtype=float).reshape(len(rows), len(design.cells))
+
+
 def _differences(rated: Sequence[Measure], designs: Sequence[StudyDesign]) -> list[tuple[str, NDArray[np.float64]]]:
     """Of every measure and every two conditions that everybody met: what it is, each person's difference."""
-    differences = []
-    for design in designs:
-        if design.factorial or not design.within:
-            continue
-        for measure in rated:
-            _, rows = design.values(measure.rated)
-            table = np.array(rows, dtype=float).reshape(len(rows), len(design.cells))
-            for i in range(len(design.cells)) if len(rows) > 1 else ():
-                for j in range(i + 1, len(design.cells)):
-                    about = f"{measure.item.key}, {design.cells[i]} against {design.cells[j]}".replace("_", " ")
-                    differences.append((about, table[:, i] - table[:, j]))
-    return differences
+    return [
+        (name_in_words(f"{measure.item.key}, {design.cells[i]} against {design.cells[j]}"), table[:, i] - table[:, j])
+        for design, measure, people, table in _within_people(rated, designs)
+        if len(people) > 1
+        for i, j in combinations(range(len(design.cells)), 2)
+    ]
 
 
 def _equivalent(
@@ -210,10 +209,7 @@ def _worths(data: StudyData) -> list[Worth]:
     ]
     if len(arms) < 3:
         return []
-    people = sorted({comparison.person for comparison in data.comparisons})
-    wins = np.zeros((len(people), len(arms), len(arms)))
-    for comparison in data.comparisons:
-        wins[people.index(comparison.person), arms.index(comparison.chosen), arms.index(comparison.rejected)] += 1
+    wins = count_wins(((of.person, of.chosen, of.rejected) for of in data.comparisons), arms)
     return bradley_terry(wins, [{"own": "the own policy", **ARMS}[arm] for arm in arms])
 
 
@@ -230,7 +226,7 @@ def _models(
                     for name, value in of.items()
                     if name in design.cells
                 ]
-                models.append(_model(f"rating of {measure.item.key}".replace("_", " "), rows, design.cells))
+                models.append(_model(f"rating of {name_in_words(measure.item.key)}", rows, design.cells))
     conditions = list(data.conditions)
     if len(conditions) > 1 and regular:
         rows = [(choice.person, conditions.index(choice.condition), float(choice.second_chosen)) for choice in regular]
@@ -251,7 +247,7 @@ def _model(about: str, rows: Sequence[tuple[str, int, float]], conditions: Seque
     """Conditions against the first, with an intercept of each person's; without several conditions a chance."""
     people, where, answers = (list(column) for column in zip(*rows, strict=True))
     dummies = np.array([[float(at == k) for k in range(1, len(conditions))] for at in where]).reshape(len(rows), -1)
-    names = [f"{name} against {conditions[0]}".replace("_", " ") for name in conditions[1:]]
+    names = [name_in_words(f"{name} against {conditions[0]}") for name in conditions[1:]]
     try:
         alone = cumulative_logit(answers, np.zeros((len(rows), 0)), people, [])
         if not names:

@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from desirepath.analysis.bradley_terry import Worth, bradley_terry
+from desirepath.analysis.bradley_terry import Worth, bradley_terry, count_wins
 from desirepath.analysis.intervals import clustered_share, end_at_scale
 from desirepath.analysis.repeated_measures import friedman, pairs_of, wilcoxon
 from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
@@ -57,10 +57,7 @@ def analyse_methods(choices: Sequence[MethodChoice], taught: Sequence[Taught], p
     if not choices:
         return None
     names = sorted({name for choice in choices for name in (choice.chosen, choice.rejected)})
-    people = sorted({choice.person for choice in choices})
-    wins = np.zeros((len(people), len(names), len(names)))
-    for choice in choices:
-        wins[people.index(choice.person), names.index(choice.chosen), names.index(choice.rejected)] += 1
+    wins = count_wins(((choice.person, choice.chosen, choice.rejected) for choice in choices), names)
     asked = wins + wins.transpose(0, 2, 1)
     each = asked.sum(axis=(1, 2))
     with np.errstate(invalid="ignore"):

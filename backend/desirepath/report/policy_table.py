@@ -6,11 +6,13 @@ The learning and driving are jobs; who starts them and waits lives in `cli/repor
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from desirepath.explain.printed import Section, Table
+from desirepath.report.report_cells import NONE, name_in_words
 
 SCENES = 1_000  # ch. 7
 BASE = "base policy"
@@ -72,12 +74,15 @@ class PolicyRow:
 def policies_section(rows: Sequence[PolicyRow]) -> Section:
     """The table in the thesis's arrangement: a row per number, a column per policy."""
     heads = ["", *(_head(row) for row in rows)]
-    body = [[words, *(_cell(row, name, 100) for row in rows)] for name, words in PERCENT.items()]
-    body += [[words, *(_cell(row, name, 1) for row in rows)] for name, words in MEANS.items()]
-    body.append(["answers learned from", *("–" if row.answers is None else f"{row.answers:,}" for row in rows)])
-    body.append(["of them predicted", *("–" if row.accuracy is None else f"{row.accuracy:.0%}" for row in rows)])
-    body.append(["predicted in scenes not seen", *(_held_out(row) for row in rows)])
-    body.append(["log-likelihood there, per answer", *(_log_likelihood(row) for row in rows)])
+    cells: dict[str, Callable[[PolicyRow], str]] = {
+        **{words: partial(_cell, name=name, factor=100) for name, words in PERCENT.items()},
+        **{words: partial(_cell, name=name, factor=1) for name, words in MEANS.items()},
+        "answers learned from": lambda row: NONE if row.answers is None else f"{row.answers:,}",
+        "of them predicted": lambda row: NONE if row.accuracy is None else f"{row.accuracy:.0%}",
+        "predicted in scenes not seen": _held_out,
+        "log-likelihood there, per answer": _log_likelihood,
+    }
+    body = [[words, *map(cell, rows)] for words, cell in cells.items()]
     failed = [_head(row) for row in rows if row.passed is False]
     sentences = [
         f"Reward models from all answers given in a view, and a policy aligned with each; the same "
@@ -92,7 +97,7 @@ def policies_section(rows: Sequence[PolicyRow]) -> Section:
 
 
 def _head(row: PolicyRow) -> str:
-    name = row.name.replace("_", " ")
+    name = name_in_words(row.name)
     return name if row.model is None else f"{name}, {_model(row)}"
 
 
@@ -109,7 +114,7 @@ def _better(rows: Sequence[PolicyRow]) -> list[str]:
             best = max(judged, key=_likelihood)
             others = [f"{_log_likelihood(row)} of {_model(row)}" for row in judged if row != best]
             sentences.append(
-                f"{view.replace('_', ' ').capitalize()}: {_model(best)} predicts answers about scenes it did not see "
+                f"{name_in_words(view).capitalize()}: {_model(best)} predicts answers about scenes it did not see "
                 f"better ({_log_likelihood(best)} per answer against {', '.join(others)}; a coin has -0.69), so its "
                 "policy is the one to take."
             )
@@ -121,12 +126,12 @@ def _likelihood(row: PolicyRow) -> float:
 
 
 def _log_likelihood(row: PolicyRow) -> str:
-    return "–" if row.held_out is None else f"{_likelihood(row):.2f}"
+    return NONE if row.held_out is None else f"{_likelihood(row):.2f}"
 
 
 def _held_out(row: PolicyRow) -> str:
     if row.held_out is None:
-        return "–"
+        return NONE
     share, low, high = (100 * row.held_out[name] for name in ("accuracy", "low", "high"))
     return f"{share:.0f} % [{low:.0f}, {high:.0f}]"
 
@@ -134,6 +139,6 @@ def _held_out(row: PolicyRow) -> str:
 def _cell(row: PolicyRow, name: str, factor: float) -> str:
     value, (low, high) = row.measured[name], row.measured["intervals"][name]
     if math.isnan(value):
-        return "–"
+        return NONE
     digits = 1 if factor == 100 else 2
     return f"{factor * value:.{digits}f} [{factor * low:.{digits}f}, {factor * high:.{digits}f}]"

@@ -184,6 +184,10 @@ class ItemText:
     lowest: float = 1.0
 
 
+OF_PEOPLE = ["choices", "ratings", "comparisons", "guesses", "meetings", "importance", "method_choices", "taught"]
+"""What of a study's data are rows of somebody's."""
+
+
 @dataclass(frozen=True)
 class StudyData:
     """Everybody of a study with all that they answered; nobody is left out yet. protocol: the frozen copy, plain.
@@ -209,17 +213,8 @@ class StudyData:
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""
-        return replace(
-            self,
-            choices=[choice for choice in self.choices if choice.person in codes],
-            ratings=[rating for rating in self.ratings if rating.person in codes],
-            comparisons=[comparison for comparison in self.comparisons if comparison.person in codes],
-            guesses=[guess for guess in self.guesses if guess.person in codes],
-            meetings=[meeting for meeting in self.meetings if meeting.person in codes],
-            importance=[ranking for ranking in self.importance if ranking.person in codes],
-            method_choices=[choice for choice in self.method_choices if choice.person in codes],
-            taught=[lesson for lesson in self.taught if lesson.person in codes],
-        )
+        kept = {name: [row for row in getattr(self, name) if row.person in codes] for name in OF_PEOPLE}
+        return replace(self, **kept)
 
     @property
     def conditions(self) -> tuple[str, ...]:
