@@ -65,7 +65,7 @@ def add_explained(api: viser.SceneApi, root: str, scene: Scene, shown: ShownExpl
         "rays": names.get("rays", ""),
         "beams": beams,
         "range_m": robot.lidar.range_m,
-        "solids": [_solid(one) for one in scene.solids()],
+        "solids": [_solid(solid) for solid in scene.solids()],
         "person": {"name": "person", "x": person.pose.x, "y": person.pose.y, "radius": person.radius},
         "walker": [PED_DEPTH_M, PED_WIDTH_M],
         "robot_radius": robot.radius_m,

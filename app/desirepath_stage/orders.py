@@ -283,4 +283,4 @@ class PenState(TypedDict):
 
 def shapes() -> list[Any]:
     """Everything here that the pages' types are made of."""
-    return [one for one in globals().values() if isinstance(one, type) and one.__module__ == __name__]
+    return [value for value in globals().values() if isinstance(value, type) and value.__module__ == __name__]

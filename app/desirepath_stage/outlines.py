@@ -31,7 +31,7 @@ class _Prism:
 
     def looks_like(self, other: _Prism) -> bool:
         """Whether both stand on about the same ground."""
-        mine, its = (np.concatenate([one.polygon.min(0), one.polygon.max(0)]) for one in (self, other))
+        mine, its = (np.concatenate([prism.polygon.min(0), prism.polygon.max(0)]) for prism in (self, other))
         return float(np.abs(mine - its).max()) < SAME_M
 
 
@@ -84,7 +84,7 @@ def _prisms(shape: Shape) -> list[_Prism]:
             continue
         prism = _Prism(polygon, low, high)
         if prisms and prism.looks_like(prisms[-1]) and low - prisms[-1].high < 2 * SLICE_M:
-            larger = max(prisms[-1], prism, key=lambda one: _area(one.polygon))
+            larger = max(prisms[-1], prism, key=lambda of: _area(of.polygon))
             prisms[-1] = _Prism(larger.polygon, prisms[-1].low, high)
         else:
             prisms.append(prism)
@@ -104,7 +104,7 @@ def _parts(shape: Shape) -> list[Points]:
         if np.array_equal(following, root):
             break
         root = following
-    return [places[root == one] for one in np.unique(root)]
+    return [places[root == label] for label in np.unique(root)]
 
 
 def _convex(points: Points) -> Points:

@@ -39,13 +39,13 @@ def crowd_tracks(scene: Scene) -> list[Track]:
     they avoid nobody.
     """
     tracks = []
-    for one in scene.crowd.pedestrians if scene.crowd else ():
-        if one.walk is not None:
-            times = np.asarray(one.walk.times_s)
-            poses = one.walk.poses_at(times)
+    for pedestrian in scene.crowd.pedestrians if scene.crowd else ():
+        if pedestrian.walk is not None:
+            times = np.asarray(pedestrian.walk.times_s)
+            poses = pedestrian.walk.poses_at(times)
         else:
             times = np.arange(0.0, LONGEST_CROWD_S, CONTROL_DT_S)
-            poses = np.array([where_on_route(one, float(t)) for t in times])
+            poses = np.array([where_on_route(pedestrian, float(t)) for t in times])
         rows = np.column_stack([times, poses[:, :2], np.unwrap(poses[:, 2])])
         tracks.append([[round(float(value), 3) for value in row] for row in rows])
     return tracks

@@ -210,7 +210,7 @@ class Stage:
                             *((laid.name, laid.colour) for laid in beside),
                         )
                     ],
-                    "pictures": [one.as_sheet(colours[one.robot].top) for one in pictures],
+                    "pictures": [picture.as_sheet(colours[picture.robot].top) for picture in pictures],
                 }
             )
 

@@ -78,7 +78,7 @@ def agreement_on_all(
         drawn = _pooled(resampled_means(answers, seed=seed))
         known = drawn[np.isfinite(drawn)]
         if len(first) > 1 and len(known) and math.isfinite(kappa):
-            low, high = (float(one) for one in np.quantile(known, (0.025, 0.975)))
+            low, high = (float(end) for end in np.quantile(known, (0.025, 0.975)))
     return _agreement(None, len(first), table, kappa, low, high)
 
 
@@ -100,7 +100,7 @@ def _agreement(
 
 
 def _given(code: str, codings: Sequence[Codes]) -> NDArray[np.bool_]:
-    return np.array([code in one for one in codings], dtype=bool)
+    return np.array([code in given for given in codings], dtype=bool)
 
 
 def _table(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -91,6 +91,6 @@ def qualities(demonstrations: Sequence[Demonstration], groups: Sequence[object])
     return described
 
 
-def _evenly(one: Demonstration) -> Doubles:
+def _evenly(demonstration: Demonstration) -> Doubles:
     """(PLACES, 2) metres, evenly along the smooth path."""
-    return one.spline.points(np.linspace(0.0, one.spline.length_m, PLACES))
+    return demonstration.spline.points(np.linspace(0.0, demonstration.spline.length_m, PLACES))

@@ -142,16 +142,16 @@ def _variants(schema: Schema, whole: Schema) -> list[Schema]:
     if "$ref" in schema:
         return _variants(whole["$defs"][schema["$ref"].rpartition("/")[2]], whole)
     several = schema.get("anyOf") or schema.get("oneOf") or ([schema] if schema.get("type") != "null" else [])
-    return several if several == [schema] else [one for inner in several for one in _variants(inner, whole)]
+    return several if several == [schema] else [variant for inner in several for variant in _variants(inner, whole)]
 
 
 def _schema_at(model: type[BaseModel], location: tuple[int | str, ...]) -> Schema:
     """Of the deepest part of a location that the model knows."""
     whole = here = _schema(model)
     for part in location:
-        for one in _variants(here, whole):
-            inner = one.get("items") if isinstance(part, int) else one.get("properties", {}).get(part)
-            inner = inner or (one.get("additionalProperties") or None if isinstance(part, str) else None)
+        for variant in _variants(here, whole):
+            inner = variant.get("items") if isinstance(part, int) else variant.get("properties", {}).get(part)
+            inner = inner or (variant.get("additionalProperties") or None if isinstance(part, str) else None)
             if inner:
                 here = inner
                 break

@@ -18,13 +18,17 @@ def may_ask(item: Item, earlier: Earlier | None) -> bool:
     """Whether the answers to earlier questionnaires let the item be asked; None: nobody has answered yet, it may be."""
     if earlier is None:
         return True
-    return all(one.fits((earlier(one.questionnaire) or {}).get(one.item)) for one in item.when if one.questionnaire)
+    return all(
+        condition.fits((earlier(condition.questionnaire) or {}).get(condition.item))
+        for condition in item.when
+        if condition.questionnaire
+    )
 
 
 def is_asked(item: Item, answers: Mapping[str, Any], earlier: Earlier | None) -> bool:
     """Whether the item is asked, given the answers to the items before it."""
-    here = (one for one in item.when if one.questionnaire is None)
-    return may_ask(item, earlier) and all(one.fits(answers.get(one.item)) for one in here)
+    here = (condition for condition in item.when if condition.questionnaire is None)
+    return may_ask(item, earlier) and all(condition.fits(answers.get(condition.item)) for condition in here)
 
 
 def asks_anything(questionnaire: Questionnaire, earlier: Earlier) -> bool:
@@ -33,9 +37,9 @@ def asks_anything(questionnaire: Questionnaire, earlier: Earlier) -> bool:
 
 
 def may_ask_something(questionnaire: Questionnaire, earlier: Earlier) -> bool:
-    """The same of a later one: what depends on a questionnaire that was not answered yet may still be asked."""
-    needed = {one.questionnaire for item in questionnaire.items for one in item.when if one.questionnaire is not None}
-    return any(earlier(name) is None for name in needed) or asks_anything(questionnaire, earlier)
+    """The same of a later condition: what depends on a questionnaire that was not answered yet may still be asked."""
+    needed = {condition.questionnaire for item in questionnaire.items for condition in item.when}
+    return any(earlier(name) is None for name in needed if name is not None) or asks_anything(questionnaire, earlier)
 
 
 # ---- what is wrong with a condition ----------------------------------------------------------------------------------

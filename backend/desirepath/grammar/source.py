@@ -47,7 +47,7 @@ class ProtocolError(ValueError):
     """A file of a study that cannot be used; `problems` has every one that was found, by file and line."""
 
     def __init__(self, problems: list[Problem]) -> None:
-        self.problems = sorted(problems, key=lambda one: (one.file, one.line))
+        self.problems = sorted(problems, key=lambda problem: (problem.file, problem.line))
         super().__init__("; ".join(str(problem) for problem in self.problems))
 
     @property

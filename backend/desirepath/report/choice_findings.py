@@ -62,7 +62,7 @@ class Triads:
 
 def describe_condition(choices: Sequence[Choice], condition: str, plan: AnalysisPlan) -> OfCondition:
     own = [choice for choice in choices if choice.condition == condition]
-    regular = [one for one in own if one.role == "regular"]
+    regular = [choice for choice in own if choice.role == "regular"]
     by_person = _by_person(regular)
     first_answers = {(choice.person, choice.query): choice for choice in regular}
     again = {
@@ -73,7 +73,7 @@ def describe_condition(choices: Sequence[Choice], condition: str, plan: Analysis
                     for choice in given
                     if (person, choice.query) in first_answers
                 ]
-                for person, given in _by_person([one for one in own if one.role == role]).items()
+                for person, given in _by_person([choice for choice in own if choice.role == role]).items()
             },
             fewest=plan.min_probes,
         )
@@ -86,7 +86,7 @@ def describe_condition(choices: Sequence[Choice], condition: str, plan: Analysis
             [float(np.mean([choice.second_chosen for choice in given])) for given in by_person.values()],
             [len(given) for given in by_person.values()],
         ),
-        decision_s=mean_of([float(np.median(one)) for one in seconds if one]),
+        decision_s=mean_of([float(np.median(times)) for times in seconds if times]),
         repeat=again["repeat"],
         swap=again["swap"],
     )
@@ -165,7 +165,7 @@ def count_triads(choices: Sequence[Choice], condition: str) -> Triads | None:
     count = circular = 0
     for given in _by_person(asked).values():
         whole = whole_triads({frozenset({choice.first, choice.second}): choice for choice in given})
-        ways = sum(is_circular([(one.chosen, one.rejected) for one in three]) for three in whole)
+        ways = sum(is_circular([(choice.chosen, choice.rejected) for choice in three]) for three in whole)
         count, circular = count + len(whole), circular + ways
         if whole:
             shares.append(ways / len(whole))

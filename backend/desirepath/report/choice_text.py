@@ -111,13 +111,14 @@ def _with_se(mean: Mean) -> str:
 
 def personalised_sentence(findings: Findings, k: int) -> str:
     """One of these comparisons in a sentence."""
-    one = findings.personalised[k]
-    sentence = one.test.sentence(findings.plan.alpha)
-    return f"{sentence} Share of choices for the own policy: {share_words(one.share)} over {_units(one)}."
+    comparison = findings.personalised[k]
+    sentence = comparison.test.sentence(findings.plan.alpha)
+    return f"{sentence} Share of choices for the own policy: {share_words(comparison.share)} over {_units(comparison)}."
 
 
-def _units(one: Personalised) -> str:
-    return f"{one.clusters} lent policies" if one.against == "other" and one.clusters < one.people else "people"
+def _units(comparison: Personalised) -> str:
+    lent = comparison.against == "other" and comparison.clusters < comparison.people
+    return f"{comparison.clusters} lent policies" if lent else "people"
 
 
 def personalised_section(findings: Findings) -> Section:
@@ -237,7 +238,7 @@ def _verdict(against: Mapping[str, Personalised], alpha: float) -> str:
         )
     if other.test.significant(alpha):
         return "People preferred the policy that another participant's answers made to their own one."
-    better = [ARMS[name] for name, one in against.items() if name != "other" and one.preferred(alpha)]
+    better = [ARMS[name] for name, comparison in against.items() if name != "other" and comparison.preferred(alpha)]
     begun = f"The own policy is preferred to {' and to '.join(better)}, but" if better else "The own policy"
     return (
         f"{begun} was not shown to be preferred to one that another participant's answers made: this does not show "

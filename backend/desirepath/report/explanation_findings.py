@@ -45,14 +45,14 @@ class Trial:
 
     def row(self) -> dict[str, object]:
         """For a table: one row per trial."""
-        one = self.of
+        ranking = self.of
         return {
-            "participant": one.person, "condition": one.condition, "outline": one.outline, "lidar": one.lidar,
-            "attention": one.attention,
-            "query": one.query, "ranking": " > ".join(one.ranking),
-            "by_score": " > ".join(sorted(one.scores, key=lambda thing: -one.scores[thing])),
+            "participant": ranking.person, "condition": ranking.condition, "outline": ranking.outline,
+            "lidar": ranking.lidar, "attention": ranking.attention, "query": ranking.query,
+            "ranking": " > ".join(ranking.ranking),
+            "by_score": " > ".join(sorted(ranking.scores, key=lambda thing: -ranking.scores[thing])),
             "tau_b": None if math.isnan(self.tau) else round(self.tau, 6), "tied_pairs": self.tied,
-            "objects_without_score": self.unseen, "decision_s": one.decision_s,
+            "objects_without_score": self.unseen, "decision_s": ranking.decision_s,
         }  # fmt: skip
 
 
@@ -136,13 +136,13 @@ def analyse_rankings(
 def trials_of(rankings: Sequence[ImportanceRanking]) -> list[Trial]:
     """Each ranking with its agreement, in order."""
     sizes: dict[int, list[int]] = defaultdict(list)
-    for k, one in enumerate(rankings):
-        sizes[len(one.scores)].append(k)
+    for k, ranking in enumerate(rankings):
+        sizes[len(ranking.scores)].append(k)
     by_place: dict[int, Trial] = {}
     for size, which in sizes.items():
         some = [(rankings[k], sorted(rankings[k].scores)) for k in which]
-        scores = np.array([[one.scores[thing] for thing in things] for one, things in some])
-        places = np.array([[one.ranking.index(thing) for thing in things] for one, things in some])
+        scores = np.array([[ranking.scores[thing] for thing in things] for ranking, things in some])
+        places = np.array([[ranking.ranking.index(thing) for thing in things] for ranking, things in some])
         i, j = np.triu_indices(size, 1)
         taus = kendall_tau_b(-places, scores)  # the first is the most important
         tied, unseen = (scores[:, i] == scores[:, j]).sum(axis=1), (scores == 0).sum(axis=1)

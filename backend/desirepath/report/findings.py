@@ -149,7 +149,7 @@ def analyse(
     every_rated = measures(own, used, scales)
     ranked = analyse_rankings(own.importance, every_rated, used, intervals=intervals)
     of_explanations = set(ranked.items) if ranked else set()
-    rated = [one for one in every_rated if (one.item.questionnaire, one.item.key) not in of_explanations]
+    rated = [of for of in every_rated if (of.item.questionnaire, of.item.key) not in of_explanations]
     return Findings(
         who=who,
         analysed=tuple(row.code for row in kept),
@@ -198,7 +198,7 @@ def _flow(everyone: Sequence[ParticipantRow], kept: Sequence[ParticipantRow], pl
         joined=len(everyone),
         withdrawn=sum(row.withdrawn for row in everyone),
         excluded=dict(Counter(row.excluded for row in everyone if row.excluded and not row.withdrawn)),
-        unfinished=dict(Counter(one.state for one in open_ones)),
+        unfinished=dict(Counter(row.state for row in open_ones)),
         analysed=len(kept),
     )
 
@@ -211,9 +211,9 @@ def _devices(choices: Sequence[Choice], people: Mapping[str, ParticipantRow]) ->
     return dict(sorted(counted.items()))
 
 
-def device_words(one: Choice, person: ParticipantRow) -> str:
+def device_words(choice: Choice, person: ParticipantRow) -> str:
     """What an answer was given on, as far as its page reported."""
-    device = one.device
+    device = choice.device
     if person.simulated and "pointer" not in device:
         return "none (simulated)"
     if not device:

@@ -82,7 +82,7 @@ def analyse_methods(choices: Sequence[MethodChoice], taught: Sequence[Taught], p
         minutes={name: _minutes([lesson for lesson in taught if lesson.method == name]) for name in names},
         apart={pair: _apart(weights[pair[0]], weights[pair[1]]) for pair in combinations(names, 2)},
         weights={name: _means(list(of.values())) for name, of in weights.items()},
-        nothing={name: sum(not one for one in of.values()) for name, of in weights.items()},
+        nothing={name: sum(not learned for learned in of.values()) for name, of in weights.items()},
     )
 
 
@@ -104,14 +104,14 @@ def _minutes(taught: Sequence[Taught]) -> tuple[Mean, float]:
     return end_at_scale(mean_of(took), 0.0, math.inf), float(np.median(took)) if took else math.nan
 
 
-def _apart(one: Mapping[str, Mapping[str, float]], other: Mapping[str, Mapping[str, float]]) -> Mean:
-    return end_at_scale(mean_of([_distance(one[who], other[who]) for who in one if who in other]), 0.0, FARTHEST)
+def _apart(first: Mapping[str, Mapping[str, float]], second: Mapping[str, Mapping[str, float]]) -> Mean:
+    return end_at_scale(mean_of([_distance(first[who], second[who]) for who in first if who in second]), 0.0, FARTHEST)
 
 
-def _distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
-    return math.sqrt(sum((one.get(name, 0.0) - other.get(name, 0.0)) ** 2 for name in {*one, *other}))
+def _distance(first: Mapping[str, float], second: Mapping[str, float]) -> float:
+    return math.sqrt(sum((first.get(name, 0.0) - second.get(name, 0.0)) ** 2 for name in {*first, *second}))
 
 
 def _means(weights: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    names = sorted({name for one in weights for name in one})
-    return {name: float(np.mean([one.get(name, 0.0) for one in weights])) for name in names}
+    names = sorted({name for of in weights for name in of})
+    return {name: float(np.mean([of.get(name, 0.0) for of in weights])) for name in names}

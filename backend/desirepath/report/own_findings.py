@@ -113,7 +113,7 @@ def _units(asked: Sequence[Comparison], against: str) -> dict[str, list[Comparis
         return of_person
     units: dict[str, list[Comparison]] = defaultdict(list)
     for person, mine in of_person.items():
-        lent = sorted({one.opponent for one in mine if one.opponent})
+        lent = sorted({comparison.opponent for comparison in mine if comparison.opponent})
         units[lent[0] if len(lent) == 1 else f"person {person}"] += mine
     return units
 

@@ -77,7 +77,7 @@ def demographics(data: StudyData) -> list[Described]:
         if single and (rating.questionnaire, rating.item) not in scored:
             answers[rating.questionnaire, rating.item, find_topic(rating, asked)].append(rating.value)
     described = []
-    for (questionnaire, key, asking), values in sorted(answers.items(), key=lambda one: data.place(*one[0][:2])):
+    for (questionnaire, key, asking), values in sorted(answers.items(), key=lambda entry: data.place(*entry[0][:2])):
         item = data.item(questionnaire, key)
         if item.type == "text":
             continue  # free text is read by people, not counted
@@ -109,7 +109,7 @@ def measures(data: StudyData, plan: AnalysisPlan, scales: Sequence[ScaleResult])
             rated_by.setdefault(rating.condition, []).append(float(rating.value))
     measures = [
         Measure(data.item(*key), {who: {name: float(np.mean(v)) for name, v in of.items()} for who, of in by.items()})
-        for key, by in sorted(answers.items(), key=lambda one: data.place(*one[0]))
+        for key, by in sorted(answers.items(), key=lambda entry: data.place(*entry[0]))
     ]
     for of in scales:
         rated: dict[str, dict[str, float]] = defaultdict(dict)
@@ -138,7 +138,7 @@ def ranking_results(
             key = rating.questionnaire, rating.item, find_topic(rating, asked)
             orders[key][rating.person] = [str(option) for option in rating.value]
     places: dict[tuple[str, str, str], dict[str, list[int]]] = {}
-    for key, of_person in sorted(orders.items(), key=lambda one: data.place(*one[0][:2])):
+    for key, of_person in sorted(orders.items(), key=lambda entry: data.place(*entry[0][:2])):
         given = list(of_person.values())
         names = sorted({name for order in given for name in order})
         places[key] = {name: [sum(o[k] == name for o in given) for k in range(len(names))] for name in names}

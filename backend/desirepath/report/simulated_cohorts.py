@@ -275,7 +275,7 @@ def read_cohort(file: Path) -> Cohort:
     except ProtocolError as problem:
         raise CohortError(f"cohort = {file.name!r}: cannot be read ({problem})") from None
     except ValidationError as wrong:
-        problems = "; ".join(f"{'.'.join(map(str, one['loc'])) or 'it'}: {one['msg']}" for one in wrong.errors())
+        problems = "; ".join(f"{'.'.join(map(str, error['loc'])) or 'it'}: {error['msg']}" for error in wrong.errors())
         known = ", ".join(field.name for field in fields(Cohort))
         raise CohortError(f"cohort = {file.name!r}: {problems}; a mapping with some of the keys {known}") from None
 

@@ -153,7 +153,7 @@ def _omnibus(design: PlannedDesign, effect: tuple[str, ...], assumed: Assumed) -
 
 
 def _item_found(item: str, effect: int, alpha: float) -> Found:
-    return lambda of: any(one.item.key == item and one.tests[effect].significant(alpha) for one in of.items)
+    return lambda of: any(result.item.key == item and result.tests[effect].significant(alpha) for result in of.items)
 
 
 def _against_others(

@@ -86,11 +86,11 @@ def find_askings(ratings: Iterable[Rating]) -> dict[str, set[str]]:
     return askings
 
 
-def find_topic(one: Rating, asked: Mapping[str, set[str]]) -> str:
+def find_topic(rating: Rating, asked: Mapping[str, set[str]]) -> str:
     """What a rating is about: its condition; outside blocks "", or its asking where there are several."""
-    if one.condition is not None:
-        return one.condition
-    return one.asking if len(asked[one.questionnaire]) > 1 else ""
+    if rating.condition is not None:
+        return rating.condition
+    return rating.asking if len(asked[rating.questionnaire]) > 1 else ""
 
 
 @dataclass(frozen=True)

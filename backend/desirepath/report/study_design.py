@@ -72,9 +72,9 @@ def designs_of(data: StudyData) -> list[StudyDesign]:
     conditions = data.conditions
     seen = {name for names in _met(data).values() for name in names}
     met: list[StudyDesign] = []
-    for one in _declared(data):
-        if (one.within or one.between) and seen & set(one.cells) and one not in met:
-            met.append(one)
+    for design in _declared(data):
+        if (design.within or design.between) and seen & set(design.cells) and design not in met:
+            met.append(design)
     if met:
         return met
     if len(conditions) < 2:

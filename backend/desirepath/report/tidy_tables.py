@@ -112,7 +112,7 @@ def tidy(
         choices=[
             _choice(row, answers[row["trial"]], session[row["session"]]) for row in trials if row["kind"] == "query"
         ],
-        ratings=[one for one in _ratings(tables["responses"], plans) if (one.questionnaire, one.item) not in checks],
+        ratings=[of for of in _ratings(tables["responses"], plans) if (of.questionnaire, of.item) not in checks],
         comparisons=[compared for row in trials if (compared := _comparison(row, answers[row["trial"]])) is not None],
         newest=later[-1][0] if later else None,
         scales=list(_scales(files)),
@@ -274,7 +274,7 @@ def _blocks(files: Mapping[str, str]) -> Iterator[tuple[str, ItemBlock, str | No
 def _items(files: Mapping[str, str]) -> Iterator[ItemText]:
     """In English, as papers are; in the study's first language where it has no English."""
     for questionnaire, block, copy in _blocks(files):
-        for item in [Item(**one) for one in frozen_items(copy)] if copy else block.items:
+        for item in [Item(**stored) for stored in frozen_items(copy)] if copy else block.items:
             yield ItemText(
                 questionnaire=questionnaire,
                 key=item.key,

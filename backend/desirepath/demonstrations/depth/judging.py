@@ -37,7 +37,7 @@ class DepthRollouts:
 
     def rates(self, mode: str | None = None) -> dict[str, float | int]:
         """Success, collision and timeout rates, of one mode or of all."""
-        chosen = np.array([mode is None or one == mode for one in self.modes], dtype=bool)
+        chosen = np.array([mode is None or own_mode == mode for own_mode in self.modes], dtype=bool)
         outcomes = self.outcomes[chosen]
         return {
             "n": int(chosen.sum()),
@@ -84,7 +84,7 @@ def roll_out_depth(controller: DepthController, make: MakeSenses, episodes: Epis
                 outcomes[i] = engine.outcomes[i]
         if (outcomes != Outcome.RUNNING).all():
             break
-    return DepthRollouts(outcomes, [np.array(path) for path in paths], [np.array(one) for one in taken], episodes.modes)
+    return DepthRollouts(outcomes, list(map(np.array, paths)), list(map(np.array, taken)), episodes.modes)
 
 
 def depth_trajectories(controller: DepthController, make: MakeSenses, scenes: Sequence[Scene]) -> list[Trajectory]:
@@ -101,5 +101,5 @@ def judge_followed(rollouts: DepthRollouts, shown: Sequence[Sequence[NDArray[np.
     for path, others in zip(rollouts.paths, shown, strict=True):
         sparse = path[::SPARSE] if len(path) > 2 * SPARSE else path
         apart = [deviation(sparse, np.asarray(other, dtype=np.float64)[::SPARSE, :2], exact_m=1e-3) for other in others]
-        deviations.append(max(apart, key=lambda one: one.cost))
+        deviations.append(max(apart, key=lambda of: of.cost))
     return deviations

@@ -45,8 +45,8 @@ class DepthConfiguration:
 
 
 CONFIGURATIONS = {
-    one.name: one
-    for one in (
+    senses.name: senses
+    for senses in (
         DepthConfiguration("VAE-HA"),
         DepthConfiguration("VAE-HU", detects_in_evaluation=False, trained_as="VAE-HA"),
         DepthConfiguration("VAE-ND", demonstrations=False),

@@ -114,10 +114,11 @@ def _states_along(rollouts: Sequence[Trajectory], make: MakeSenses) -> list[Floa
     states: list[Floats] = []
     for t in range(len(times)):
         at = np.minimum(t, lengths - 1)
-        poses = np.stack([one.poses[i].astype(np.float64) for one, i in zip(rollouts, at, strict=True)])
+        poses = np.stack([rollout.poses[i].astype(np.float64) for rollout, i in zip(rollouts, at, strict=True)])
         there = np.concatenate([people[np.arange(n), at], heights], axis=1)
         states.append(senses.states(poses, goals, there, np.arange(n), np.full(n, t == 0)))
-        senses.acted(np.stack([one.actions[min(i, len(one.actions) - 1)] for one, i in zip(rollouts, at, strict=True)]))
+        actions = [rollout.actions[min(i, len(rollout.actions) - 1)] for rollout, i in zip(rollouts, at, strict=True)]
+        senses.acted(np.stack(actions))
     whole = np.stack(states, axis=1)
     return [whole[i, :length] for i, length in enumerate(lengths)]
 
