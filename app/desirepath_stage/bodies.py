@@ -28,6 +28,7 @@ _FACE: Colour = (112, 78, 54)
 _BLUE: Colour = (52, 120, 214)
 _GREEN: Colour = (26, 118, 62)
 _CHALK: Colour = (250, 248, 240)
+SHADE: Colour = (38, 26, 18)
 GOAL_CONE_HEIGHT_M = 0.55
 
 
@@ -79,7 +80,7 @@ def _sized(shape: Shape, of: Robot) -> Shape:
 
 def robot_glow(of: Robot, colours: RobotColours = NEUTRAL) -> Shape:
     """What lies on the floor under the robot: its contact shadow and the light of its lamp ahead. Translucent."""
-    shade = disc(0.25, 0.006, (38, 26, 18), alpha=0.62, rim_alpha=0.0)
+    shade = disc(0.25, 0.006, SHADE, alpha=0.62, rim_alpha=0.0)
     reach, half = 0.58, 0.5
     rays = 14
     light = rotate(

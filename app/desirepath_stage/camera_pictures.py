@@ -6,7 +6,6 @@ Which pictures those are is the caller's: here they are coloured, put side by si
 from __future__ import annotations
 
 import base64
-import io
 import math
 from dataclasses import dataclass
 
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath_stage.orders import PictureSheet
+from desirepath_stage.surfaces import to_jpeg
 
 _NEAR, _FAR, _NOTHING = (250, 238, 205), (28, 44, 74), (0, 0, 0)  # ours: light is near, black is where it found nothing
 COLUMNS = 8
@@ -47,7 +47,7 @@ class CameraPictures:
             "name": self.name,
             "colour": list(colour),
             "caption": self.caption,
-            "image": f"data:image/jpeg;base64,{_jpeg(sheet)}",
+            "image": f"data:image/jpeg;base64,{base64.b64encode(to_jpeg(sheet, QUALITY)).decode()}",
             "width": columns,
             "height": rows,
             "across": across,
@@ -59,13 +59,4 @@ class CameraPictures:
         share = np.clip(self.frames / self.range_m, 0.0, 1.0)[..., None]
         mixed = np.asarray(_NEAR) + (np.asarray(_FAR) - np.asarray(_NEAR)) * share
         mixed[self.frames <= 0] = _NOTHING
-        coloured: NDArray[np.uint8] = mixed.astype(np.uint8)
-        return coloured
-
-
-def _jpeg(picture: NDArray[np.uint8]) -> str:
-    from PIL import Image  # a tenth of a second that a restart need not wait
-
-    written = io.BytesIO()
-    Image.fromarray(picture).save(written, "JPEG", quality=QUALITY)
-    return base64.b64encode(written.getvalue()).decode()
+        return np.asarray(mixed.astype(np.uint8))

@@ -1,6 +1,7 @@
-"""The sheet of paper that a path is drawn on: what the page's pen (`client/draw.js`) has to know of a scene.
+"""What lies on the floor, as plain data: the sheet that a path is drawn on with what the page's pen (`client/draw.js`)
+has to know of a scene, paths beside a replay, tracks of whoever moves.
 
-Plain geometry and what was drawn before; whether a path can be driven is decided elsewhere.
+Whether a path can be driven is decided elsewhere.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from desirepath.demonstrations.stroke import drawn_limits
 from desirepath.simulation.pedestrians import where_on_route
@@ -24,14 +26,29 @@ LONGEST_CROWD_S = 60.0  # that pedestrians without a record are played for, twic
 Points = Sequence[tuple[float, float]]
 
 
+@dataclass(frozen=True)
+class Beside:
+    """Paths beside what moves on a replay, for analysts, under one name in the legend. colour: red, green, blue, 0 to
+    255. paths: (n, 2 or more) each, metres."""
+
+    name: str
+    colour: tuple[int, int, int]
+    paths: Sequence[ArrayLike]
+
+
+def pose_track(times: ArrayLike, poses: ArrayLike, digits: int = 4) -> Track:
+    """[[t, x, y, yaw], ...] in s, m, rad, yaw unwrapped, for the page's player. times (n,), poses (n, 3)."""
+    along = np.asarray(poses, np.float64)
+    rows = np.column_stack([times, along[:, :2], np.unwrap(along[:, 2])])
+    return [[round(float(value), digits) for value in row] for row in rows]
+
+
 def walk_track(scene: Scene) -> Track | None:
     """How the scene's person walks, as the page plays it, None where they stand."""
     if scene.walk is None:
         return None
     times = np.arange(0.0, scene.walk.duration_s + CONTROL_DT_S, CONTROL_DT_S)
-    poses = scene.walk.poses_at(times)
-    rows = np.column_stack([times, poses[:, :2], np.unwrap(poses[:, 2])])
-    return [[round(float(value), 4) for value in row] for row in rows]
+    return pose_track(times, scene.walk.poses_at(times))
 
 
 def crowd_tracks(scene: Scene) -> list[Track]:
@@ -46,8 +63,7 @@ def crowd_tracks(scene: Scene) -> list[Track]:
         else:
             times = np.arange(0.0, LONGEST_CROWD_S, CONTROL_DT_S)
             poses = np.array([where_on_route(pedestrian, float(t)) for t in times])
-        rows = np.column_stack([times, poses[:, :2], np.unwrap(poses[:, 2])])
-        tracks.append([[round(float(value), 3) for value in row] for row in rows])
+        tracks.append(pose_track(times, poses, digits=3))
     return tracks
 
 

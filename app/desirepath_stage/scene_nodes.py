@@ -154,8 +154,12 @@ def squares(count: int, corners: int, colour: Colour) -> bytes:
 @cache
 def _goal(radius: float) -> bytes:
     ring = Surface(bodies.goal_ring(radius), translucent=True)
-    shade = disc(0.22, 0.007, (38, 26, 18), alpha=0.5, rim_alpha=0.0)
-    return to_glb([ring, Surface(shade, translucent=True), Surface(bodies.goal_cone())])
+    return to_glb([ring, _shade(0.22, 0.007, 0.5), Surface(bodies.goal_cone())])
+
+
+def _shade(radius: float, height: float, alpha: float) -> Surface:
+    """The contact shadow under what stands on the floor, m."""
+    return Surface(disc(radius, height, bodies.SHADE, alpha=alpha, rim_alpha=0.0), translucent=True)
 
 
 @cache
@@ -168,7 +172,7 @@ def _person(height: float, *, seen: bool) -> bytes:
     """The person's place, and the person on it when they are `seen`."""
     marks = [Surface(bodies.person_place(facing=seen), translucent=True)]
     if seen:
-        marks.insert(0, Surface(disc(0.34, 0.008, (38, 26, 18), alpha=0.55, rim_alpha=0.0), translucent=True))
+        marks.insert(0, _shade(0.34, 0.008, 0.55))
         marks.append(Surface(bodies.mannequin(height), marks=bodies.gait_marks(height)))
     return to_glb(marks)
 
@@ -176,8 +180,7 @@ def _person(height: float, *, seen: bool) -> bytes:
 @cache
 def _pedestrian() -> bytes:
     """Somebody of the crowd: seen in every view, without the mark of the participant's place."""
-    shade = Surface(disc(0.34, 0.008, (38, 26, 18), alpha=0.55, rim_alpha=0.0), translucent=True)
-    return to_glb([shade, Surface(bodies.mannequin(), marks=bodies.gait_marks())])
+    return to_glb([_shade(0.34, 0.008, 0.55), Surface(bodies.mannequin(), marks=bodies.gait_marks())])
 
 
 def _about_z(yaw: float) -> tuple[float, float, float, float]:

@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import numpy as np
 import viser
 
 from desirepath.explain.shown_explanation import ShownExplanation
@@ -21,10 +20,9 @@ from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Floats, Trajectory
 from desirepath_stage import bodies, explained_nodes, scene_nodes, viser_hooks
-from desirepath_stage.beside import Beside
 from desirepath_stage.camera_pictures import CameraPictures
 from desirepath_stage.orders import Order
-from desirepath_stage.paper import Paper, crowd_tracks, surroundings, walk_track
+from desirepath_stage.paper import Beside, Paper, crowd_tracks, pose_track, surroundings, walk_track
 from desirepath_stage.views import Frame, View, camera_for, holds, require_view
 
 GET_SET_S = 3.0  # ours: who walks beside a rollout sees where they are before the robot moves
@@ -151,7 +149,7 @@ class Stage:
                     "label": label,
                     "label_s": label_s if label else GET_SET_S if walking else 0.0,
                     "hold_s": explained.hold_s if explained else HOLD_S,
-                    "tracks": [_samples(trajectory)],
+                    "tracks": [pose_track(trajectory.times, trajectory.poses)],
                     "person": walk_track(trajectory.scene),
                     "walk": surroundings(trajectory.scene, "you") if walking else None,
                     "paper": paper.as_message(trajectory.scene, view) if paper and anew else None,
@@ -199,7 +197,7 @@ class Stage:
             self._run(
                 {
                     "type": "replay",
-                    "tracks": [_samples(trajectory) for trajectory in rollouts],
+                    "tracks": [pose_track(rollout.times, rollout.poses) for rollout in rollouts],
                     "person": walk_track(rollouts[0].scene),
                     "speed": speed,
                     "loop": loop,
@@ -301,10 +299,3 @@ class Stage:
     def _run(self, order: Order) -> None:
         if not self._gone:
             viser_hooks.run_javascript(self._client, f"window.desirePath.run({json.dumps(order)})")
-
-
-def _samples(trajectory: Trajectory) -> list[list[float]]:
-    """[[t, x, y, yaw], ...] in s, m, rad, yaw unwrapped, for the page's player."""
-    poses = np.asarray(trajectory.poses, np.float64)
-    rows = np.column_stack([trajectory.times, poses[:, :2], np.unwrap(poses[:, 2])])
-    return [[round(float(value), 4) for value in row] for row in rows]

@@ -9,7 +9,7 @@ import io
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,11 +48,12 @@ def _grid_lines(size: int, strength: float) -> Image2D:
     return grid
 
 
-def _jpeg(picture: NDArray[np.float32]) -> bytes:
+def to_jpeg(picture: NDArray[Any], quality: int = 88) -> bytes:
+    """picture: (rows, columns, 3), 0 to 255."""
     from PIL import Image
 
     out = io.BytesIO()
-    Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).save(out, "JPEG", quality=88)
+    Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).save(out, "JPEG", quality=quality)
     return out.getvalue()
 
 
@@ -97,7 +98,7 @@ def _concrete() -> Image2D:
 @cache
 def concrete_tile() -> bytes:
     """JPEG of 4 x 4 m of concrete, tileable, its lower left corner on a whole multiple of 4 m."""
-    return _jpeg(_concrete())
+    return to_jpeg(_concrete())
 
 
 def floor(material: Material, solids: Sequence[Obstacle], bounds: tuple[float, float, float, float]) -> bytes:
@@ -120,7 +121,7 @@ def floor(material: Material, solids: Sequence[Obstacle], bounds: tuple[float, f
     for channel in range(3):
         coarse = Image.fromarray(np.ascontiguousarray(light[..., channel]))
         picture[..., channel] *= np.asarray(coarse.resize((columns, rows), Image.Resampling.BILINEAR))
-    return _jpeg(picture)
+    return to_jpeg(picture)
 
 
 def _light_left(solids: Sequence[Obstacle], bounds: tuple[float, float, float, float]) -> Image2D:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from desirepath_stage import viser_hooks
-from desirepath_stage.beside import Beside
+from desirepath_stage.paper import Beside
 from desirepath_stage.stage import HOLD_S, Stage
 from tests.stage.stage_rig import StageRig, Visitor, drive, open_field, study_room
 

@@ -49,7 +49,7 @@ from desirepath.web.core.lab_frame import LabRefusal, lab_language
 from desirepath.web.lab.study_tabs import study_tab, the_participant, the_study
 from desirepath.web.stage.camera_views import camera_views
 from desirepath.web.stage.replay_stages import Replay
-from desirepath_stage.beside import Beside
+from desirepath_stage.paper import Beside
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 LONGEST_REASON = 500

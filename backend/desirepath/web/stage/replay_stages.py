@@ -16,8 +16,8 @@ from desirepath.explain.shown_explanation import ShownExplanation
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.sides import Side
 from desirepath.web.replicas.peers import Peers
-from desirepath_stage.beside import Beside
 from desirepath_stage.camera_pictures import CameraPictures
+from desirepath_stage.paper import Beside
 from desirepath_stage.views import View
 
 if TYPE_CHECKING:
