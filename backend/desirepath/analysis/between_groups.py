@@ -7,7 +7,6 @@ only where nobody ties.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +14,7 @@ from scipy import stats
 
 from desirepath.analysis.exact import group_ranks, rank_sum
 from desirepath.analysis.intervals import UNKNOWN, correlation_like, rank_sum_shift, share_of_chi_square
-from desirepath.analysis.tested import Tested
+from desirepath.analysis.tested import Tested, name_pairs
 
 Array = NDArray[np.float64]
 
@@ -90,14 +89,8 @@ def group_pairs(
 ) -> list[Tested]:
     """Mann and Whitney's test of every two groups, uncorrected."""
     return [
-        mann_whitney(
-            groups[i],
-            groups[j],
-            about=f"{about}, {names[i]} against {names[j]}",
-            names=(names[i], names[j]),
-            intervals=intervals,
-        )
-        for i, j in combinations(range(len(names)), 2)
+        mann_whitney(groups[i], groups[j], about=words, names=pair, intervals=intervals)
+        for i, j, words, pair in name_pairs(names, about)
     ]
 
 

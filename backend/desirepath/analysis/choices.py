@@ -8,17 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import combinations
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from desirepath.analysis.estimates import Interval, wilson_interval
+from desirepath.analysis.estimates import wilson_interval
 from desirepath.analysis.exact import equal_shares
 from desirepath.analysis.intervals import UNKNOWN, clustered_share, share_of_chi_square
-from desirepath.analysis.tested import Mean, Tested
+from desirepath.analysis.tested import Mean, Tested, name_pairs
 
 Answer = TypeVar("Answer")
 
@@ -52,43 +51,31 @@ def first_choice_pairs(counts: ArrayLike, names: Sequence[str], *, about: str) -
     """
     observed = _counts(counts)
     tests = []
-    for i, j in combinations(range(len(observed)), 2):
-        a, b = float(observed[i]), float(observed[j])
+    for i, j, words, (first, second) in name_pairs(names, about):
+        a, b = int(observed[i]), int(observed[j])
         z = (a - b) / math.sqrt(a + b) if a + b else 0.0
-        more, fewer = (names[i], names[j]) if a >= b else (names[j], names[i])
-        p, least, (low, high) = _binomial(int(a), int(b))
-        tests.append(
-            Tested(
-                test="z of first choices",
-                about=f"{about}, {names[i]} against {names[j]}",
-                symbol="z",
-                statistic=z,
-                df=None,
-                p=p,
-                p_corrected=p,
-                correction="uncorrected",
-                effect_name="Cohen's g",
-                effect=a / (a + b) - 0.5 if a + b else 0.0,
-                n=int(observed.sum()),
-                used=int(a + b),
-                direction=f"{more} is more often the first choice than {fewer}",
-                method="exact",
-                least_p=least,
-                least_p_corrected=least,
-                effect_low=low,
-                effect_high=high,
-            )
-        )
+        more, fewer = (first, second) if a >= b else (second, first)
+        direction = f"{more} is more often the first choice than {fewer}"
+        of_all = int(observed.sum())
+        tests.append(_cohens_g("z of first choices", "z", z, a, b, about=words, n=of_all, direction=direction))
     return tests
 
 
-def _binomial(first: int, second: int) -> tuple[float, float, Interval]:
-    """Exact two-sided p of so many choices of two, the smallest that they can have, and the interval of Cohen's g."""
-    n = first + second
-    if not n:
-        return 1.0, 1.0, UNKNOWN
-    low, high = wilson_interval(first / n, n)
-    return float(stats.binomtest(first, n).pvalue), min(1.0, 2.0 ** (1 - n)), (low - 0.5, high - 0.5)
+def _cohens_g(
+    test: str, symbol: str, statistic: float, first: int, second: int, *, about: str, n: int, direction: str
+) -> Tested:
+    """The exact binomial test of so many choices of two, two-sided; effect: Cohen's g, with Wilson's interval."""
+    used = first + second
+    p, least, effect, (low, high) = 1.0, 1.0, 0.0, UNKNOWN
+    if used:
+        p, least = float(stats.binomtest(first, used).pvalue), min(1.0, 2.0 ** (1 - used))
+        effect = first / used - 0.5
+        low, high = (end - 0.5 for end in wilson_interval(first / used, used))
+    return Tested(
+        test=test, about=about, symbol=symbol, statistic=statistic, df=None, p=p, p_corrected=p,
+        correction="uncorrected", effect_name="Cohen's g", effect=effect, n=n, used=used, direction=direction,
+        method="exact", least_p=least, least_p_corrected=least, effect_low=low, effect_high=high,
+    )  # fmt: skip
 
 
 def _counts(counts: ArrayLike) -> NDArray[np.float64]:
@@ -143,25 +130,15 @@ def sign_test(wins: Sequence[int], losses: Sequence[int], *, about: str, names: 
     """
     differences = np.asarray(wins) - np.asarray(losses)
     more, fewer = int((differences > 0).sum()), int((differences < 0).sum())
-    p, least, (low, high) = _binomial(more, fewer)
     first, second = names if more >= fewer else names[::-1]
-    return Tested(
-        test="Sign test", about=about, symbol="S", statistic=more, df=None, p=p, p_corrected=p,
-        correction="uncorrected", effect_name="Cohen's g", effect=more / (more + fewer) - 0.5 if more + fewer else 0.0,
-        n=len(differences), used=more + fewer, direction=f"{first} is mostly chosen over {second}",
-        method="exact", least_p=least, least_p_corrected=least, effect_low=low, effect_high=high,
-    )  # fmt: skip
+    direction = f"{first} is mostly chosen over {second}"
+    return _cohens_g("Sign test", "S", more, more, fewer, about=about, n=len(differences), direction=direction)
 
 
 def binomial_test(right: int, people: int, *, about: str) -> Tested:
     """Exact binomial test of how many of so many people were right, against one half, two-sided; effect: Cohen's g."""
-    p, least, (low, high) = _binomial(right, people - right)
-    return Tested(
-        test="Binomial", about=about, symbol="S", statistic=right, df=None, p=p, p_corrected=p,
-        correction="uncorrected", effect_name="Cohen's g", effect=right / people - 0.5 if people else 0.0, n=people,
-        used=people, direction=f"{'more' if 2 * right > people else 'fewer'} are right than by chance", method="exact",
-        least_p=least, least_p_corrected=least, effect_low=low, effect_high=high,
-    )  # fmt: skip
+    direction = f"{'more' if 2 * right > people else 'fewer'} are right than by chance"
+    return _cohens_g("Binomial", "S", right, right, people - right, about=about, n=people, direction=direction)
 
 
 def share_over_people(wins: Sequence[int], losses: Sequence[int]) -> Mean:

@@ -7,7 +7,6 @@ only where nobody ties. Statistics are a line each, where scipy's functions take
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +20,7 @@ from desirepath.analysis.intervals import (
     share_of_chi_square,
     signed_rank_shift,
 )
-from desirepath.analysis.tested import Tested
+from desirepath.analysis.tested import Tested, name_pairs
 
 Array = NDArray[np.float64]
 
@@ -105,14 +104,8 @@ def pairs_of(ratings: ArrayLike, names: Sequence[str], *, about: str, intervals:
     """Wilcoxon's test of every pair of conditions of ratings (people, conditions), uncorrected."""
     data = np.asarray(ratings, dtype=float)
     return [
-        wilcoxon(
-            data[:, i],
-            data[:, j],
-            about=f"{about}, {names[i]} against {names[j]}",
-            names=(names[i], names[j]),
-            intervals=intervals,
-        )
-        for i, j in combinations(range(len(names)), 2)
+        wilcoxon(data[:, i], data[:, j], about=words, names=pair, intervals=intervals)
+        for i, j, words, pair in name_pairs(names, about)
     ]
 
 

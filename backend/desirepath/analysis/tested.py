@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -137,6 +138,12 @@ def correct_tests(tests: Sequence[Tested], how: Correction) -> list[Tested]:
 
 def _corrected(raw: Sequence[float], how: Correction) -> list[float]:
     return {"holm": holm(raw), "bonferroni": [min(1.0, len(raw) * p) for p in raw], "none": list(raw)}[how]
+
+
+def name_pairs(names: Sequence[str], about: str) -> Iterator[tuple[int, int, str, tuple[str, str]]]:
+    """Every two of what is compared: their places, what is tested of them in words, their names."""
+    for i, j in combinations(range(len(names)), 2):
+        yield i, j, f"{about}, {names[i]} against {names[j]}", (names[i], names[j])
 
 
 def correct_pairs(tests: Sequence[Tested], over: int | None, gate: Tested | None) -> list[Tested]:

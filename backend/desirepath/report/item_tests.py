@@ -12,10 +12,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.analysis.between_groups import group_pairs, kruskal_wallis, mann_whitney
+from desirepath.analysis.between_groups import group_pairs, kruskal_wallis
 from desirepath.analysis.factorial import Factorial, factorial_tests
 from desirepath.analysis.intervals import end_at_scale
-from desirepath.analysis.repeated_measures import friedman, pairs_of, wilcoxon
+from desirepath.analysis.repeated_measures import friedman, pairs_of
 from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.rating_findings import Measure
@@ -119,14 +119,11 @@ def _tests(item: ItemText, table: Factorial, design: StudyDesign, intervals: boo
     levels = [name_in_words(level) for level in next(iter({**design.within, **design.between}.values()))]
     if design.within:
         if len(levels) == 2:
-            first, second = table.values.T
-            pair = f"{about}, {levels[0]} against {levels[1]}"
-            return [wilcoxon(first, second, about=pair, names=(levels[0], levels[1]), intervals=intervals)]
+            return pairs_of(table.values, levels, about=about, intervals=intervals)
         return [friedman(table.values, about=about, intervals=intervals)]
     groups = [table.values[table.groups == k, 0] for k in range(len(levels))]
     if len(levels) == 2:
-        pair = f"{about}, {levels[0]} against {levels[1]}"
-        return [mann_whitney(*groups, about=pair, names=(levels[0], levels[1]), intervals=intervals)]
+        return group_pairs(groups, levels, about=about, intervals=intervals)
     return [kruskal_wallis(groups, about=about, intervals=intervals)]
 
 
