@@ -15,7 +15,7 @@ from desirepath.analysis.metrics import measure
 from desirepath.analysis.scale_wordings import SCALES
 from desirepath.analysis.triads import is_circular
 from desirepath.learning.policies.shipped import load_queries
-from desirepath.report.analysis_plan import AnalysisPlan, declared_plan, deviations, read_plan
+from desirepath.report.analysis_plan import AnalysisPlan, deviations, find_declared_plan, read_plan
 from desirepath.report.choice_text import disagreement_section
 from desirepath.report.findings import NothingToReport, analyse
 from desirepath.report.report_text import sections
@@ -256,7 +256,7 @@ def test_a_plan_that_came_with_a_later_version_is_used_and_told() -> None:
 
 
 def test_the_declared_plan_counts_and_deviations_are_said(tmp_path: Path) -> None:
-    declared = declared_plan({"analysis": {"correction": "bonferroni"}})
+    declared = find_declared_plan({"analysis": {"correction": "bonferroni"}})
     assert declared == AnalysisPlan(correction="bonferroni")
     assert declared.digest() != AnalysisPlan().digest()
     file = tmp_path / "plan.yaml"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from statsmodels.stats.inter_rater import cohens_kappa
 
-from desirepath.analysis.estimates import Doubles, resampled_means
+from desirepath.analysis.estimates import Doubles, resample_means
 from desirepath.analysis.intervals import UNKNOWN
 
 Codes = Collection[str]
@@ -75,7 +75,7 @@ def agreement_on_all(
     if a.size:
         answers = np.concatenate([(a == b).mean(axis=0, keepdims=True), a, b]).T
         kappa = float(_pooled(answers.mean(axis=0, keepdims=True))[0])
-        drawn = _pooled(resampled_means(answers, seed=seed))
+        drawn = _pooled(resample_means(answers, seed=seed))
         known = drawn[np.isfinite(drawn)]
         if len(first) > 1 and len(known) and math.isfinite(kappa):
             low, high = (float(end) for end in np.quantile(known, (0.025, 0.975)))

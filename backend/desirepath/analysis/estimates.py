@@ -47,12 +47,12 @@ def wilson_interval(share: float, n: float, quantile: float = Z_95) -> Interval:
     return max(0.0, min(share, centre - half)), min(1.0, max(share, centre + half))
 
 
-def resampled_rows(n: int, *, seed: int = 0) -> NDArray[np.int64]:
+def resample_rows(n: int, *, seed: int = 0) -> NDArray[np.int64]:
     """Bootstrap samples of n rows, by their numbers in ascending order: (RESAMPLES, n)."""
     return np.repeat(np.tile(np.arange(n), RESAMPLES), _counts(n, seed).ravel()).reshape(RESAMPLES, n)
 
 
-def resampled_means(columns: Doubles, *, seed: int = 0) -> Doubles:
+def resample_means(columns: Doubles, *, seed: int = 0) -> Doubles:
     """Column means of bootstrap samples of the rows: columns (n, k) -> (RESAMPLES, k).
 
     All columns see the same samples, which pairs them; ask for many at once, since drawing costs more than averaging.
@@ -78,7 +78,7 @@ def bootstrap(columns: Doubles, statistic: Callable[[Doubles], Doubles], *, seed
     if len(columns) == 0:
         return NOTHING
     value = float(statistic(columns.mean(0, keepdims=True))[0])
-    return interval(value, statistic(resampled_means(columns, seed=seed)))
+    return interval(value, statistic(resample_means(columns, seed=seed)))
 
 
 def mean_estimates(columns: dict[str, NDArray[Any]], *, seed: int = 0) -> dict[str, Estimate]:
@@ -86,7 +86,7 @@ def mean_estimates(columns: dict[str, NDArray[Any]], *, seed: int = 0) -> dict[s
     together = np.stack(list(columns.values()), axis=1).astype(np.float64)
     if len(together) == 0:
         return dict.fromkeys(columns, NOTHING)
-    samples = resampled_means(together, seed=seed)
+    samples = resample_means(together, seed=seed)
     return {name: interval(float(together[:, k].mean()), samples[:, k]) for k, name in enumerate(columns)}
 
 

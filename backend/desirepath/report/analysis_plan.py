@@ -72,7 +72,7 @@ class AnalysisPlan(BaseModel):
         return hashlib.sha256(json.dumps(self.model_dump(mode="json"), sort_keys=True).encode()).hexdigest()
 
 
-def declared_plan(protocol: dict[str, Any]) -> AnalysisPlan | None:
+def find_declared_plan(protocol: dict[str, Any]) -> AnalysisPlan | None:
     """The plan of a study's frozen protocol, None where it declares none."""
     given = protocol.get("analysis")
     return AnalysisPlan.model_validate(given) if given is not None else None

@@ -124,12 +124,12 @@ def _units(comparison: Personalised) -> str:
 def personalised_section(findings: Findings) -> Section:
     """The own policy against the base policy and against another person's."""
     if not findings.personalised:
-        refusals = [who_compared(findings)] if _refused(findings) else []
-        return Section("Does it personalise?", [*refusals, *who_was_asked_on(findings)])
+        refusals = [describe_who_compared(findings)] if _refused(findings) else []
+        return Section("Does it personalise?", [*refusals, *describe_who_was_asked_on(findings)])
     alpha = findings.plan.alpha
     paragraphs = [personalised_sentence(findings, k) for k in range(len(findings.personalised))]
-    paragraphs += [who_compared(findings)] if findings.own_policies else []
-    paragraphs += who_was_asked_on(findings)
+    paragraphs += [describe_who_compared(findings)] if findings.own_policies else []
+    paragraphs += describe_who_was_asked_on(findings)
     against = {comparison.against: comparison for comparison in findings.personalised}
     if "other" in against:
         paragraphs.append(_verdict(against, alpha))
@@ -187,7 +187,7 @@ def _refused(findings: Findings) -> dict[str, int]:
     return {why: people for why, people in findings.own_policies.items() if why != "shown"}
 
 
-def who_compared(findings: Findings) -> str:
+def describe_who_compared(findings: Findings) -> str:
     """How many were shown a policy as theirs, how many were not and why: the comparisons are of the first alone."""
     shown, refused = findings.own_policies.get("shown", 0), _refused(findings)
     people = shown + sum(refused.values())
@@ -203,7 +203,7 @@ def who_compared(findings: Findings) -> str:
     )
 
 
-def who_was_asked_on(findings: Findings) -> list[str]:
+def describe_who_was_asked_on(findings: Findings) -> list[str]:
     """Who answered further pairs, and how many: a sentence, or none where nobody did."""
     if not findings.asked_on:
         return []

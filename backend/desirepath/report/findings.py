@@ -13,7 +13,7 @@ from itertools import combinations
 from typing import Literal
 
 from desirepath.analysis.tested import Mean, Tested
-from desirepath.report.analysis_plan import AnalysisPlan, Metric, declared_plan, deviations
+from desirepath.report.analysis_plan import AnalysisPlan, Metric, deviations, find_declared_plan
 from desirepath.report.choice_findings import (
     Agreement,
     OfCondition,
@@ -125,8 +125,8 @@ def analyse(
 
     Practice trials never count, nor do people who were excluded or withdrew. Raises NothingToReport.
     """
-    declared = declared_plan(dict(data.protocol))
-    revised = declared_plan(dict(data.newest)) if data.newest is not None else declared
+    declared = find_declared_plan(dict(data.protocol))
+    revised = find_declared_plan(dict(data.newest)) if data.newest is not None else declared
     used = plan or revised or AnalysisPlan()
     everyone = [row for row in data.people if is_asked_for(who, simulated=row.simulated)]
     kept = [row for row in everyone if _counts(row, used)]

@@ -16,7 +16,7 @@ import pydantic
 from numpy.typing import NDArray
 from pydantic import Field
 
-from desirepath.analysis.estimates import interval, resampled_rows, wilson
+from desirepath.analysis.estimates import interval, resample_rows, wilson
 from desirepath.learning.alignment.mix_search import MixSearchConfig
 from desirepath.learning.alignment.never_worse import better_for_person
 from desirepath.learning.alignment.own_policy import search_policy
@@ -276,5 +276,5 @@ def _summarise(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
 def _median_interval(values: Sequence[float]) -> tuple[float, float]:
     """95 % of the median over people, by resampling them."""
     found = np.asarray(values)
-    estimate = interval(float(np.median(found)), np.median(found[resampled_rows(len(found))], axis=1))
+    estimate = interval(float(np.median(found)), np.median(found[resample_rows(len(found))], axis=1))
     return estimate.low, estimate.high

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.analysis.estimates import NOTHING, interval, mean_estimate, mean_estimates, resampled_means, wilson
+from desirepath.analysis.estimates import NOTHING, interval, mean_estimate, mean_estimates, resample_means, wilson
 from desirepath.learning.cards import SOCIAL
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import DrivingPolicy
@@ -109,7 +109,7 @@ def compare_tables(a: EpisodeTable, b: EpisodeTable) -> dict[str, Any]:
     second = np.stack([values[both] for values in of_b.values()], axis=1).astype(np.float64)
     paired: dict[str, Any] = {name: {"difference": NOTHING.as_dict()} for name in of_a}
     if both.any():
-        means = np.split(resampled_means(np.concatenate([first, second], axis=1)), 2, axis=1)
+        means = np.split(resample_means(np.concatenate([first, second], axis=1)), 2, axis=1)
         for k, name in enumerate(of_a):
             was, is_now, before, after = first[:, k].mean(), second[:, k].mean(), means[0][:, k], means[1][:, k]
             paired[name] = {"difference": interval(float(is_now - was), after - before).as_dict()}

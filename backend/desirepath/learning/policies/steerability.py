@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.analysis.estimates import NOTHING, interval, mean_estimate, resampled_means, wilson
+from desirepath.analysis.estimates import NOTHING, interval, mean_estimate, resample_means, wilson
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.preferences.crowd_measures import CrowdRecord
 from desirepath.learning.preferences.measures import CLEARANCE_CAP_M, in_order, measures, near_person_m, table_of
@@ -199,7 +199,7 @@ class Steerability:
         """What telling this objective changed: its measure, paired gains and the share of the way, with intervals."""
         k = names_of(self.setup).index(name)
         columns = self._columns(name)
-        estimated = interval(self.shares[name], _share(resampled_means(columns))) if len(columns) else NOTHING
+        estimated = interval(self.shares[name], _share(resample_means(columns))) if len(columns) else NOTHING
         against = {"base": self.base} | (
             {"neutral": self.conditioned["neutral"]} if "neutral" in self.conditioned else {}
         )
