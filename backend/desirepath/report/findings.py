@@ -142,9 +142,7 @@ def analyse(
     conditions = own.conditions
     regular = [choice for choice in own.choices if choice.role == "regular"]
     asked = {choice.condition for choice in regular} | {ranking.condition for ranking in own.importance}
-    queried = (
-        tuple(condition for condition in conditions if condition in asked) if regular else ()
-    )  # otherwise they were rated only
+    queried = tuple(name for name in conditions if name in asked) if regular else ()  # otherwise they were rated only
     designs, scales = designs_of(own), scale_results(own)
     every_rated = measures(own, used, scales)
     ranked = analyse_rankings(own.importance, every_rated, used, intervals=intervals)

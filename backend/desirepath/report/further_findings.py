@@ -23,7 +23,7 @@ from desirepath.analysis.repeated_measures import friedman, wilcoxon
 from desirepath.analysis.tested import Tested, correct_tests
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.choice_findings import Pair, agree_per_person
-from desirepath.report.own_findings import ARMS, own_shares
+from desirepath.report.own_findings import ARMS, own_against, own_shares
 from desirepath.report.rating_findings import Measure
 from desirepath.report.report_cells import name_in_words
 from desirepath.report.study_data import Choice, StudyData, find_askings, find_topic
@@ -202,11 +202,8 @@ def _reliabilities(data: StudyData) -> list[ScaleReliability]:
 
 def _worths(data: StudyData) -> list[Worth]:
     """Of all policies that were compared, where they are three or more: two have a share."""
-    arms = [
-        arm
-        for arm in ("own", *ARMS)
-        if any(arm in (comparison.chosen, comparison.rejected) for comparison in data.comparisons)
-    ]
+    compared = {arm for of in data.comparisons for arm in (of.chosen, of.rejected)}
+    arms = [arm for arm in ("own", *ARMS) if arm in compared]
     if len(arms) < 3:
         return []
     wins = count_wins(((of.person, of.chosen, of.rejected) for of in data.comparisons), arms)
@@ -232,12 +229,7 @@ def _models(
         rows = [(choice.person, conditions.index(choice.condition), float(choice.second_chosen)) for choice in regular]
         models.append(_model("choosing the second shown", rows, conditions))
     for against in ARMS:
-        asked = [
-            comparison
-            for comparison in data.comparisons
-            if {comparison.chosen, comparison.rejected} == {"own", against}
-        ]
-        if asked:
+        if asked := own_against(data.comparisons, against):
             rows = [(comparison.person, 0, float(comparison.chosen == "own")) for comparison in asked]
             models.append(_model(f"choosing the own policy over {ARMS[against]}", rows, ["all"]))
     return models

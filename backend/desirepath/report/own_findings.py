@@ -57,13 +57,7 @@ def compare_own(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[P
     Answers of one person depend on each other, and so do those of people who were lent the same policy of another's
     (they share what is good or bad about it): units are people, or the people of one lent policy together.
     """
-    of_arm = []
-    for against in ARMS:
-        asked = [
-            comparison for comparison in comparisons if {comparison.chosen, comparison.rejected} == {"own", against}
-        ]
-        if asked:
-            of_arm.append((against, asked))
+    of_arm = [(against, asked) for against in ARMS if (asked := own_against(comparisons, against))]
     raw = [_tests(asked, against, plan) for against, asked in of_arm]
     tests = correct_tests([declared for declared, _ in raw], plan.correction)
     return [
@@ -98,10 +92,15 @@ def _tests(asked: Sequence[Comparison], against: str, plan: AnalysisPlan) -> tup
     return (sign, ranks) if plan.own == "sign" else (ranks, sign)
 
 
+def own_against(comparisons: Sequence[Comparison], against: str) -> list[Comparison]:
+    """Those of the own policy and that arm."""
+    return [comparison for comparison in comparisons if {comparison.chosen, comparison.rejected} == {"own", against}]
+
+
 def own_shares(comparisons: Sequence[Comparison], against: str) -> NDArray[np.float64]:
     """Of every independent unit the mean share of its people's choices that went to the own policy: (n,)."""
-    asked = [comparison for comparison in comparisons if {comparison.chosen, comparison.rejected} == {"own", against}]
-    return np.array([_mean_share(unit, against) for unit in _units(asked, against).values()])
+    units = _units(own_against(comparisons, against), against)
+    return np.array([_mean_share(unit, against) for unit in units.values()])
 
 
 def _units(asked: Sequence[Comparison], against: str) -> dict[str, list[Comparison]]:

@@ -213,7 +213,7 @@ class StudyData:
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""
-        kept = {name: [row for row in getattr(self, name) if row.person in codes] for name in OF_PEOPLE}
+        kept: dict[str, Any] = {name: [row for row in getattr(self, name) if row.person in codes] for name in OF_PEOPLE}
         return replace(self, **kept)
 
     @property
