@@ -66,16 +66,17 @@ def build(
         place = place_file(scene, floor_bounds(scene, camera), detail, cut=cut)
     api.add_glb(f"{root}/place", place, cast_shadow=False, receive_shadow=False)
 
-    person = scene.person
-    api.add_glb(
-        f"{root}/person",
-        _person(person.height, seen=view == "top_down"),  # in the other two the participant stands there
-        position=(person.pose.x, person.pose.y, 0.0),
-        wxyz=_about_z(person.pose.yaw),
-        cast_shadow=False,
-        receive_shadow=False,
-    )
-    meshes.append(f"{root}/person")
+    if scene.has_person:
+        person = scene.person
+        api.add_glb(
+            f"{root}/person",
+            _person(person.height, seen=view == "top_down"),  # in the other two the participant stands there
+            position=(person.pose.x, person.pose.y, 0.0),
+            wxyz=_about_z(person.pose.yaw),
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+        meshes.append(f"{root}/person")
 
     crowd = []
     for index, pedestrian in enumerate(scene.crowd.pedestrians if scene.crowd else ()):
@@ -96,7 +97,7 @@ def build(
         api.add_glb(f"{frame}/body", _robot(robot, colours), cast_shadow=False, receive_shadow=False)
         frames.append(frame)
         meshes.append(f"{frame}/body")
-    return Nodes(tuple(meshes), tuple(frames), f"{root}/person", tuple(crowd))
+    return Nodes(tuple(meshes), tuple(frames), f"{root}/person" if scene.has_person else "", tuple(crowd))
 
 
 def add_paths(

@@ -257,6 +257,7 @@ class Stage:
         end: Floats | None = None,
     ) -> None:
         camera = camera_for(scene, view, trajectories, close=close, goal=goal)
+        stands = scene.person.pose if scene.has_person else scene.start  # nobody was recorded: no body is put there
         showing = _Showing(scene, view, camera.frame, robots, goal, explained)
         with self._lock:
             if self._gone or showing == self._showing:
@@ -289,7 +290,7 @@ class Stage:
                             for name, track in zip(self._nodes.crowd, crowd_tracks(scene), strict=True)
                         ],
                         "goal": [scene.goal.x, scene.goal.y, scene.goal_radius] if goal else None,
-                        "stands": [scene.person.pose.x, scene.person.pose.y, scene.person.pose.yaw],
+                        "stands": [stands.x, stands.y, stands.yaw],
                         "start": [scene.start.x, scene.start.y, scene.start.yaw],
                         "sharpness": SHARPNESS[self.detail],
                     }

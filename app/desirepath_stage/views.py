@@ -82,8 +82,9 @@ def frame_of(
     the robot meets, and with `goal` the goal, with some room around them.
     """
     points = [(scene.start.x, scene.start.y)]
-    person, around = scene.person.pose, PERSON_DISC_RADIUS_M
-    points += [(person.x + d, person.y + d) for d in (-around, around)]
+    if scene.has_person:
+        person, around = scene.person.pose, PERSON_DISC_RADIUS_M
+        points += [(person.x + d, person.y + d) for d in (-around, around)]
     whole = _room_frame(scene)
     if close:
         margin = CLOSE_MARGIN_M if scene.obstacles else BARE_MARGIN_M
@@ -149,11 +150,11 @@ def camera_for(
     close, goal: as for `frame_of`.
     """
     frame = frame_of(scene, trajectories, close=close, goal=goal)
-    person, start = scene.person.pose, scene.start
-    eye = (person.x, person.y, scene.person.eye_height_m)
-    target = (start.x, start.y, TRACKED_HEIGHT_M)
     if view == "top_down":
         middle = ((frame[0] + frame[2]) / 2, (frame[1] + frame[3]) / 2)
         return Camera(view, (*middle, 60.0), (*middle, 0.0), TOP_DOWN_FOV_RAD, frame)
+    person, start = scene.person.pose, scene.start
+    eye = (person.x, person.y, scene.person.eye_height_m)
+    target = (start.x, start.y, TRACKED_HEIGHT_M)
     fov = FIRST_PERSON_FOV_RAD if view == "first_person" else IMMERSIVE_FOV_RAD
     return Camera(view, eye, target, fov, frame)

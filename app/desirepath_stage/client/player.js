@@ -46,7 +46,7 @@
 
   /** @param {number[]} where x, y, yaw: the person is here now, and in their view so are the eyes */
   function put([x, y, yaw]) {
-    window.desirePath.bodies.put(person, x, y, yaw);
+    if (person) window.desirePath.bodies.put(person, x, y, yaw);
     window.desirePath.camera.stand(x, y);
   }
 

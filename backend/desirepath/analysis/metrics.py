@@ -141,7 +141,7 @@ def action_diversity(actions: ArrayLike) -> float:
 @dataclass(frozen=True)
 class TrajectoryMetrics:
     """Metrics of n trajectories, each array (n,), SI units; distances as in the functions of the same names,
-    min_human_distance to whoever comes nearest. social: of the same trajectories."""
+    min_human_distance to whoever comes nearest, NaN where no people were recorded. social: of the same trajectories."""
 
     outcome: NDArray[np.int8]
     steps: NDArray[np.int64]
@@ -177,7 +177,10 @@ def measure(trajectories: Sequence[Trajectory]) -> TrajectoryMetrics:
         mean_speed=mean_speed(lengths, times),
         accumulated_angle=turned,
         min_human_distance=np.array(
-            [min_human_distance(t.poses[None], who).min() for t, who in zip(trajectories, people, strict=True)]
+            [
+                min_human_distance(t.poses[None], who).min() if len(who) else np.nan
+                for t, who in zip(trajectories, people, strict=True)
+            ]
         ),
         min_obstacle_distance=min_obstacle_distance(poses, scenes),
         path_area=path_area(poses, goals),

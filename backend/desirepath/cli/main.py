@@ -18,6 +18,7 @@ with ended_by_interrupt(), without_collecting():
         data,
         jobs,
         plots,
+        recordings,
         report,
         science,
         serve,
@@ -54,6 +55,7 @@ with ended_by_interrupt():
     serve.register(app)
     data.register(app)
     science.register(app)
+    recordings.register(science.queries)
     plots.register(app)
     report.register(app)
     study_protocols.register()

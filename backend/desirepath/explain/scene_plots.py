@@ -285,7 +285,9 @@ def draw_solids(ax: Axes, scene: Scene) -> None:
 
 
 def draw_person(ax: Axes, scene: Scene, colour: str = PERSON) -> None:
-    """The person from above, with a nose where they look."""
+    """The person from above, with a nose where they look; nothing where none was recorded."""
+    if not scene.has_person:
+        return
     pose, radius = scene.person.pose, scene.person.radius
     nose = [
         (pose.x + reach * math.cos(pose.yaw + turn), pose.y + reach * math.sin(pose.yaw + turn))

@@ -9,8 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Never
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,6 +51,27 @@ class Person:
     def eye_height_m(self) -> float:
         """Height of the eyes above the floor."""
         return EYE_SHARE * self.height
+
+
+class UnrecordedPerson(Person):
+    """Of a scene recorded elsewhere in which no person was: whoever asks where or how large they are is told so."""
+
+    def __init__(self) -> None:
+        """There is nothing to say of them."""
+
+    def _missing(self) -> Never:
+        raise SceneError("person", None, "was not recorded; what needs a person cannot be measured or shown here")
+
+    pose = radius = height = property(_missing)
+
+    def __repr__(self) -> str:
+        return "UnrecordedPerson()"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, UnrecordedPerson)
+
+    def __hash__(self) -> int:
+        return hash(UnrecordedPerson)
 
 
 @dataclass(frozen=True)
@@ -109,7 +130,7 @@ class Scene:
     """One scene of one setup. Same setup and seed, same scene, on every machine.
 
     `obstacles` excludes the walls; `solids()` has them all. `walk`: how the person moves, from `person.pose` on;
-    None: they stand there.
+    None: they stand there. A recorded scene may have no person (`has_person`).
     """
 
     setup: str
@@ -127,6 +148,11 @@ class Scene:
         """Obstacles and walls: everything box-shaped that stops a robot or a ray."""
         return self.obstacles + (self.room.walls() if self.room else ())
 
+    @property
+    def has_person(self) -> bool:
+        """False only for scenes that were recorded without people."""
+        return not isinstance(self.person, UnrecordedPerson)
+
     def human_distance_ceiling_m(self) -> float:
         """The largest minimum human distance any policy can reach: min(start-person, goal-person), centres."""
         person = self.person.pose
@@ -134,7 +160,9 @@ class Scene:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON-ready data; `from_dict` reads it back to an equal scene."""
-        data = asdict(self)
+        data = asdict(self if self.has_person else replace(self, person=Person(self.start)))
+        if not self.has_person:
+            data["person"] = None
         if self.walk is None:
             del data["walk"]  # a standing person's scene keeps the digest it always had
         if self.crowd is None:
@@ -151,7 +179,9 @@ class Scene:
                 start=Pose(**data["start"]),
                 goal=Pose(**data["goal"]),
                 goal_radius=float(data["goal_radius"]),
-                person=Person(
+                person=UnrecordedPerson()
+                if data["person"] is None
+                else Person(
                     Pose(**data["person"]["pose"]),
                     radius=data["person"]["radius"],
                     height=data["person"]["height"],
@@ -179,7 +209,9 @@ class Scene:
 
     def people_at(self, times_s: ArrayLike) -> NDArray[np.float64]:
         """(people, n, 2) where everybody is at times (n,), m: the person first, then the crowd as it walked or, where
-        nobody avoids anybody, walks."""
+        nobody avoids anybody, walks. Nobody where no person was recorded."""
+        if not self.has_person:
+            return np.zeros((0, len(np.asarray(times_s)), 2))
         person = self.person_poses(times_s)[:, :2]
         crowd = self.crowd.pedestrians if self.crowd else ()
         return np.stack([person, *(one.places_at(np.asarray(times_s, dtype=np.float64)) for one in crowd)])

@@ -132,9 +132,12 @@ def scene_to_row(scene: Scene, columns: int | None = None) -> k.Row:
     row[k.START_X], row[k.START_Y], row[k.START_YAW] = scene.start.x, scene.start.y, scene.start.yaw
     row[k.GOAL_X], row[k.GOAL_Y], row[k.GOAL_YAW] = scene.goal.x, scene.goal.y, scene.goal.yaw
     row[k.GOAL_RADIUS] = scene.goal_radius
-    person = scene.person
-    row[k.PERSON_X], row[k.PERSON_Y], row[k.PERSON_YAW] = person.pose.x, person.pose.y, person.pose.yaw
-    row[k.PERSON_RADIUS] = person.radius
+    if scene.has_person:
+        person = scene.person
+        row[k.PERSON_X], row[k.PERSON_Y], row[k.PERSON_YAW] = person.pose.x, person.pose.y, person.pose.yaw
+        row[k.PERSON_RADIUS] = person.radius
+    else:
+        row[[k.PERSON_X, k.PERSON_Y, k.PERSON_YAW, k.PERSON_RADIUS]] = np.nan  # nearer to nothing than anything is
     if scene.room is not None:
         row[k.ROOM_HALF_X], row[k.ROOM_HALF_Y] = scene.room.length / 2, scene.room.width / 2
     row[k.BOX_COUNT] = len(scene.obstacles)

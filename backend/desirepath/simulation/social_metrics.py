@@ -23,6 +23,7 @@ PERSONAL_SPACE_M = 1.2  # Hall 1966, centre to centre: where personal space ends
 STALLED_BELOW_M_S = 0.05
 LONGEST_TTC_S = 10.0  # never on the way to contact counts as this, so that a mean exists
 _COUNT = 5
+_OF_PEOPLE = 3  # of these, the first so many
 
 
 @dataclass(frozen=True)
@@ -79,12 +80,17 @@ def social_metrics(
 
     paths: (steps + 1, 2) m each, a point every dt seconds (of all, or (n,)); success (n,); path_length (n,) m;
     accumulated_angle (n,) rad; people: (people, steps + 1, 2) m each, where everybody was, the scene's own person
-    first; None: as the scenes say. Raises ValueError where paths and scenes differ in number.
+    first; None: as the scenes say. What is about people is NaN in a scene recorded without any. Raises ValueError where
+    paths and scenes differ in number.
     """
     found = np.zeros((len(scenes), _COUNT))
     straight, facing = np.zeros(len(scenes)), np.zeros(len(scenes))
     steps_s = np.broadcast_to(np.asarray(dt, dtype=np.float64), len(scenes))
     for k, (row, path, scene, step_s) in enumerate(zip(found, paths, scenes, steps_s, strict=True)):
+        if not scene.has_person:
+            _of_path(np.ascontiguousarray(path), np.full((1, 2), np.nan), 0.0, step_s, row)
+            row[:_OF_PEOPLE] = np.nan
+            continue
         contact = get_setup(scene.setup).robot.radius_m + scene.person.radius
         everybody = _people(scene, len(path), step_s) if people is None else people[k]
         if len(everybody) == 1:

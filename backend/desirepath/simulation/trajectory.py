@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.simulation.npz import MIB, Arrays, Bounds, from_npz, to_npz
+from desirepath.simulation.recorded import NotRecordedError, Recorded
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.stored import Stored
 
@@ -36,6 +38,8 @@ class Trajectory(Stored):
     observations, next_observations: (T, obs_dim) float32, scaled as the setup's layout says.
     actions: (T, 2) float32 in [-1, 1]. rewards: (T,) float32, the setup's core reward. dones: (T,) bool.
     self_intersections: how often the path crossed itself.
+    recorded: of a trajectory that no engine made, where it is from. Its observations and actions may be (T, 0), its
+    rewards NaN: they were not recorded.
     """
 
     scene: Scene
@@ -48,6 +52,7 @@ class Trajectory(Stored):
     dones: NDArray[np.bool_]
     self_intersections: int = 0
     dt: float = 0.2
+    recorded: Recorded | None = None
 
     @property
     def times(self) -> Floats:
@@ -67,31 +72,55 @@ class Trajectory(Stored):
             "self_intersections": self.self_intersections,
             "dt": self.dt,
         }
+        if self.recorded is not None:
+            meta["recorded"] = self.recorded.as_dict()
         return to_npz(meta, {name: getattr(self, name) for name in STORED})
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Trajectory:
         try:
             meta, arrays = from_npz(data, BOUNDS)
-            _check_shapes(arrays)
+            recorded = Recorded.from_dict(meta["recorded"]) if "recorded" in meta else None
+            _check_shapes(arrays, action_size=0 if recorded is not None and "actions" in recorded.absent else 2)
             return cls(
                 scene=Scene.from_dict(meta["scene"]),
                 outcome=Outcome(meta["outcome"]),
                 self_intersections=meta["self_intersections"],
                 dt=meta["dt"],
+                recorded=recorded,
                 **{name: arrays[name] for name in STORED},
             )
         except (KeyError, TypeError, ValueError) as problem:
             raise ValueError(f"not a desirepath trajectory (.npz): {problem}") from None
 
 
-def _check_shapes(arrays: Arrays) -> None:
+def require_steps(trajectories: Iterable[Trajectory]) -> None:
+    """Raise NotRecordedError unless observations and actions are known of all: who learns from steps needs them."""
+    for one in trajectories:
+        known = {"observations": one.observations.shape[1], "actions": one.actions.shape[1]}
+        missing = [part for part, size in known.items() if not size]
+        if missing and one.recorded is not None:
+            raise NotRecordedError(
+                f"trajectory {one.recorded.run!r} of {one.recorded.file}: {' and '.join(missing)} were not recorded, "
+                "and what learns from or judges single steps needs them; measures of poses work without"
+            )
+
+
+def require_people(trajectories: Iterable[Trajectory]) -> None:
+    """Raise NotRecordedError unless there is a person in the scenes of all."""
+    for one in trajectories:
+        if not one.scene.has_person:
+            what = f"trajectory {one.recorded.run!r} of {one.recorded.file}" if one.recorded else "a trajectory"
+            raise NotRecordedError(f"{what}: people were not recorded, and what people prefer is measured beside one")
+
+
+def _check_shapes(arrays: Arrays, action_size: int) -> None:
     """Raise ValueError unless there are arrays of as many steps as there are actions, as the class says."""
     steps, inputs = len(arrays["actions"]), arrays["observations"].shape[1:]
     needed = {
         "poses": (steps + 1, 3),
         "observations": (steps, *inputs),
-        "actions": (steps, 2),
+        "actions": (steps, action_size),
         "rewards": (steps,),
         "next_observations": (steps, *inputs),
         "dones": (steps,),

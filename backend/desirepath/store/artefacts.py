@@ -201,7 +201,7 @@ def save_trajectories(
                 steps=len(trajectory.actions),
                 duration_s=trajectory.duration_s,
                 outcome=int(trajectory.outcome),
-                made_by=made_by,
+                made_by=trajectory.recorded.maker if trajectory.recorded else made_by,
             )
             s.add(row)
         rows.append(row)

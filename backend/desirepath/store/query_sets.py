@@ -7,7 +7,7 @@ A study protocol names a set by a shipped name, the path of a file, or the id of
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import and_, or_, select
 from sqlalchemy.orm import Session, defer
 
+from desirepath.simulation.recorded import PARTS
 from desirepath.store.artefact_upkeep import offered
 from desirepath.store.artefacts import (
     SHA256,
@@ -29,6 +30,7 @@ from desirepath.store.shipped_policies import register_parents
 
 if TYPE_CHECKING:
     from desirepath.learning.queries.queries import QuerySet
+    from desirepath.simulation.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,8 @@ def save_query_set(
     """Store a query set and each of its trajectories once; idempotent.
 
     content: the set's bytes where they came from a file, so that the artefact's id is the file's sha256. The stored
-    card gets `stored_queries`: where each query's trajectories lie. Raises ArtefactError for an empty set.
+    card gets `stored_queries`: where each query's trajectories lie; and `recorded` where they are of recordings. Raises
+    ArtefactError for an empty set.
     """
     if not query_set.queries:
         raise ArtefactError(f"query set {name!r} holds no queries; a study needs at least one")
@@ -135,10 +138,20 @@ def save_query_set(
         name=name,
         setup=query_set.setup,
         content=content,
-        card={**card, "stored_queries": stored},
+        card={**card, **_recorded(trajectories), "stored_queries": stored},
         parents=parents or (),
         job_id=job_id,
     )
+
+
+def _recorded(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
+    """What a card says of recordings: `has`, of what all trajectories have; files, with the sha256 of each. Nothing of
+    trajectories that engines made."""
+    found = [one.recorded for one in trajectories if one.recorded is not None]
+    if not found:
+        return {}
+    has = [part for part in PARTS if len(found) == len(trajectories) and all(part in one.has for one in found)]
+    return {"recorded": {"has": has, "files": {one.file: one.sha256 for one in found}}}
 
 
 def queries_of(s: Session, files: ArtefactStore, artefact_id: str, *, whole: bool = True) -> list[StoredQuery]:

@@ -7,6 +7,7 @@ import secrets
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
+from desirepath.learning.queries.choosing import STRATEGIES
 from desirepath.store.artefacts import ArtefactError, ArtefactStore
 from desirepath.store.events import log_event
 from desirepath.store.models import Artefact, Study, new_id
@@ -79,6 +80,7 @@ def materials_of(
         artefact = query_set or import_query_set(s, files, wanted or "")
         _require_kind(artefact, frozen.protocol.needs)
         _require_shown(artefact, frozen)
+        _require_recorded(artefact, frozen)
         queries = queries_of(s, files, artefact.id)
     except ValueError as problem:
         raise StudyError(f"query_set = {wanted!r}: {problem}") from problem
@@ -112,6 +114,32 @@ def _require_shown(artefact: Artefact, frozen: FrozenProtocol) -> None:
         )
     if "outline" in factors and attended:
         raise ArtefactError(f"the factor outline is of things, {artefact.name} ranks people; use the factor attention")
+
+
+def _require_recorded(artefact: Artefact, frozen: FrozenProtocol) -> None:
+    """Raise ArtefactError where a protocol needs of recordings what was not recorded."""
+    if (recorded := artefact.card.get("recorded")) is None:
+        return
+    stages, has = frozen.protocol.all_stages, set(recorded["has"])
+    through_eyes = sorted({view for stage in stages for view in stage.views} - {"top_down"})
+    chosen_by = {entry.queries.choose for stage in stages for entry in getattr(stage, "trials", ())} - {"random"}
+    by_steps = sorted(name for name in chosen_by if STRATEGIES[name].beyond)
+    fed_back = ["feedback"] * any(getattr(stage, "feedback", None) is not None for stage in stages)
+    needs = {
+        "people": [
+            *fed_back,
+            *(f"view {view}" for view in through_eyes),
+            *(f"choose: {name}" for name in sorted(chosen_by)),
+        ],
+        "observations": ["train"] * any(stage.begins == "train" for stage in stages)
+        + [f"choose: {name}" for name in by_steps],
+    }
+    for part, wanted in needs.items():
+        if wanted and part not in has:
+            raise ArtefactError(
+                f"{part} were not recorded, {wanted[0]} needs them; choose: random, the view top_down, ratings, "
+                "measures and the report work without"
+            )
 
 
 def study_by_link(s: DatabaseSession, recruiting_token: str) -> Study:

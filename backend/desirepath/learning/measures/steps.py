@@ -19,7 +19,7 @@ from desirepath.learning.preferences.features import obstacle_clearance_m
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.learning.shipped_files import resolve
 from desirepath.simulation.setups import Setup, get_setup, require_same
-from desirepath.simulation.trajectory import Trajectory
+from desirepath.simulation.trajectory import Trajectory, require_steps
 
 Doubles = NDArray[np.float64]
 REFERENCE_PAIRS = 60
@@ -71,6 +71,7 @@ class SeenSteps:
         names = {f"trajectory {k}": trajectory.scene.setup for k, trajectory in enumerate(trajectories)}
         if not names:
             raise ValueError("trajectories: none given; at least one is needed")
+        require_steps(trajectories)
         lengths = [len(one.actions) for one in trajectories]
         actions = [np.clip(one.actions.astype(np.float64), -1, 1) for one in trajectories]
         return cls(

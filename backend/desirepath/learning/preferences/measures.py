@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from desirepath.analysis import metrics
 from desirepath.learning.preferences.crowd_measures import crowd_columns
 from desirepath.simulation.setups import get_setup
-from desirepath.simulation.trajectory import Trajectory
+from desirepath.simulation.trajectory import Trajectory, require_people
 
 Doubles = NDArray[np.float64]
 
@@ -121,6 +121,7 @@ def measures(trajectories: Sequence[Trajectory]) -> Doubles:
     """
     if trajectories and get_setup(trajectories[0].scene.setup).pedestrians:
         return in_order(crowd_columns(trajectories, get_setup(trajectories[0].scene.setup)), CROWD_TABLE)
+    require_people(trajectories)
     measured = metrics.measure(trajectories)
     sides, speeds = np.array([_near_person(trajectory) for trajectory in trajectories]).T
     return in_order(

@@ -12,7 +12,7 @@ import numpy as np
 from desirepath.learning.errors import LearningError, TooFewAnswers
 from desirepath.learning.queries.queries import Query
 from desirepath.simulation.setups import Setup, get_setup, require_same
-from desirepath.simulation.trajectory import Trajectory
+from desirepath.simulation.trajectory import Trajectory, require_steps
 
 
 @dataclass(frozen=True)
@@ -54,3 +54,10 @@ def usable(preferences: Sequence[Preference], *, fewest: int = 2) -> tuple[Setup
             "about two different trajectories"
         )
     return get_setup(require_same(**{f"answer {k}": p.setup for k, p in enumerate(kept)})), kept
+
+
+def usable_steps(preferences: Sequence[Preference], *, fewest: int = 2) -> tuple[Setup, list[Preference]]:
+    """`usable` for what is learned from single steps. Raises NotRecordedError where these were not recorded, too."""
+    setup, kept = usable(preferences, fewest=fewest)
+    require_steps(trajectory for one in kept for trajectory in (one.chosen, one.rejected))
+    return setup, kept

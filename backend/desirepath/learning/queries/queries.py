@@ -22,6 +22,7 @@ from desirepath.learning.policies.policy import Policy
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.npz import Arrays
+from desirepath.simulation.recorded import Recorded
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup, require_same
 from desirepath.simulation.stored import StoredArrays
@@ -33,7 +34,10 @@ PATH_SAMPLES = 32
 
 @dataclass(frozen=True)
 class Query:
-    """One scene and two trajectories, A and B; `members` says which ensemble member rolled out which."""
+    """One scene and two trajectories, A and B; `members` says which ensemble member rolled out which.
+
+    Recorded trajectories each have a scene of their own, alike but for where robot and people were; `scene` is A's.
+    """
 
     scene: Scene
     trajectory_a: Trajectory
@@ -94,6 +98,9 @@ class QuerySet(StoredArrays):
             "filtered": self.filtered,
             "queries": [{"scene": query.scene.as_dict(), "members": list(query.members)} for query in self.queries],
         }
+        if any(one.recorded for one in trajectories):
+            header["recorded"] = [one.recorded and one.recorded.as_dict() for one in trajectories]
+            header["scenes"] = [one.scene.as_dict() for one in trajectories]  # two runs never begin exactly alike
         observations = [np.concatenate([t.observations, t.next_observations[-1:]]) for t in trajectories]
         return header, {
             "steps": np.array([len(t.actions) for t in trajectories], dtype=np.int32),
@@ -109,6 +116,8 @@ class QuerySet(StoredArrays):
     def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> QuerySet:
         ends = np.cumsum(arrays["steps"])
         trajectories: list[Trajectory] = []
+        scenes = header.get("scenes") or [one["scene"] for one in header["queries"] for _ in range(2)]
+        recorded = header.get("recorded") or [None] * len(scenes)
         for k, (end, steps) in enumerate(zip(ends, arrays["steps"], strict=True)):
             first = int(end - steps)
             rows, rows_with_end = slice(first, end), slice(first + k, end + k + 1)
@@ -117,7 +126,7 @@ class QuerySet(StoredArrays):
             dones[-1] = arrays["outcomes"][k] != Outcome.RUNNING
             trajectories.append(
                 Trajectory(
-                    scene=Scene.from_dict(header["queries"][k // 2]["scene"]),
+                    scene=Scene.from_dict(scenes[k]),
                     outcome=Outcome(int(arrays["outcomes"][k])),
                     poses=arrays["poses"][rows_with_end],
                     observations=observations[:-1],
@@ -126,6 +135,7 @@ class QuerySet(StoredArrays):
                     next_observations=observations[1:],
                     dones=dones,
                     self_intersections=int(arrays["self_intersections"][k]),
+                    recorded=Recorded.from_dict(recorded[k]) if recorded[k] else None,
                 )
             )
         queries = tuple(

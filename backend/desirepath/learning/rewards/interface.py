@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from desirepath.learning.policies.networks import use_one_thread
-from desirepath.learning.preferences.preferences import Preference, usable
+from desirepath.learning.preferences.preferences import Preference, usable_steps
 from desirepath.learning.rewards.reward_model import FitSettings, Fitting, Reduction, RewardModel
 from desirepath.simulation.trajectory import Trajectory
 
@@ -82,7 +82,7 @@ def fit_interface(preferences: Sequence[Preference], config: InterfaceConfig | N
     """
     config = config or InterfaceConfig()
     use_one_thread()
-    setup, kept = usable(preferences, fewest=config.fewest_answers)
+    setup, kept = usable_steps(preferences, fewest=config.fewest_answers)
     random = np.random.default_rng([config.seed, 7])
     torch.manual_seed(config.seed)
     steps, spans = _steps(kept)

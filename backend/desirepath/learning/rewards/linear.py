@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.preferences.features import CLOSENESS, FEATURE_NAMES, step_features
-from desirepath.learning.preferences.preferences import Preference, usable
+from desirepath.learning.preferences.preferences import Preference, usable_steps
 from desirepath.learning.rewards.reward_model import (
     FitSettings,
     Fitting,
@@ -110,7 +110,7 @@ def fit_linear(preferences: Sequence[Preference], config: LinearConfig | None = 
     Raises LearningError for fewer than two usable answers, SetupError for mixed setups.
     """
     config = config or LinearConfig()
-    setup, kept = usable(preferences)
+    setup, kept = usable_steps(preferences)
 
     pairs = [
         [trajectory_features(trajectory, setup, config.reduction) for trajectory in (p.chosen, p.rejected)]

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from desirepath.learning.policies.networks import Parameters, critic_forward, use_one_thread
 from desirepath.learning.policies.shape import FAST_HEADS, NetworkShape
-from desirepath.learning.preferences.preferences import Preference, usable
+from desirepath.learning.preferences.preferences import Preference, usable_steps
 from desirepath.learning.rewards.reward_model import FitSettings, Fitting, Reduction, RewardModel
 from desirepath.simulation.trajectory import Trajectory
 
@@ -110,7 +110,7 @@ def fit_mlp(preferences: Sequence[Preference], config: MlpConfig | None = None) 
     """
     config = config or MlpConfig()
     use_one_thread()
-    setup, kept = usable(preferences, fewest=config.fewest_answers)
+    setup, kept = usable_steps(preferences, fewest=config.fewest_answers)
     random = np.random.default_rng([config.seed, 4])
     order = random.permutation(len(kept))
     held_out = [kept[k] for k in order[: int(len(kept) * config.held_out_share)]] if len(kept) >= 10 else []

@@ -21,7 +21,7 @@ from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.rewards.kinds import MODELS
 from desirepath.simulation.npz import Arrays
 from desirepath.simulation.stored import StoredArrays
-from desirepath.simulation.trajectory import Trajectory
+from desirepath.simulation.trajectory import Trajectory, require_steps
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -49,6 +49,7 @@ class RewardModel(StoredArrays):
 
         Sum or mean (the model's reduction) of the predicted rewards, unless the kind judges otherwise.
         """
+        require_steps([trajectory])
         steps = self.rewards(trajectory.observations, trajectory.actions, trajectory.next_observations)
         return float(steps.sum() if self.reduction == "sum" else steps.mean())
 

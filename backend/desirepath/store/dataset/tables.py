@@ -410,7 +410,11 @@ TRAJECTORIES = Table(
         Column("robot_radius_m", NUMBER, "radius of the robot: clearances are from its surface"),
         Column("duration_s", NUMBER, "seconds from start to end"),
         Column("self_intersections", WHOLE, "how often the path crossed itself"),
-        Column("made_by", TEXT, "artefact id of the policy, where it is known"),
+        Column(
+            "made_by",
+            TEXT,
+            "artefact id of the policy, where it is known; recording:SHA256:FILE of one recorded elsewhere",
+        ),
         Column("created_at", MOMENT, "when it was stored"),
     ),
     key=("trajectory",),

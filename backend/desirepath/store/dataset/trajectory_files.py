@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from desirepath.simulation.observation_bounds import ACTION_SIZE
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 from desirepath.store.artefacts import ArtefactStore
@@ -121,6 +122,8 @@ def _steps(trajectory_id: str, trajectory: Trajectory) -> pa.Table:
     count = len(trajectory.actions)
     steps = np.arange(count)
     poses, actions = trajectory.poses.astype(np.float64), trajectory.actions.astype(np.float64)
+    if not actions.shape[1]:  # not recorded: no numbers
+        actions = np.full((count, ACTION_SIZE), np.nan)
     columns: dict[str, Any] = {
         "trajectory": pa.array([trajectory_id] * count, pa.string()),
         "step": steps,
@@ -135,7 +138,9 @@ def _steps(trajectory_id: str, trajectory: Trajectory) -> pa.Table:
         "next_observation": _lists(trajectory.next_observations),
     }
     schema = STEPS.schema()
-    return pa.Table.from_arrays([pa.array(columns[one.name], one.type) for one in schema], schema=schema)
+    return pa.Table.from_arrays(
+        [pa.array(columns[one.name], one.type, from_pandas=True) for one in schema], schema=schema
+    )
 
 
 def _lists(values: np.ndarray[Any, Any]) -> pa.Array:

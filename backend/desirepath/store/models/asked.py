@@ -101,7 +101,7 @@ class TrajectoryRow(Base):
     steps: Mapped[int] = mapped_column(Integer)
     duration_s: Mapped[float] = mapped_column(Float)
     outcome: Mapped[int] = mapped_column(Integer)
-    made_by: Mapped[str | None] = mapped_column(String(64))  # artefact id of the policy, where there is one
+    made_by: Mapped[str | None] = mapped_column(String(64))  # the policy's artefact id, or Recorded.maker
     created_at: Mapped[datetime] = mapped_column(default=utc_now)
 
 

@@ -294,10 +294,11 @@ class _Plan:
 
     def __init__(self, scene: Scene, paths: Sequence[ArrayLike], *, legend_lines: int, title: str) -> None:
         spare = 0.8 if scene.room is None else 0.05
+        poses = (scene.start, scene.goal, *((scene.person.pose,) if scene.has_person else ()))
         points = np.concatenate(
             [
                 *(np.asarray(path, float)[:, :2] for path in paths),
-                [[p.x, p.y] for p in (scene.start, scene.goal, scene.person.pose, *(o.pose for o in scene.obstacles))],
+                [[p.x, p.y] for p in (*poses, *(o.pose for o in scene.obstacles))],
                 *([wall.corners() for wall in scene.room.walls()] if scene.room else []),
             ]
         )
@@ -334,6 +335,8 @@ class _Plan:
             drawing.polygon([at(*corner) for corner in solid.corners()], fill="#b9ae97", css=f"solid {solid.kind}")
         drawing.circle(*at(scene.goal.x, scene.goal.y), scene.goal_radius * scale, fill="none", css="goal", stroke=INK)
         drawing.circle(*at(scene.start.x, scene.start.y), 4, fill=INK, css="ink-fill")
+        if not scene.has_person:
+            return
         person = scene.person.pose
         drawing.circle(*at(person.x, person.y), scene.person.radius * scale, fill=PERSON, css="person")
         nose = 0.55

@@ -1,0 +1,67 @@
+"""`desirepath queries import`: recordings of others as a query set that any protocol may show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say, takes_long
+from desirepath.cli.study import open_store
+
+
+def register(queries: typer.Typer) -> None:
+    """Add this module's commands to `desirepath queries`."""
+    queries.command("import")(import_)
+
+
+@in_data_folder
+@takes_long("reading recordings in {path}")
+def import_(
+    path: Annotated[Path, typer.Argument(help="A recording, or a folder of them: CSV.")],
+    setup: Annotated[str, typer.Option(help="Name of the setup whose robot it is shown as, such as study_room.")],
+    mapping: Annotated[
+        Path | None, typer.Option(help="YAML: columns, units, topics, runs, goal, pairs; for other than usual names.")
+    ] = None,
+    pairs: Annotated[
+        Literal["given", "proposed"] | None,
+        typer.Option(help="Those in pairs.csv or the mapping, or the most different; default given, where any are."),
+    ] = None,
+    count: Annotated[int, typer.Option(min=1, max=2_000, help="So many pairs are proposed at most.")] = 200,
+    name: Annotated[str | None, typer.Option(help="What the query set is called; default the path's name.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Write the query set to this file (.npz) instead of into the installation.")
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Make a query set of recordings: scenes and trajectories as they were recorded, pairs given or proposed."""
+    from desirepath.recordings.importing import import_recordings
+    from desirepath.recordings.mapping import read_mapping
+
+    if out is not None and out.suffix != ".npz":
+        raise ValueError(f"--out {out}: must end with .npz")
+    mapped, mapped_sha = read_mapping(mapping) if mapping is not None else (None, "")
+    found = import_recordings(
+        path, setup, mapped, (mapping.name, mapped_sha) if mapping is not None else None, pairs=pairs, most=count
+    )
+    result = {
+        "scenes": found.scenes,
+        "trajectories": found.trajectories,
+        "queries": len(found.query_set),
+        "warnings": list(found.warnings),
+    }
+    if out is not None:
+        found.query_set.save(out)
+        result["file"] = str(out)
+    else:
+        from desirepath.store.audit import record
+        from desirepath.store.query_sets import save_query_set
+
+        database, files = open_store(makes=True)
+        with database.transaction() as s:
+            card = found.recorded_card()
+            stored = save_query_set(s, files, found.query_set, name=name or path.stem, card={"imported": card})
+            record(s, "recordings_imported", by=COMMAND_LINE, name=stored.name, files=len(card["files"]))
+            result["query_set"] = stored.id
+    say(result, as_json)

@@ -1,0 +1,158 @@
+"""From a path to a query set: which files there are, of which format, and what becomes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from desirepath.learning.queries.queries import QuerySet
+from desirepath.recordings import csv_tables
+from desirepath.recordings.conversion import convert
+from desirepath.recordings.mapping import Mapping, Run
+from desirepath.recordings.pairs import given_pairs, propose_pairs
+from desirepath.recordings.recording import BOUNDS, Bounds, Goal, Recording, RecordingError, Track
+from desirepath.simulation.setups import get_setup
+
+Pairs = Literal["given", "proposed"]
+Reader = Callable[[Path, Mapping, Bounds], list[Recording]]
+READERS: dict[str, Reader] = {csv_tables.FORMAT: csv_tables.read_csv}
+"""Of one file or, where a recording is a folder, of that; by format."""
+SUFFIXES = {".csv": csv_tables.FORMAT}
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A query set of recordings. lineage: file, format and sha256 of all that it was made from."""
+
+    query_set: QuerySet
+    scenes: int
+    trajectories: int
+    warnings: tuple[str, ...]
+    lineage: tuple[dict[str, str], ...]
+
+    def recorded_card(self) -> dict[str, Any]:
+        """What the set's card says of where it is from."""
+        return {"files": list(self.lineage), "warnings": list(self.warnings)}
+
+
+def import_recordings(
+    path: Path,
+    setup: str,
+    mapping: Mapping | None = None,
+    mapping_file: tuple[str, str] | None = None,
+    *,
+    pairs: Pairs | None = None,
+    most: int = 200,
+    bounds: Bounds = BOUNDS,
+) -> Imported:
+    """Read all recordings at `path`, a file or a folder of them. mapping_file: its name and sha256. pairs: default
+    those that are given, where any are. most: pairs that are proposed.
+
+    Raises RecordingError, SetupError for an unknown setup or one whose measures need what no recording has.
+    """
+    mapping = mapping or Mapping()
+    of = get_setup(setup)
+    if of.pedestrians or of.solids:
+        raise RecordingError(
+            path.name, "setup", setup, "judges by what its robot was told, which is not recorded; use study_room"
+        )
+    files, pair_file = _files(path, mapping, bounds)
+    recordings = [one for file, kind in files for one in _pieces(READERS[kind](file, mapping, bounds), mapping)]
+    if len(recordings) > bounds.runs:
+        raise RecordingError(path.name, "runs", len(recordings), f"at most {bounds.runs} are read")
+    recordings = [_placed(one, mapping) for one in recordings]
+    converted = [convert(one, of, bounds) for one in recordings]
+    named = [*mapping.pairs, *(csv_tables.read_pairs(pair_file, bounds) if pair_file else ())]
+    if pairs == "given" and not named:
+        raise RecordingError(
+            path.name, "pairs", None, "none are given; a file pairs.csv (a, b) or `pairs` in the mapping"
+        )
+    if named and pairs != "proposed":
+        queries, filtered = given_pairs(pair_file.name if pair_file else "mapping", converted, named), {}
+    else:
+        proposed = propose_pairs(converted, most)
+        queries, filtered = proposed.queries, proposed.filtered
+    if not queries:
+        problem = f"no pair to show: {len(converted)} runs in {len({one.scene for one in converted})} scenes"
+        raise RecordingError(
+            path.name, "pairs", filtered or None, f"{problem}; two runs of one scene that differ are needed"
+        )
+    sources = {(one.source.file, one.source.format, one.source.sha256) for one in recordings}
+    lineage = [dict(zip(("file", "format", "sha256"), source, strict=True)) for source in sorted(sources)]
+    if mapping_file is not None:
+        lineage.append({"file": mapping_file[0], "format": "mapping", "sha256": mapping_file[1]})
+    return Imported(
+        query_set=QuerySet(setup, queries, filtered),
+        scenes=len({one.scene for one in converted}),
+        trajectories=len(converted),
+        warnings=tuple(dict.fromkeys(warning for one in converted for warning in one.warnings)),
+        lineage=tuple(lineage),
+    )
+
+
+def _files(path: Path, mapping: Mapping, bounds: Bounds) -> tuple[list[tuple[Path, str]], Path | None]:
+    """The recordings with their formats, in order, and the list of pairs that lies with them."""
+    if not path.exists():
+        raise RecordingError(str(path), "", None, "there is no such file or folder")
+    if path.is_file():
+        return [(path, _format_of(path, mapping, path))], None
+    inside = sorted(one for one in path.rglob("*") if one.is_file() and not one.name.startswith("."))[
+        : bounds.files + 1
+    ]
+    if len(inside) > bounds.files:
+        raise RecordingError(path.name, "files", len(inside), f"more than {bounds.files} files; import parts of it")
+    pair_file = next((one for one in inside if csv_tables.is_pairs(one)), None)
+    taken = [one for one in inside if one.suffix.lower() in SUFFIXES and one != pair_file]
+    if not taken:
+        found = sorted({one.suffix for one in inside})[:10]
+        raise RecordingError(path.name, "files", found, f"no recording in it; read are {', '.join(sorted(SUFFIXES))}")
+    if (total := sum(one.stat().st_size for one in taken)) > bounds.all_bytes:
+        raise RecordingError(path.name, "bytes", total, f"at most {bounds.all_bytes} are read; import parts of it")
+    return [(one, _format_of(one, mapping, path)) for one in taken], pair_file
+
+
+def _format_of(file: Path, mapping: Mapping, path: Path) -> str:
+    found = mapping.format or SUFFIXES.get(file.suffix.lower())
+    if found is None:
+        raise RecordingError(path.name, "format", file.suffix, f"unknown; read are {', '.join(sorted(SUFFIXES))}")
+    return found
+
+
+def _pieces(recordings: Sequence[Recording], mapping: Mapping) -> list[Recording]:
+    """The runs that the mapping cuts out of these of one file; all as they are where it names none of this file."""
+    file = recordings[0].source.file if recordings else ""
+    wanted = [run for run in mapping.runs if run.file in (None, file)]
+    if not wanted:
+        return list(recordings)
+    if len(recordings) > 1:
+        raise RecordingError(file, "mapping, runs", None, f"cuts files of one run; this has {len(recordings)}")
+    return [_piece(recordings[0], run) for run in wanted]
+
+
+def _piece(whole: Recording, run: Run) -> Recording:
+    times = whole.robot.times_s
+    first, last = times[0] + run.from_s, times[-1] if run.to_s is None else times[0] + run.to_s
+    inside = (times >= first - 1e-9) & (times <= last + 1e-9)
+    if inside.sum() < 2:
+        span = f"the file has {times[-1] - times[0]:.6g} s from its first pose on"
+        raise RecordingError(
+            whole.source.file, f"mapping, run {run.name!r}", [run.from_s, run.to_s], f"holds no poses: {span}"
+        )
+    robot = Track(times[inside], whole.robot.poses[inside])
+    people = {}
+    for who, seen in whole.people.items():
+        here = (seen.times_s >= first - 1.0) & (seen.times_s <= last + 1.0)
+        if here.any():
+            people[who] = Track(seen.times_s[here], seen.poses[here])
+    goal = Goal(run.goal.x, run.goal.y, radius=run.goal.radius_m) if run.goal else whole.goal
+    return replace(whole, run=run.name, scene=run.scene or whole.scene, robot=robot, people=people, goal=goal)
+
+
+def _placed(one: Recording, mapping: Mapping) -> Recording:
+    """With the scene and the goal that the mapping says of all."""
+    goal = mapping.goal
+    if goal is not None and one.goal is None:
+        one = replace(one, goal=Goal(goal.x, goal.y, radius=goal.radius_m))
+    return replace(one, scene=mapping.scene or one.scene)
