@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
+
+from desirepath.recordings.mapping import Mapping
+from desirepath.recordings.recording import RecordingError
 
 RUNS = {"straight": 0.0, "wide": 1.2, "other_side": -1.8}
 """Name -> how far (m) to the left of the straight line the robot is half-way."""
@@ -35,3 +39,12 @@ def rows(rate_hz: float = 10.0) -> Iterator[tuple[str, str, float, float, float,
 
 def csv_of(heads: str, lines: Iterator[tuple[object, ...]] | list[tuple[object, ...]]) -> str:
     return heads + "\n" + "".join(",".join(map(str, line)) + "\n" for line in lines)
+
+
+def refusal(read: Callable[[Path, Mapping], object], file: Path) -> str:
+    """The file that a refusal names, "" where it is read. Anything else that is raised is a fault of the reader."""
+    try:
+        read(file, Mapping())
+    except RecordingError as said:
+        return said.file
+    return ""

@@ -1,25 +1,31 @@
-"""`desirepath queries import`: recordings of others as a query set that any protocol may show."""
+"""`desirepath queries import` and `export`: recordings of others as a query set, trajectories as others read them."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say, takes_long
 from desirepath.cli.study import open_store
 
+if TYPE_CHECKING:
+    from desirepath.simulation.trajectory import Trajectory
+
 
 def register(queries: typer.Typer) -> None:
     """Add this module's commands to `desirepath queries`."""
     queries.command("import")(import_)
+    queries.command("export")(export)
 
 
 @in_data_folder
 @takes_long("reading recordings in {path}")
 def import_(
-    path: Annotated[Path, typer.Argument(help="A recording, or a folder of them: CSV.")],
+    path: Annotated[
+        Path, typer.Argument(help="A recording, or a folder of them: CSV, SocNav3, MCAP, rosbag2, Minari, LeRobot.")
+    ],
     setup: Annotated[str, typer.Option(help="Name of the setup whose robot it is shown as, such as study_room.")],
     mapping: Annotated[
         Path | None, typer.Option(help="YAML: columns, units, topics, runs, goal, pairs; for other than usual names.")
@@ -65,3 +71,38 @@ def import_(
             record(s, "recordings_imported", by=COMMAND_LINE, name=stored.name, files=len(card["files"]))
             result["query_set"] = stored.id
     say(result, as_json)
+
+
+@in_data_folder
+@takes_long("writing trajectories of {name}")
+def export(
+    name: Annotated[
+        str, typer.Argument(help="A shipped query set, a file, an id of this installation, or an exported data set.")
+    ],
+    form: Annotated[Literal["socnav3", "mcap", "lerobot"], typer.Option("--format", help="As what.")],
+    out: Annotated[Path, typer.Option(help="New or empty folder.")],
+    as_json: JsonFlag = False,
+) -> None:
+    """Write every trajectory of a query set or data set for the tools of others."""
+    from desirepath.recordings.exporting import export_trajectories, unlike
+
+    found = unlike(_trajectories(name))
+    say({"trajectories": len(found), "folder": str(out), "files": export_trajectories(found, form, out)}, as_json)
+
+
+def _trajectories(name: str) -> list[Trajectory]:
+    from desirepath.learning.policies.shipped import load_queries
+    from desirepath.learning.queries.queries import QuerySet
+    from desirepath.simulation.trajectory import Trajectory as Stored
+    from desirepath.store.artefacts import SHA256, load_artefact
+
+    if SHA256.fullmatch(name):
+        database, files = open_store()
+        with database.session() as s:
+            queries = QuerySet.from_bytes(load_artefact(s, files, name, kind="query_set")[1]).queries
+    elif Path(name).is_dir():
+        folder = Path(name) / "trajectories"
+        return [Stored.load(one) for one in sorted((folder if folder.is_dir() else Path(name)).glob("*.npz"))]
+    else:
+        queries = load_queries(name).queries
+    return [one for query in queries for one in (query.trajectory_a, query.trajectory_b)]

@@ -357,10 +357,10 @@ def _read_wide(
     if "time" not in found:
         raise RecordingError(file, "line 1, heads", None, "no column for time; name it time_s or map it with `columns`")
     columns: dict[str, dict[str, _Column]] = {}
-    for who, axes in wide.items():
-        if missing := [axis for axis in ("x", "y") if axis not in axes]:
+    for who, places in wide.items():
+        if missing := [axis for axis in ("x", "y") if axis not in places]:
             raise RecordingError(file, "line 1, heads", who, f"has no {who}_{missing[0]}; places need x and y")
-        columns[who] = {axis: _column(file, axis, place, heads[place], mapping) for axis, place in axes.items()}
+        columns[who] = {axis: _column(file, axis, place, heads[place], mapping) for axis, place in places.items()}
     runs: dict[str, _Run] = {}
     for line, row in rows:
         name = (row[found["run"].place].strip() if "run" in found else "") or path.stem

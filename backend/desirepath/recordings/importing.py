@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
 from desirepath.learning.queries.queries import QuerySet
-from desirepath.recordings import csv_tables
+from desirepath.recordings import bags, csv_tables, episodes, socnav3
 from desirepath.recordings.conversion import convert
 from desirepath.recordings.mapping import Mapping, Run
 from desirepath.recordings.pairs import given_pairs, propose_pairs
@@ -17,9 +18,16 @@ from desirepath.simulation.setups import get_setup
 
 Pairs = Literal["given", "proposed"]
 Reader = Callable[[Path, Mapping, Bounds], list[Recording]]
-READERS: dict[str, Reader] = {csv_tables.FORMAT: csv_tables.read_csv}
+READERS: dict[str, Reader] = {
+    csv_tables.FORMAT: csv_tables.read_csv,
+    socnav3.FORMAT: socnav3.read_socnav3,
+    bags.MCAP: bags.read_bag,
+    bags.ROSBAG2: bags.read_bag,
+    episodes.MINARI: episodes.read_minari,
+    episodes.LEROBOT: episodes.read_lerobot,
+}
 """Of one file or, where a recording is a folder, of that; by format."""
-SUFFIXES = {".csv": csv_tables.FORMAT}
+SUFFIXES = {".csv": csv_tables.FORMAT, ".json": socnav3.FORMAT, **bags.SUFFIXES}
 
 
 @dataclass(frozen=True)
@@ -98,19 +106,30 @@ def _files(path: Path, mapping: Mapping, bounds: Bounds) -> tuple[list[tuple[Pat
         raise RecordingError(str(path), "", None, "there is no such file or folder")
     if path.is_file():
         return [(path, _format_of(path, mapping, path))], None
-    inside = sorted(one for one in path.rglob("*") if one.is_file() and not one.name.startswith("."))[
-        : bounds.files + 1
-    ]
+    if (kind := _folder_format(path)) is not None:
+        return [(path, kind)], None
+    there = (one for one in path.rglob("*") if one.is_file() and not one.name.startswith("."))
+    inside = sorted(islice(there, bounds.files + 1))
     if len(inside) > bounds.files:
         raise RecordingError(path.name, "files", len(inside), f"more than {bounds.files} files; import parts of it")
     pair_file = next((one for one in inside if csv_tables.is_pairs(one)), None)
-    taken = [one for one in inside if one.suffix.lower() in SUFFIXES and one != pair_file]
+    whole = {folder: kind for folder in sorted({one.parent for one in inside}) if (kind := _folder_format(folder))}
+    lies_in = {one: any(folder in whole for folder in one.parents) for one in inside}
+    taken = [one for one in inside if one.suffix.lower() in SUFFIXES and one != pair_file and not lies_in[one]]
+    taken = sorted([*taken, *whole])
     if not taken:
         found = sorted({one.suffix for one in inside})[:10]
         raise RecordingError(path.name, "files", found, f"no recording in it; read are {', '.join(sorted(SUFFIXES))}")
-    if (total := sum(one.stat().st_size for one in taken)) > bounds.all_bytes:
+    if (total := sum(one.stat().st_size for one in inside)) > bounds.all_bytes:
         raise RecordingError(path.name, "bytes", total, f"at most {bounds.all_bytes} are read; import parts of it")
-    return [(one, _format_of(one, mapping, path)) for one in taken], pair_file
+    return [(one, whole.get(one) or _format_of(one, mapping, path)) for one in taken], pair_file
+
+
+def _folder_format(folder: Path) -> str | None:
+    """The format of a folder that is one recording or data set as a whole."""
+    if (folder / bags.METADATA).is_file() and bags.bag_files(folder):
+        return bags.ROSBAG2
+    return episodes.kind_of(folder)
 
 
 def _format_of(file: Path, mapping: Mapping, path: Path) -> str:

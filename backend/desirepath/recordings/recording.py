@@ -33,16 +33,18 @@ def _short(value: object) -> str:
 
 @dataclass(frozen=True)
 class Bounds:
-    """How much is read, all ours. file_bytes: of one file, all_bytes: of all of an import; unpacked_bytes: of what is
-    compressed; rows: lines of a table or messages of a bag; runs, people, things: of a recording; run_s: how long a run
-    may be: people watch it to its end; gap_s: how long nothing may be known of a robot, over that it is not one run.
+    """How much is read, all ours. file_bytes: of a file that is read as a whole, bag_bytes: of one that is not;
+    all_bytes: of all of an import; unpacked_bytes: of what is compressed; rows: of a table, messages of a topic;
+    runs, people, things: of a recording; run_s: how long a run may be: people watch it to its end; gap_s: how long
+    nothing may be known of a robot, over that it is not one run.
     """
 
     files: int = 2_000
     file_bytes: int = 512 * MIB
-    all_bytes: int = 2_048 * MIB
+    bag_bytes: int = 8_192 * MIB
+    all_bytes: int = 16_384 * MIB
     json_bytes: int = 64 * MIB
-    unpacked_bytes: int = 1_024 * MIB
+    unpacked_bytes: int = 16_384 * MIB
     rows: int = 2_000_000
     topics: int = 500
     message_bytes: int = 16 * MIB

@@ -54,3 +54,12 @@ def wrap(angles: Doubles) -> Doubles:
     """The same angles (n,) in (-pi, pi]."""
     found: Doubles = -((np.pi - angles) % (2 * np.pi) - np.pi)
     return found
+
+
+def body_speeds(poses: Doubles, dt: float) -> Doubles:
+    """(n, 3) ahead, to the left (m/s) and turning (rad/s) from each of poses (n, 3), dt seconds apart, to the next;
+    0 at the last."""
+    moved = np.diff(poses, axis=0, append=poses[-1:])
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    ahead, left = c * moved[:, 0] + s * moved[:, 1], c * moved[:, 1] - s * moved[:, 0]
+    return np.asarray(np.stack([ahead, left, wrap(moved[:, 2])], axis=1) / dt)

@@ -216,6 +216,18 @@ class Scene:
         crowd = self.crowd.pedestrians if self.crowd else ()
         return np.stack([person, *(one.places_at(np.asarray(times_s, dtype=np.float64)) for one in crowd)])
 
+    def people_poses_at(self, times_s: ArrayLike) -> NDArray[np.float64]:
+        """(people, n, 3) the same with where they face, rad."""
+        places = self.people_at(times_s)
+        if not self.has_person:
+            return np.zeros((0, places.shape[1], 3))
+        crowd = self.crowd.pedestrians if self.crowd else ()
+        yaws = [self.person_poses(times_s)[:, 2]]
+        yaws += [
+            np.full(places.shape[1], one.yaw) if one.walk is None else one.walk.poses_at(times_s)[:, 2] for one in crowd
+        ]
+        return np.concatenate([places, np.stack(yaws)[..., None]], axis=2)
+
     def digest(self) -> str:
         """sha256 of the canonical JSON, the scene's identity in the store."""
         return hashlib.sha256(json.dumps(self.as_dict(), sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,222 @@
+"""The few ROS 2 messages that a recording needs, from CDR and to it: plain numbers."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+MOST_PEOPLE = 1_000  # of one message
+LONGEST_TEXT = 4_096
+Placed = tuple[float, float, float]
+"""x, y (m), yaw (rad)."""
+
+
+class CdrError(ValueError):
+    """Bytes that are not the message they are said to be."""
+
+
+@dataclass(frozen=True)
+class Stamped:
+    """time_s: of the header, 0 where it has none; frame: its frame_id; bodies: name (or "") and place of each."""
+
+    time_s: float
+    frame: str
+    bodies: tuple[tuple[str, Placed], ...]
+
+
+class _Cdr:
+    """Reads one message; every number is aligned to its size, counted from behind the four bytes of the header."""
+
+    def __init__(self, data: bytes) -> None:
+        if len(data) < 4 or data[0] != 0 or data[1] not in (0, 1):
+            raise CdrError("is no CDR of ROS 2 (its first bytes say another encoding)")
+        self._data, self._at, self._order = data[4:], 0, "<" if data[1] else ">"
+
+    def _take(self, form: str, size: int, count: int = 1) -> tuple[float, ...]:
+        begin = -(-self._at // size) * size
+        if begin + size * count > len(self._data):
+            raise CdrError(f"ends after {len(self._data) + 4} bytes, in the middle of a number")
+        self._at = begin + size * count
+        return struct.unpack_from(f"{self._order}{count}{form}", self._data, begin)
+
+    def whole(self) -> int:
+        return int(self._take("I", 4)[0])
+
+    def doubles(self, count: int) -> tuple[float, ...]:
+        return self._take("d", 8, count)
+
+    def text(self) -> str:
+        length = self.whole()
+        if length > LONGEST_TEXT:
+            raise CdrError(f"holds a text of {length} bytes; at most {LONGEST_TEXT} are read")
+        raw = bytes(self._take("B", 1, length)) if length else b""  # type: ignore[arg-type]
+        return raw.rstrip(b"\0").decode("utf-8", errors="replace")
+
+    def count(self) -> int:
+        found = self.whole()
+        if found > MOST_PEOPLE:
+            raise CdrError(f"holds {found} of something; at most {MOST_PEOPLE} are read")
+        return found
+
+    def header(self) -> tuple[float, str]:
+        seconds, nanoseconds = self._take("i", 4)[0], self.whole()
+        return seconds + nanoseconds * 1e-9, self.text()
+
+    def pose(self) -> Placed:
+        x, y, _, qx, qy, qz, qw = self.doubles(7)
+        if not all(map(math.isfinite, (x, y, qx, qy, qz, qw))):
+            return x, y, math.nan
+        if abs(math.hypot(qx, qy, qz, qw) - 1) > 0.05:
+            return x, y, math.nan  # no orientation: many senders leave it at zero
+        return x, y, math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
+
+
+def _odometry(cdr: _Cdr) -> Stamped:
+    time_s, frame = cdr.header()
+    return Stamped(time_s, frame, ((cdr.text(), cdr.pose()),))
+
+
+def _pose(cdr: _Cdr) -> Stamped:
+    time_s, frame = cdr.header()
+    return Stamped(time_s, frame, (("", cdr.pose()),))
+
+
+def _poses(cdr: _Cdr) -> Stamped:
+    time_s, frame = cdr.header()
+    return Stamped(time_s, frame, tuple(("", cdr.pose()) for _ in range(cdr.count())))
+
+
+def _people(cdr: _Cdr) -> Stamped:
+    time_s, frame = cdr.header()
+    found = []
+    for _ in range(cdr.count()):
+        name = cdr.text()
+        x, y, *_ = cdr.doubles(7)  # position, velocity, reliability
+        for _ in range(2):  # tagnames, tags
+            for _ in range(cdr.count()):
+                cdr.text()
+        found.append((name, (x, y, math.nan)))
+    return Stamped(time_s, frame, tuple(found))
+
+
+ODOMETRY, POSE, POSE_WITH_COVARIANCE = (
+    "nav_msgs/msg/Odometry",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+)
+POSE_ARRAY, PEOPLE, SCAN = "geometry_msgs/msg/PoseArray", "people_msgs/msg/People", "sensor_msgs/msg/LaserScan"
+DECODED: dict[str, Callable[[_Cdr], Stamped]] = {
+    ODOMETRY: _odometry, POSE: _pose, POSE_WITH_COVARIANCE: _pose, POSE_ARRAY: _poses, PEOPLE: _people,
+}  # fmt: skip
+"""By type."""
+
+
+def decode(kind: str, data: bytes) -> Stamped:
+    """Raises CdrError; KeyError for a type that is not read."""
+    return DECODED[kind](_Cdr(data))
+
+
+# ---- out -------------------------------------------------------------------------------------------------------------
+
+
+class _Writer:
+    def __init__(self, time_s: float, frame: str) -> None:
+        self._parts = bytearray()
+        seconds = math.floor(time_s)
+        self.put("i", 4, seconds)
+        self.put("I", 4, min(round((time_s - seconds) * 1e9), 999_999_999))
+        self.text(frame)
+
+    def put(self, form: str, size: int, *values: float) -> None:
+        self._parts += bytes(-len(self._parts) % size)
+        self._parts += struct.pack(f"<{len(values)}{form}", *values)
+
+    def text(self, value: str) -> None:
+        raw = value.encode() + b"\0"
+        self.put("I", 4, len(raw))
+        self._parts += raw
+
+    def pose(self, x: float, y: float, yaw: float) -> None:
+        self.put("d", 8, x, y, 0.0, 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+
+    def bytes(self) -> bytes:
+        return b"\x00\x01\x00\x00" + bytes(self._parts)
+
+
+def encode_odometry(time_s: float, frame: str, place: Placed, speeds: Sequence[float]) -> bytes:
+    """speeds: ahead, to the left (m/s), turning (rad/s), in base_link."""
+    out = _Writer(time_s, frame)
+    out.text("base_link")
+    out.pose(*place)
+    out.put("d", 8, *([0.0] * 36))
+    out.put("d", 8, speeds[0], speeds[1], 0.0, 0.0, 0.0, speeds[2])
+    out.put("d", 8, *([0.0] * 36))
+    return out.bytes()
+
+
+def encode_pose(time_s: float, frame: str, place: Placed) -> bytes:
+    out = _Writer(time_s, frame)
+    out.pose(*place)
+    return out.bytes()
+
+
+def encode_poses(time_s: float, frame: str, places: Sequence[Placed]) -> bytes:
+    out = _Writer(time_s, frame)
+    out.put("I", 4, len(places))
+    for place in places:
+        out.pose(*place)
+    return out.bytes()
+
+
+_HEADER = """
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec"""
+_POSE = """
+================================================================================
+MSG: geometry_msgs/Pose
+geometry_msgs/Point position
+geometry_msgs/Quaternion orientation
+================================================================================
+MSG: geometry_msgs/Point
+float64 x
+float64 y
+float64 z
+================================================================================
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w"""
+_TWIST = """
+================================================================================
+MSG: geometry_msgs/PoseWithCovariance
+geometry_msgs/Pose pose
+float64[36] covariance
+================================================================================
+MSG: geometry_msgs/TwistWithCovariance
+geometry_msgs/Twist twist
+float64[36] covariance
+================================================================================
+MSG: geometry_msgs/Twist
+geometry_msgs/Vector3 linear
+geometry_msgs/Vector3 angular
+================================================================================
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z"""
+SCHEMAS = {
+    ODOMETRY: "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
+    f"geometry_msgs/TwistWithCovariance twist{_HEADER}{_POSE}{_TWIST}\n",
+    POSE: f"std_msgs/Header header\ngeometry_msgs/Pose pose{_HEADER}{_POSE}\n",
+    POSE_ARRAY: f"std_msgs/Header header\ngeometry_msgs/Pose[] poses{_HEADER}{_POSE}\n",
+}
+"""By type, as MCAP holds it (`ros2msg`)."""
