@@ -93,7 +93,7 @@ def test_a_protocol_that_needs_what_was_not_recorded_is_refused(open_study) -> N
     with pytest.raises(StudyError, match="people were not recorded, choose: information needs them"):
         open_study(chosen, people=False)
     with pytest.raises(StudyError, match="observations were not recorded, train needs them"):
-        open_study(BLOCK, {"train": {"while": {"questionnaire": "rating"}}}, {"comparison": {"pairs": 2}})
+        open_study(BLOCK, {"train": {"while": {"questionnaire": "rating"}}}, {"comparison": {"scenes": 2}})
 
 
 def test_the_stage_frames_a_scene_with_nobody(hall: Path) -> None:
