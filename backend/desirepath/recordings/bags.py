@@ -407,7 +407,7 @@ def to_mcap(trajectory: Trajectory) -> bytes:
     from mcap.writer import CompressionType, Writer
 
     out = io.BytesIO()
-    writer = Writer(out, compression=CompressionType.ZSTD)
+    writer: Any = Writer(out, compression=CompressionType.ZSTD)
     writer.start(profile="ros2", library="desirepath")
     topics = {"/odom": ODOMETRY, "/people": POSE_ARRAY, "/goal_pose": POSE}
     channels = {}

@@ -78,7 +78,7 @@ def read_minari(path: Path, mapping: Mapping, bounds: Bounds = BOUNDS) -> list[R
             )
         names = {keys.field.split(".")[0], *(one.field.split(".")[0] for one in mapping.people.values())}
         table = pa.concat_tables([_table(one, sorted(names), bounds) for one in parts])
-        times = np.arange(len(table)) * dt_s
+        times = np.asarray(np.arange(len(table)) * dt_s, dtype=np.float64)
         digest = hashlib.sha256("".join(_digest(one, bounds) for one in parts).encode()).hexdigest()
         source = Source(path.name, MINARI, digest)
         found.append(_recording(source, f"{path.name}/{episode.name}", path, table, times, keys, mapping, bounds))
