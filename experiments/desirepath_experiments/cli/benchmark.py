@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any, get_type_hints
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand
 
 from desirepath.cli.options import RESPONSE_MODEL, OptionsOf
 from desirepath_experiments.cli.options import make_command
@@ -96,12 +96,16 @@ FLAGS = {**RESPONSE_MODEL.names, "published": "--published/--null"}
 """Of fields whose option is not called as they are."""
 
 
-class _CommandsWhenCalled(TyperGroup):
-    """Lists all commands by their help alone; one that is called gets its options."""
+class _Benchmark(TyperCommand):
+    """Has the options of its configuration as soon as somebody looks at them."""
 
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        name, listed, rest = super().resolve_command(ctx, args)
-        return name, typer.main.get_command(_load(name)) if listed is not None and name else None, rest
+    loaded = False
+
+    def get_params(self, ctx: Any) -> Any:
+        if not self.loaded:
+            whole = typer.main.get_command(_load(str(self.name)))
+            self.params, self.callback, self.loaded = whole.params, whole.callback, True
+        return super().get_params(ctx)
 
 
 def _load(name: str) -> typer.Typer:
@@ -114,10 +118,6 @@ def _load(name: str) -> typer.Typer:
     return single
 
 
-commands = typer.Typer(
-    cls=_CommandsWhenCalled,
-    help="Measure speed; every ratio comes from one run on this machine.",
-    no_args_is_help=True,
-)
+commands = typer.Typer(help="Measure speed; every ratio comes from one run on this machine.", no_args_is_help=True)
 for _name, (_, _help) in BENCHMARKS.items():
-    commands.command(_name, help=_help)(lambda: None)
+    commands.command(_name, help=_help, cls=_Benchmark)(lambda: None)
