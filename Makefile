@@ -3,8 +3,9 @@ SHELL := /bin/bash
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
-# Many tests wait for servers and browsers: more processes than cores may be quicker.
-TEST_PROCESSES ?= 2
+# Many tests wait for servers and browsers: one process more than cores. Whole files go to a process, long ones first.
+TEST_PROCESSES ?= $(shell expr $$(nproc) + 1)
+SIDE_BY_SIDE = -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
 
 .PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test lint lock secrets clean
 
@@ -16,10 +17,10 @@ check: setup $(VENV)/.tools-ready node_modules/.ready
 	$(MAKE) -j 2 --output-sync=target lint test-fast
 
 test-fast: setup $(VENV)/.tools-ready
-	$(BIN)/python -m pytest -q -m fast -n $(TEST_PROCESSES) --dist loadfile
+	$(BIN)/python -m pytest -q -m fast $(SIDE_BY_SIDE)
 
 test: setup setup-test lint
-	$(BIN)/python -m pytest -n $(TEST_PROCESSES) --dist loadfile --durations=50
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) --durations=50
 
 lint: setup node_modules/.ready
 	$(BIN)/ruff check .

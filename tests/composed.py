@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-from sqlalchemy import create_engine, func, select, text
+from sqlalchemy import create_engine, func, make_url, select, text
 
 from desirepath.cli.loopback import free_port_pair
 from desirepath.grammar.source import Source
@@ -43,6 +43,7 @@ from desirepath.store.models import Job, JobAttempt, Response
 from desirepath_experiments.benchmarks.faults import half_trials, lost_answers
 from desirepath_experiments.benchmarks.persistent import Persistent
 from desirepath_experiments.own_postgres import own_postgres
+from tests.s3 import BUCKET, s3_store
 
 ROOT = Path(__file__).resolve().parents[1]
 DIFFERENT = (
@@ -51,7 +52,6 @@ DIFFERENT = (
     "PostgreSQL of this machine's version over a socket that asks for no password",
     "the store of files is moto's; one Python environment instead of images",
 )
-BUCKET = "desirepath"
 PATIENCE_S = 120.0
 DRAIN_S = 30.0
 LOOK_S = 0.1
@@ -105,9 +105,6 @@ class Started:
             os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
 
-    def __str__(self) -> str:
-        return f"{self.name} (process {self.process.pid})"
-
 
 @dataclass
 class Composed:
@@ -128,7 +125,7 @@ class Composed:
         name = f"{service}-{self._started}"
         defined = services_of(source / "docker-compose.yml", self.environment)[service]
         port = free_port_pair()
-        environment = self.environment | self._environment_of(defined, name, port) | {"PYTHONPATH": str(source)}
+        environment = self.environment | self._environment_of(defined, name, port) | package_of(source)
         program, *arguments = defined["command"]
         if program != "desirepath":
             raise ComposeError(f"service {service}: its command begins with {program!r}, not with desirepath")
@@ -206,25 +203,21 @@ def composed(folder: Path, *, web: int = 2, workers: int = 2, source: Path = ROO
 
     Raises ComposeError, NoPostgres.
     """
+    if shutil.which("caddy") is None:
+        raise ComposeError("caddy is missing; on Debian: sudo apt-get install caddy")
     with contextlib.ExitStack() as held:
         postgres = held.enter_context(own_postgres())
-        server = create_engine(postgres.replace("postgresql:", "postgresql+psycopg:"), isolation_level="AUTOCOMMIT")
-        with server.connect() as connection:
-            connection.execute(text("CREATE DATABASE desirepath"))
-        server.dispose()
+        database = _create_database(postgres, "desirepath")
         subprocess.run(["make", "-s", "-f", str(ROOT / "Makefile"), "secrets"], cwd=folder, check=True)
         (folder / "data").mkdir(exist_ok=True)
-        port, store = _free_port(), held.enter_context(_moto(folder / "store.log"))
+        held.enter_context(s3_store())
+        port = free_port_pair()
         plain = {name: value for name, value in os.environ.items() if not name.startswith("DESIREPATH_")}
-        environment = (
-            plain
-            | store
-            | {
-                "DESIREPATH_DATABASE_URL": postgres.replace("/postgres?", "/desirepath?"),
-                "DESIREPATH_ARTEFACTS_URL": f"s3://{BUCKET}/artefacts",
-                "DESIREPATH_DATA": str(folder / "data"),
-            }
-        )
+        environment = plain | {
+            "DESIREPATH_DATABASE_URL": database,
+            "DESIREPATH_ARTEFACTS_URL": f"s3://{BUCKET}/artefacts",
+            "DESIREPATH_DATA": str(folder / "data"),
+        }
         stage = f"http://stage.localhost:{port}"
         running = Composed(folder, f"http://localhost:{port}", environment, _stage=stage)
         held.callback(running.stop)
@@ -236,24 +229,19 @@ def composed(folder: Path, *, web: int = 2, workers: int = 2, source: Path = ROO
         yield running
 
 
-@contextlib.contextmanager
-def _moto(log: Path) -> Iterator[dict[str, str]]:
-    """An S3-compatible store with one bucket; yields the environment in which it is found."""
-    port = _free_port()
-    with log.open("wb") as out:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)], stdout=out, stderr=out
-        )
-    keys = {"AWS_ACCESS_KEY_ID": "here", "AWS_SECRET_ACCESS_KEY": "here", "AWS_DEFAULT_REGION": "us-east-1"}
-    known = keys | {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}"}
-    try:
-        _until(lambda: _listens(port), lambda: process.poll() is not None, "the store of files", log)
-        making = f"import boto3; boto3.client('s3').create_bucket(Bucket={BUCKET!r})"
-        subprocess.run([sys.executable, "-c", making], env=os.environ | known, check=True)
-        yield known
-    finally:
-        process.kill()
-        process.wait()
+def package_of(source: Path) -> dict[str, str]:
+    """The environment in which that source tree is `desirepath`, whatever is installed."""
+    return {"PYTHONPATH": os.pathsep.join(str(source / folder) for folder in ("backend", "app", "experiments"))}
+
+
+def _create_database(server: str, name: str) -> str:
+    """A new database beside the one that the URL names; its URL."""
+    url = make_url(server)
+    engine = create_engine(url.set(drivername="postgresql+psycopg"), isolation_level="AUTOCOMMIT")
+    with engine.connect() as connection:
+        connection.execute(text(f"CREATE DATABASE {name}"))
+    engine.dispose()
+    return url.set(database=name).render_as_string(hide_password=False)
 
 
 def _check(defined: dict[str, Any], port: int) -> list[str]:
@@ -262,12 +250,6 @@ def _check(defined: dict[str, Any], port: int) -> list[str]:
     if kind != "CMD":
         raise ComposeError(f"health check {defined['healthcheck']['test']}: only CMD is known here")
     return [sys.executable if word == "python" else word.replace(":8000/", f":{port}/") for word in words]
-
-
-def _free_port() -> int:
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return int(found.getsockname()[1])
 
 
 def _listens(port: int) -> bool:
@@ -351,13 +333,8 @@ def _stored(running: Composed) -> tuple[int, list[dict[str, str]]]:
 def _restored(running: Composed, link: str) -> dict[str, Any]:
     """Bring the backup back into another database and another folder of the store, and serve it."""
     began = time.monotonic()
-    here = running.environment["DESIREPATH_DATABASE_URL"]
-    server = create_engine(here.replace("postgresql:", "postgresql+psycopg:"), isolation_level="AUTOCOMMIT")
-    with server.connect() as connection:
-        connection.execute(text("CREATE DATABASE restored"))
-    server.dispose()
     other = {
-        "DESIREPATH_DATABASE_URL": here.replace("/desirepath?", "/restored?"),
+        "DESIREPATH_DATABASE_URL": _create_database(running.environment["DESIREPATH_DATABASE_URL"], "restored"),
         "DESIREPATH_ARTEFACTS_URL": f"s3://{BUCKET}/restored",
         "DESIREPATH_DATA": str(running.folder / "restored"),
     }
@@ -372,10 +349,11 @@ def _restored(running: Composed, link: str) -> dict[str, Any]:
     return {"answers": answers, "page": page, "seconds": round(time.monotonic() - began, 1)}
 
 
-def _said(running: Composed, command: list[str]) -> dict[str, Any]:
-    """What a command of the product says of this deployment; how far it is goes to stderr."""
+def _said(running: Composed, command: list[str], source: Path = ROOT) -> dict[str, Any]:
+    """What a command of that version says of this deployment; how far it is goes to stderr. Raises ComposeError."""
     asked = [sys.executable, "-m", "desirepath", *command, "--json"]
-    ended = subprocess.run(asked, env=running.environment, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+    known = running.environment | package_of(source)
+    ended = subprocess.run(asked, env=known, cwd=source, stdout=subprocess.PIPE, text=True, check=False)
     if ended.returncode != 0:
         raise ComposeError(f"desirepath {' '.join(command)}: exit code {ended.returncode} {ended.stdout[-800:]}")
     said: dict[str, Any] = json.loads(ended.stdout)
@@ -383,14 +361,8 @@ def _said(running: Composed, command: list[str]) -> dict[str, Any]:
 
 
 def open_study(running: Composed, *, source: Path = ROOT, protocol: Path = Path(QUICK_STUDY)) -> tuple[str, str]:
-    """A study in a deployment, made by the version of that source tree, whose tables these are: its id and the token of
-    its link. protocol: its file, seen from that source tree. Raises ComposeError."""
-    making = [sys.executable, "-m", "desirepath", "study", "create", str(protocol), "--live", "--json"]
-    known = running.environment | {"PYTHONPATH": str(source)}
-    made = subprocess.run(making, cwd=source, env=known, capture_output=True, text=True, check=False)
-    if made.returncode != 0:
-        raise ComposeError(f"no study could be opened: {made.stdout[-400:]}{made.stderr[-800:]}")
-    study = json.loads(made.stdout)
+    """A study in a deployment, made by the version of that source tree: its id and the token of its link."""
+    study = _said(running, ["study", "create", str(protocol), "--live"], source)
     return study["study"], study["link"].rpartition("/")[2]
 
 
@@ -399,16 +371,7 @@ def upgrade(running: Composed, new: Path, *, tell: Callable[[str], None] = lambd
     has for containers. Raises ComposeError; what was there before then still serves."""
     old_web, old_workers = list(running.web), list(running.workers)
     tell("the new version's migration, under the old one")
-    migrated = subprocess.run(
-        [sys.executable, "-m", "desirepath", "migrate"],
-        cwd=new,
-        env=running.environment | {"PYTHONPATH": str(new)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if migrated.returncode != 0:
-        raise ComposeError(f"migration: {migrated.stdout[-400:]}{migrated.stderr[-800:]}")
+    _said(running, ["migrate"], new)
     tell("new processes beside the old ones")
     new_web = [running.start("web", source=new) for _ in old_web]
     new_workers = [running.start("worker", source=new) for _ in old_workers]
