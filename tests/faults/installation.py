@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -141,6 +141,43 @@ class Visitor:
         ) as socket:
             socket.send(msgspec.msgpack.encode(CAMERA))
             yield socket
+
+
+class Bot:
+    """Answers pairs on a thread of its own; what was not acknowledged is sent again under the same request id.
+
+    find: how it gets back to a server after its connection broke.
+    """
+
+    def __init__(self, visitor: Visitor, pairs: int, find: Callable[[Visitor], None]) -> None:
+        self.visitor, self.pairs, self.find = visitor, pairs, find
+        self.tries = 0
+        self.acknowledged: dict[str, str] = {}  # request id -> step, of answers to pairs
+        self.sent_again: list[dict[str, Any]] = []  # what the server said to answers sent more than once
+
+    def walk(self) -> None:
+        step = self._until_served(self.visitor.walk_to_first_trial)["key"]
+        while len(self.acknowledged) < self.pairs:
+            self._until_served(self._watch, step)
+            request_id, tries = uuid4().hex, self.tries
+            answered = self._until_served(self.visitor.answer, step, {"choice": "a"}, request_id)
+            assert answered.status_code == 200, answered.text
+            if self.tries > tries + 1:
+                self.sent_again.append(answered.json())
+            self.acknowledged[request_id] = step
+            step = answered.json()["step"]["key"]
+
+    def _watch(self, step: str) -> None:
+        if self.visitor.state()["step"]["trial"]["phase"] != "choosing":  # the server died after it knew of both drives
+            self.visitor.watch(step)
+
+    def _until_served(self, ask: Callable[..., Any], *about: Any) -> Any:
+        while True:
+            self.tries += 1
+            try:
+                return ask(*about)
+            except httpx.TransportError:
+                self.find(self.visitor)
 
 
 def stage_token_of(visitor: Visitor) -> str:

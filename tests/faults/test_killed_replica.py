@@ -7,7 +7,6 @@ import signal
 import threading
 import time
 from pathlib import Path
-from uuid import uuid4
 
 import httpx
 import pytest
@@ -15,46 +14,16 @@ from prometheus_client.parser import text_string_to_metric_families
 from websockets.exceptions import ConnectionClosed
 
 from tests import postgres
-from tests.faults.installation import Installation, Visitor, hear
+from tests.faults.installation import Bot, Installation, Visitor, hear
 from tests.faults.test_killed_benchmark import alive, children
+from tests.running import until
 
 BOTS, PAIRS = 3, 4
 PATIENCE_S = 90.0
 
 
-class Bot:
-    """Answers pairs on a thread of its own; what was not acknowledged is sent again under the same request id."""
-
-    def __init__(self, visitor: Visitor) -> None:
-        self.visitor = visitor
-        self.acknowledged: dict[str, str] = {}
-        self.broken = 0
-
-    def walk(self) -> None:
-        step = self._again(self.visitor.walk_to_first_trial)["key"]
-        while len(self.acknowledged) < PAIRS:
-            self._again(lambda step=step: self._watch(step))
-            request_id = uuid4().hex
-            answered = self._again(
-                lambda step=step, request_id=request_id: self.visitor.answer(step, {"choice": "a"}, request_id)
-            )
-            assert answered.status_code == 200, answered.text
-            self.acknowledged[request_id] = step
-            step = answered.json()["step"]["key"]
-
-    def _watch(self, step: str) -> None:
-        if self.visitor.state()["step"]["trial"]["phase"] != "choosing":
-            self.visitor.watch(step)
-
-    def _again(self, ask):  # type: ignore[no-untyped-def]
-        deadline = time.monotonic() + PATIENCE_S
-        while True:
-            try:
-                return ask()
-            except httpx.TransportError:
-                self.broken += 1
-                assert time.monotonic() < deadline
-                time.sleep(0.1)
+def wait_a_little(_: Visitor) -> None:
+    time.sleep(0.1)
 
 
 def test_whoever_was_served_by_a_killed_process_goes_on_in_another(postgres_server: str, tmp_path: Path) -> None:
@@ -65,7 +34,7 @@ def test_whoever_was_served_by_a_killed_process_goes_on_in_another(postgres_serv
             person = Visitor(address, installation.study)
             step = person.walk_to_first_trial()["key"]
             person.open_page()
-            bots = [Bot(Visitor(address, installation.study, bot=True)) for _ in range(BOTS)]
+            bots = [Bot(Visitor(address, installation.study, bot=True), PAIRS, wait_a_little) for _ in range(BOTS)]
             threads = [threading.Thread(target=bot.walk, daemon=True) for bot in bots]
             with person.stage() as stage:
                 hear(stage, '"type": "show"')
@@ -129,10 +98,3 @@ def fresh(person: Visitor) -> Visitor:
             return person
         except httpx.TransportError:
             time.sleep(0.1)
-
-
-def until(what) -> None:  # type: ignore[no-untyped-def]
-    deadline = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)

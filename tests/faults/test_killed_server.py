@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
-from uuid import uuid4
 
-import httpx
 import pytest
 
-from tests.faults.installation import Installation, Visitor, hear
+from tests.faults.installation import Bot, Installation, Visitor, hear
 
 BOTS = 4
 PAIRS = 4  # that every bot answers in both lives together
@@ -29,50 +27,11 @@ class Address:
         self.url = url
         self.changed.set()
 
-
-class Bot:
-    """Answers pairs on a thread of its own and sends again, under the same request id, what was not acknowledged."""
-
-    def __init__(self, address: Address, visitor: Visitor) -> None:
-        self.address, self.visitor = address, visitor
-        self.acknowledged: dict[str, str] = {}  # request id -> step, of answers to pairs
-        self.sent_again: list[dict[str, Any]] = []  # what the server said to answers sent before and after the kill
-        self.step = visitor.walk_to_first_trial()["key"]
-
-    def walk(self) -> None:
-        while len(self.acknowledged) < PAIRS:
-            self.until_served(self.watch)
-            request_id = uuid4().hex
-            tries = 0
-
-            def send(request_id: str = request_id) -> dict[str, Any]:
-                nonlocal tries
-                tries += 1
-                answered = self.visitor.answer(self.step, {"choice": "a"}, request_id)
-                if answered.status_code != 200:
-                    raise AssertionError(answered.text)
-                state: dict[str, Any] = answered.json()
-                return state
-
-            state = self.until_served(send)
-            if tries > 1:
-                self.sent_again.append(state)
-            self.acknowledged[request_id] = self.step
-            self.step = state["step"]["key"]
-
-    def watch(self) -> None:
-        if self.visitor.state()["step"]["trial"]["phase"] != "choosing":  # the server died after it knew of both drives
-            self.visitor.watch(self.step)
-
-    def until_served(self, ask: Callable[[], Any]) -> Any:
-        """Ask; where the server is gone, wait for its next life, load the page as a browser would, ask again."""
-        while True:
-            try:
-                return ask()
-            except httpx.TransportError:
-                assert self.address.changed.wait(120)
-                self.visitor.move_to(self.address.url)
-                self.visitor.open_page()
+    def find(self, visitor: Visitor) -> None:
+        """Wait for the server's next life and load the page as a browser would."""
+        assert self.changed.wait(120)
+        visitor.move_to(self.url)
+        visitor.open_page()
 
 
 @dataclass
@@ -96,7 +55,7 @@ def story(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Story]:
         person = Visitor(url, installation.study)
         step = person.walk_to_first_trial()["key"]
         person.open_page()
-        bots = [Bot(address, Visitor(url, installation.study, bot=True)) for _ in range(BOTS)]
+        bots = [Bot(Visitor(url, installation.study, bot=True), PAIRS, address.find) for _ in range(BOTS)]
         with person.stage() as stage:
             hear(stage, '"type": "show"')
             before = person.post(f"trials/{step}/start").json()["step"]["trial"]

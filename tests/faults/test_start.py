@@ -7,8 +7,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import httpx
@@ -24,6 +22,7 @@ from desirepath.web.server import _peer_host
 from tests import postgres
 from tests.faults.installation import Installation, Visitor, hear, run_command
 from tests.faults.test_killed_benchmark import alive, children
+from tests.running import until
 
 
 def refused_to_start(data: Path, port: int | None = None, host: str = "127.0.0.1") -> str:
@@ -83,13 +82,6 @@ def started(
     while "Stop with" not in (line := server.stdout.readline()):
         assert line, "it ended before it was ready"
     return server
-
-
-def until(what: Callable[[], object]) -> None:
-    deadline = time.monotonic() + 60
-    while not what():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 def ended(server: subprocess.Popen[str], how: int = signal.SIGTERM) -> None:

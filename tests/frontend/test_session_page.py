@@ -7,7 +7,6 @@ tests/app, both together of tests/journeys. Sessions are simulated ones, so that
 from __future__ import annotations
 
 import re
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import httpx
 import pytest
-import uvicorn
 from playwright.sync_api import expect
 from sqlalchemy import select
 
@@ -28,6 +26,7 @@ from desirepath.study.studies import create_study
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
 from tests.frontend.empty_room import empty_rooms, room_says
+from tests.running import served
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page, Route
@@ -58,14 +57,8 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         token = create_study(s, services.files, freeze(PROTOCOL), name="Test", created_by=None).recruiting_token
     application = create_application(services)
     application.add_api_route("/broken", _broken)
-    server = uvicorn.Server(uvicorn.Config(application, port=port, log_level="critical"))
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    while not server.started:
-        thread.join(0.02)
-    yield Running(services, f"http://127.0.0.1:{port}", token)
-    server.should_exit = True
-    thread.join(10)
+    with served(application, port=port) as address:
+        yield Running(services, address, token)
 
 
 class Visit:

@@ -8,14 +8,12 @@ from __future__ import annotations
 
 import json
 import re
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import httpx
 import pytest
-import uvicorn
 from playwright.sync_api import expect
 from sqlalchemy import select
 
@@ -31,6 +29,7 @@ from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
 from tests.frontend.empty_room import empty_rooms, room_says
 from tests.frontend.test_participant_pages import COLOURS, violations
+from tests.running import served
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, BrowserContext, Page
@@ -78,14 +77,8 @@ def studies(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studies]:
     QuerySet(shipped.setup, tuple(short[:6]), {}).save(queries)
     port = free_port_pair()
     services = build_services(Settings(data=folder, port=port, worker=False, _env_file=None))
-    server = uvicorn.Server(uvicorn.Config(create_application(services), port=port, log_level="critical"))
-    thread = threading.Thread(target=server.run, daemon=True)
-    thread.start()
-    while not server.started:
-        thread.join(0.02)
-    yield Studies(services, f"http://127.0.0.1:{port}", queries)
-    server.should_exit = True
-    thread.join(10)
+    with served(create_application(services), port=port) as address:
+        yield Studies(services, address, queries)
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -17,6 +16,7 @@ from desirepath.store.database import Database
 from desirepath.store.models import Job
 from desirepath.store.outbox import enqueue_job
 from desirepath.store.worker_signals import Signal, signal_workers
+from tests.running import until
 
 PATIENCE_S = 60.0
 NEVER_S = 3_600.0
@@ -45,13 +45,6 @@ def start(database: Database, tmp_path, monkeypatch) -> Iterator[Callable[..., W
     threads[0].join(PATIENCE_S)
     started[0]._engine.stop()
     started[0].close()
-
-
-def until(done: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not done():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 def has_ended(database: Database, job: str) -> bool:

@@ -27,6 +27,7 @@ from desirepath.store.outbox import enqueue_job
 from desirepath_experiments.reproduction.on_workers import Queue, SweepError
 from desirepath_experiments.reproduction.tasks import Task, Work
 from tests import postgres
+from tests.running import until
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 200.0
@@ -51,13 +52,6 @@ def worker_on(machine: str, folder: Path, database_url: str, artefacts_url: str)
     finally:
         worker.kill()
         worker.wait()
-
-
-def until(holds_now: object, told: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds_now():  # type: ignore[operator]
-        assert time.monotonic() < deadline, told
-        time.sleep(0.05)
 
 
 def test_a_killed_workers_job_is_done_by_another_machine(postgres_server: str, tmp_path: Path) -> None:

@@ -7,9 +7,6 @@ import io
 import json
 import re
 import shutil
-import socket
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +15,6 @@ import httpx
 import numpy as np
 import onnxruntime
 import pytest
-import uvicorn
 from axe_playwright_python.sync_playwright import Axe
 from fastapi.testclient import TestClient
 from sqlalchemy import select
@@ -35,6 +31,7 @@ from desirepath.web.analyst.compared_scenes import rollouts_in
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
 from tests.answered_study import add_answered_study
+from tests.running import served
 from tests.s3 import s3_store
 from tests.web.lab_services import PASSWORD, csrf, sign_in
 
@@ -105,33 +102,22 @@ def test_every_page_says_what_it_should_in_both_languages(analyst, known, langua
 
 
 def test_pages_are_accessible_in_both_schemes(worked, known, chromium):
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    server = uvicorn.Server(uvicorn.Config(create_application(worked), port=port, log_level="error"))
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    while not server.started:
-        time.sleep(0.05)
     found = {}
-    try:
+    with served(create_application(worked)) as url:
         context = chromium.new_context(viewport={"width": 1280, "height": 800})
         page = context.new_page()
-        page.goto(f"http://127.0.0.1:{port}/lab/sign-in")
+        page.goto(f"{url}/lab/sign-in")
         page.fill("#name", "experimenter")
         page.fill("#password", PASSWORD)
         page.click("main button.main")
         alike = ("/lab/jobs/new/queries", f"/lab/jobs/{known.jobs['train_base']}", f"/lab/artefacts/{known.evaluation}")
         for address in pages(known).keys() - set(alike):
-            page.goto(f"http://127.0.0.1:{port}{address.replace('&stage=1', '')}")
+            page.goto(f"{url}{address.replace('&stage=1', '')}")
             for scheme in ("light", "dark"):
                 page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
                 found |= {(address, scheme, one["id"]): one["nodes"] for one in Axe().run(page).response["violations"]}
             assert page.evaluate("document.documentElement.scrollWidth") <= 1280, address
         context.close()
-    finally:
-        server.should_exit = True
-        thread.join()
     assert not found
 
 

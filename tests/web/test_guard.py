@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import pytest
-import uvicorn
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 from starlette.types import Receive, Scope, Send
@@ -23,6 +22,7 @@ from desirepath.web.core.dependencies import Services
 from desirepath.web.core.heads import LARGEST_HEAD, LARGEST_UNFINISHED, BoundedProtocol
 from desirepath.web.core.lab_frame import LANGUAGE_COOKIE
 from desirepath.web.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY
+from tests.running import served
 
 
 @pytest.fixture
@@ -79,18 +79,10 @@ def test_what_never_ends_is_not_kept_for_as_long_as_it_grows(begins: bytes) -> N
         while (await receive()).get("more_body"):
             pass
 
-    config = uvicorn.Config(waits, http=BoundedProtocol, port=0, log_level="critical", lifespan="off")
-    server = uvicorn.Server(config)
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    try:
-        while not server.started:
-            time.sleep(0.01)
-        with socket.create_connection(server.servers[0].sockets[0].getsockname()) as browser:
+    with served(waits, http=BoundedProtocol, lifespan="off") as url:
+        here = urlsplit(url)
+        with socket.create_connection((here.hostname, here.port)) as browser:
             assert _taken(browser, begins) < 40, "whatever was sent was kept"
-    finally:
-        server.should_exit = True
-        thread.join()
 
 
 def test_quoted_cookies_of_others_cost_nothing_and_ours_are_read(client: TestClient, services: Services) -> None:

@@ -3,35 +3,25 @@
 from __future__ import annotations
 
 import re
-import threading
-import time
 from collections.abc import Iterator
 
 import pytest
-import uvicorn
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 
-from desirepath.cli.loopback import free_port_pair
 from desirepath.store.models import Study
 from desirepath.study.session.joining import join_study
 from desirepath.web.application import create_application
 from desirepath.web.core.dependencies import Services
+from tests.running import served
 from tests.web.lab_services import NAME, PASSWORD, Walked
 
 
 @pytest.fixture
 def address(lab_services: Services) -> Iterator[str]:
     """The pages, served for real; without a stage."""
-    port = free_port_pair()
-    server = uvicorn.Server(uvicorn.Config(create_application(lab_services), port=port, log_level="warning"))
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    while not server.started:
-        time.sleep(0.02)
-    yield f"http://127.0.0.1:{port}"
-    server.should_exit = True
-    thread.join()
+    with served(create_application(lab_services)) as url:
+        yield url
 
 
 def signed_in_page(chromium: Browser, address: str, **context: object) -> Page:

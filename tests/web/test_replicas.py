@@ -7,7 +7,7 @@ import os
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -30,6 +30,7 @@ from desirepath.web.stage.listening import Listener
 from desirepath.web.stage.replay_stages import Replay
 from desirepath_stage.stage_server import StageServer
 from tests import postgres
+from tests.running import until
 from tests.study.small_protocol import CROSSED, small_protocol
 from tests.study.walking import twenty_queries
 
@@ -57,13 +58,6 @@ def two(postgres_server: str, tmp_path_factory: pytest.TempPathFactory) -> Itera
             one.peers.end()
             one.notices.close()
             one.database.close()
-
-
-def until(what: Callable[[], object]) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def test_a_change_in_one_process_wakes_the_page_that_another_serves(two: Pair) -> None:
