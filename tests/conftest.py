@@ -40,9 +40,12 @@ CHROMIUM_FLAGS = [
 
 HERE = Path(__file__).parent
 BROWSER_FIXTURES = frozenset({"chromium"})
-SERVER_FIXTURES = frozenset({"postgres_server", "installation", "rig", "small_disk"})
+SERVER_FIXTURES = frozenset({"postgres_server", "either", "installation", "rig", "small_disk"})
 # Places whose tests ask the whole application over HTTP, or start servers, workers and training processes.
-SERVER_PLACES = ("web", "frontend", "faults", "jobs", "journeys", "cli", "test_wheel.py")
+SERVER_PLACES = (
+    *("web", "frontend", "faults", "jobs", "journeys", "cli", "test_wheel.py"),
+    *("store/test_files_on_s3.py", "stage/test_viser_hooks.py"),
+)
 # Places whose tests train, compute chapters and benchmarks, draw many cohorts, run the documentation's code or compile.
 SLOW_PLACES = (
     "experiments",
@@ -106,7 +109,8 @@ def _hold_fast_to_it(event: str, arguments: tuple[Any, ...]) -> None:
         starts = bool(STARTED & {Path(os.fsdecode(word)).name for word in arguments[1]})
     else:
         return
-    if starts and any(item.get_closest_marker("fast") for item in _running):
+    on_postgres = "DESIREPATH_TEST_DATABASE_URL" in os.environ  # then every test with a database is on a server
+    if starts and not on_postgres and any(item.get_closest_marker("fast") for item in _running):
         raise AssertionError(f"{_running[0].nodeid} is marked fast: {event} {arguments[1]}; see tests/conftest.py")
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import pytest
 
 from desirepath.demonstrations.depth.states import CONFIGURATIONS
+from desirepath.demonstrations.depth.training import DepthTrainingConfig
+from desirepath_experiments.reproduction.depth import computing
 from desirepath_experiments.reproduction.depth.plan import DepthBudget, make_plan
 from desirepath_experiments.reproduction.depth.run import CHAPTER
 from desirepath_experiments.reproduction.driver import reproduce
@@ -17,7 +20,10 @@ TINY = DepthBudget("tiny", (0,), 30, 4, 30, 8, 8, 4, 1, 1, 32, 1, 1)
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     out = tmp_path_factory.mktemp("chapter3")
-    return out, reproduce(CHAPTER, out, TINY, processes=1, command="desirepath reproduce depth")
+    with pytest.MonkeyPatch.context() as patch:
+        few = partial(DepthTrainingConfig, n_envs=16, random_transitions=256)
+        patch.setattr(computing, "DepthTrainingConfig", few)
+        return out, reproduce(CHAPTER, out, TINY, processes=1, command="desirepath reproduce depth")
 
 
 def test_every_configuration_is_measured_by_mode_and_with_things_taken_away(made) -> None:

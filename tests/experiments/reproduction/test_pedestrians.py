@@ -25,12 +25,12 @@ LEAST = PedestrianBudget(
     (0,),
     ("ours", "b3", "ours_td3"),
     128,
-    3,
     2,
+    1,
     (0.6,),
     (1,),
     ByReward(16, 8, 8, random_transitions=64),
-    selection_scenes=3,
+    selection_scenes=2,
 )
 
 ELSEWHERE = ("speed_0.6", "number_1", "orca", "social_force")
@@ -89,7 +89,7 @@ def test_a_run_writes_its_table_and_begins_nothing_twice(tmp_path):
         {name: len(array) for name, array in from_bytes(path.read_bytes()).arrays.items()}
         for path in (tmp_path / "work").glob("judged-*.npz")
     ]
-    assert outcomes == 3 * [dict.fromkeys(("published", "homes"), 3) | dict.fromkeys(ELSEWHERE, 2)]
+    assert outcomes == 3 * [dict.fromkeys(("published", "homes"), 2) | dict.fromkeys(ELSEWHERE, 1)]
     assert results["bars"][0]["value"] == results["rates"]["ours"]["published"]["success"]["mean"]
     assert [bar["met"] for bar in results["bars"]] == [bar["value"] >= bar["at_least"] for bar in results["bars"]]
     social = results["social"]["constant_velocity"]
