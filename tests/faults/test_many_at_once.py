@@ -47,13 +47,13 @@ def test_a_lost_and_a_foreign_answer_are_noticed(database: Database, files: Arte
         place = {row.step_key: (s.get_one(benchmark.Session, row.session_id).token_hash, row.step_key) for row in rows}
     seen = {row.request_id: place[row.step_key] for row in rows}
     complete = benchmark.Tally(acknowledged=dict(seen), pairs=set(seen))
-    assert benchmark.answers_stored(database, complete) == 2
+    assert benchmark.count_stored(database, complete) == 2
     lost = benchmark.Tally(acknowledged={**seen, "never-stored": place[rows[0].step_key]}, pairs=set(seen))
     with pytest.raises(benchmark.ServeBenchmarkError, match="of 3 acknowledged answers 1 are not stored"):
-        benchmark.answers_stored(database, lost)
+        benchmark.count_stored(database, lost)
     del seen[rows[0].request_id]
     with pytest.raises(benchmark.ServeBenchmarkError, match="1 were stored without being acknowledged"):
-        benchmark.answers_stored(database, benchmark.Tally(acknowledged=seen, pairs=set(seen)))
+        benchmark.count_stored(database, benchmark.Tally(acknowledged=seen, pairs=set(seen)))
 
 
 @pytest.mark.parametrize(

@@ -28,10 +28,10 @@ class Case:
 def read_cases(file: Path) -> list[Case]:
     """The labelled sentences. Raises ValueError for a label that is none."""
     with file.open(encoding="utf-8", newline="") as opened:
-        return [Case(row["sentence"], _parsed(row["expected"], row["sentence"])) for row in csv.DictReader(opened)]
+        return [Case(row["sentence"], _parse(row["expected"], row["sentence"])) for row in csv.DictReader(opened)]
 
 
-def _parsed(expected: str, sentence: str) -> Wanted | None:
+def _parse(expected: str, sentence: str) -> Wanted | None:
     if expected.strip() == "ask":
         return None
     found = set()

@@ -205,7 +205,7 @@ class OpenBrowser:
             self._tally.errors.append("put off: the server was busy")
             await asyncio.sleep(wait_s)
             response = await self._sent(method, path, body)
-        return _checked(response)
+        return _check(response)
 
 
 @contextlib.asynccontextmanager
@@ -219,7 +219,7 @@ async def beside(listening: Any) -> AsyncIterator[None]:
             await task
 
 
-def _checked(response: httpx.Response) -> httpx.Response:
+def _check(response: httpx.Response) -> httpx.Response:
     if response.is_success:
         return response
     asked = response.request.url.path.rsplit("/", 1)[-1]  # the rest of the path holds a token

@@ -66,7 +66,7 @@ class PeopleOptions:
 
 def benchmark_people(config: PeopleOptions, progress: Progress) -> dict[str, Any]:
     """As `asked_people.benchmark_people`; with `policies` also what the library's policies gain."""
-    families, setup, after = families_named(config.family), config.setup, tuple(sorted(config.answers))
+    families, setup, after = read_families(config.family), config.setup, tuple(sorted(config.answers))
     more = {config.reward.stem: read_reward(config.reward, setup)} if config.reward is not None else {}
     asked = asked_people.PeopleConfig(
         families=() if more else families,
@@ -97,7 +97,7 @@ def benchmark_people(config: PeopleOptions, progress: Progress) -> dict[str, Any
     return with_shares(result, of_library, more)
 
 
-def families_named(names: str) -> tuple[str, ...]:
+def read_families(names: str) -> tuple[str, ...]:
     """Families by name, or all of a group."""
     card = people_card()
     groups = {"tuning": card.tuning, "held_out": card.held_out, "all": tuple(card.families), "none": ()}

@@ -38,8 +38,8 @@ from desirepath_experiments.benchmarks.people import (
     Doubles,
     RobotOfLibrary,
     arrived,
-    families_named,
     measure_everybody,
+    read_families,
     roll_out,
 )
 from desirepath_experiments.benchmarks.results import Progress
@@ -68,7 +68,7 @@ class PeopleHarmConfig:
 
     @property
     def families(self) -> tuple[str, ...]:
-        named = families_named(self.family)
+        named = read_families(self.family)
         return (*named, NINE) if self.family == "all" else named
 
 

@@ -39,8 +39,8 @@ from desirepath_experiments.benchmarks.people import (
     Doubles,
     RobotOfLibrary,
     arrived,
-    families_named,
     measure_everybody,
+    read_families,
     roll_out,
 )
 from desirepath_experiments.benchmarks.results import Progress
@@ -74,7 +74,7 @@ class PeoplePoliciesConfig:
 
     @property
     def families(self) -> tuple[str, ...]:
-        return () if self.reward is not None else families_named(self.family)
+        return () if self.reward is not None else read_families(self.family)
 
 
 @dataclass(frozen=True)

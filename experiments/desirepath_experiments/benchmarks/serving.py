@@ -173,7 +173,7 @@ def _walk_everybody(
     if failed:
         raise ServeBenchmarkError(f"{len(failed)} of {sessions} participants could not go on; the first: {failed[0]}")
     processor = family_s(server_pid) - processor_before
-    stored = answers_stored(database, tally)
+    stored = count_stored(database, tally)
     p50, p95 = np.percentile(tally.ack_ms, [50, 95])
     result: dict[str, Any] = {
         "answers_sent": tally.sent,
@@ -296,7 +296,7 @@ def _database_state(database: Database) -> _DatabaseState | None:
     )
 
 
-def answers_stored(database: Database, tally: Tally) -> int:
+def count_stored(database: Database, tally: Tally) -> int:
     """How many answers to pairs are stored. Raises ServeBenchmarkError for a lost, doubled or misplaced one."""
     hashes = {session for session, _ in tally.acknowledged.values()}
     wanted = (

@@ -147,14 +147,14 @@ def train_until_target(
             scenes = scene_set(setup.name, CONFIRM_SCENES, purpose=Purpose.REPORT, seed=fresh)
             confirmed = success_rate(evaluate(policy.act, setup, scenes).outcome)
             if confirmed >= TARGET:
-                reached[weights] = _reached(arm, weights, seed, now, confirmed, tries)
+                reached[weights] = _judge_training(arm, weights, seed, now, confirmed, tries)
         given_up = now.updates >= config.max_updates or now.seconds >= config.max_seconds
         if given_up or len(reached) == len(now.policies):
-            return [reached.get(w) or _reached(arm, w, seed, now, None, tries) for w in now.policies]
+            return [reached.get(w) or _judge_training(arm, w, seed, now, None, tries) for w in now.policies]
         yield
 
 
-def _reached(arm: str, weights: str, seed: int, now: Progress, confirmed: float | None, tries: int) -> Reached:
+def _judge_training(arm: str, weights: str, seed: int, now: Progress, confirmed: float | None, tries: int) -> Reached:
     return Reached(
         arm=arm,
         weights=weights,

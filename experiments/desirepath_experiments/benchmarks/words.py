@@ -56,7 +56,7 @@ class Judged:
     asked: bool
 
 
-def labelled_sentences(part: Part, language: Language) -> list[Labelled]:
+def read_sentences(part: Part, language: Language) -> list[Labelled]:
     """The sentences of that part. Raises ValueError for a label that is no objective."""
     with (FOLDER / f"{part}_{language}.tsv").open(encoding="utf-8", newline="") as file:
         found = []
@@ -109,7 +109,7 @@ def benchmark_words(config: WordsConfig, progress: Progress | None = None) -> di
     by_language: dict[Language, list[Judged]] = {}
     seconds: dict[str, float] = {}
     for language in LANGUAGES:
-        reader, sentences = words_reader(language), labelled_sentences(config.part, language)
+        reader, sentences = words_reader(language), read_sentences(config.part, language)
         reader.understand(sentences[0].sentence)  # what is loaded once is not measured
         began = time.perf_counter()
         by_language[language] = judge_sentences(sentences, reader.understand)

@@ -69,11 +69,11 @@ class BrowserHand:
         """Draw through places on the floor, metres, in one go where all of them are in sight; else the pen is lifted,
         the gaze turned, and the path drawn on from its end.
         """
-        path = _thinned(places)
+        path = _thin(places)
         done = 0  # places that the path has reached
         while done < len(path):
             end = path[max(0, done - 1)]
-            begin, *spots = self._in_sight_from(end, path[done:]) or self._gaze_turned(end, path[done:])
+            begin, *spots = self._in_sight_from(end, path[done:]) or self._turn_gaze(end, path[done:])
             left, top = self._corner()
             self._page.mouse.move(left + begin[0], top + begin[1])
             self._page.mouse.down()
@@ -92,7 +92,7 @@ class BrowserHand:
             else []
         )
 
-    def _gaze_turned(self, end: Sequence[float], ahead: Sequence[Sequence[float]]) -> list[list[float]]:
+    def _turn_gaze(self, end: Sequence[float], ahead: Sequence[Sequence[float]]) -> list[list[float]]:
         """The same, after the gaze was turned to the next place."""
         self._turn_to(ahead[0])
         spots = self._in_sight_from(end, ahead)
@@ -167,7 +167,7 @@ class BrowserHand:
         return box["x"], box["y"]
 
 
-def _thinned(places: Sequence[Sequence[float]]) -> list[Sequence[float]]:
+def _thin(places: Sequence[Sequence[float]]) -> list[Sequence[float]]:
     """Places at least SPACING_M apart, the first and the last among them."""
     kept = [places[0]]
     for place in places[1:-1]:

@@ -76,7 +76,7 @@ def commands(
     processes = processes or wanted.processes
     console = Console(stderr=True)
     more = "".join(f"--{name} {value} " for name, value in typed.items())
-    with _computed_on(on, chapter):
+    with _compute_on(on, chapter):
         found = reproduce(
             wanted,
             out,
@@ -91,7 +91,7 @@ def commands(
 
 
 @contextmanager
-def _computed_on(on: Where, chapter: str) -> Iterator[None]:
+def _compute_on(on: Where, chapter: str) -> Iterator[None]:
     """Compute what the block asks for there."""
     if on is Where.here:
         yield

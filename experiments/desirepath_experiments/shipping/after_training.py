@@ -135,13 +135,12 @@ def _last_harmless(
     longest_s: float,
 ) -> tuple[ConditionedPolicy, list[list[Tried]]]:
     """The last of those tried before the first that harms, and what was found of each, `before` first."""
-    usual = [_rolled_out(before, one, course) for one in places]
-    lines = [[_tried(one, rolled, rolled, config) for one, rolled in zip(places, usual, strict=True)]]
+    usual = [_roll_out(before, one, course) for one in places]
+    lines = [[_try(one, rolled, rolled, config) for one, rolled in zip(places, usual, strict=True)]]
     kept = before
     for policy in tried:
         found = [
-            _tried(one, _rolled_out(policy, one, course), rolled, config)
-            for one, rolled in zip(places, usual, strict=True)
+            _try(one, _roll_out(policy, one, course), rolled, config) for one, rolled in zip(places, usual, strict=True)
         ]
         lines.append(found)
         if found[0].median_s > longest_s or any(
@@ -160,11 +159,11 @@ def _harms(found: Tried, without: Tried, config: AddedConfig) -> bool:
     )
 
 
-def _rolled_out(policy: ConditionedPolicy, at: At, course: Course) -> MeasuredRollouts:
+def _roll_out(policy: ConditionedPolicy, at: At, course: Course) -> MeasuredRollouts:
     return course.rollout(policy.at(preference_weights(at.conditioned_on)).without_critic())
 
 
-def _tried(at: At, own: MeasuredRollouts, before: MeasuredRollouts, config: AddedConfig) -> Tried:
+def _try(at: At, own: MeasuredRollouts, before: MeasuredRollouts, config: AddedConfig) -> Tried:
     both = own.success & before.success
     better = gains((own.measured - before.measured)[both] / typical_differences(config.setup))
     return Tried(

@@ -118,7 +118,7 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
         for _ in range(config.updates_per_step):
             batch = rng.integers(count, size=config.batch_size)
             some, aims = seen[batch].astype(np.float32), targets[batch].astype(np.float32)
-            some[:turned], aims[:turned] = mirrored(some[:turned], aims[:turned], mirror)
+            some[:turned], aims[:turned] = mirror_batch(some[:turned], aims[:turned], mirror)
             learn_from(actor, adam, torch.as_tensor(some), torch.as_tensor(aims), dearest, bfloat16=bfloat16)
             rate.step()
         if (step + 1) * config.evaluations // steps > step * config.evaluations // steps and step + 1 < steps:
@@ -130,7 +130,7 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
     return Imitated(actor.alone(), history, bfloat16)
 
 
-def mirrored(seen: Floats, targets: Floats, mirror: Mirror) -> tuple[Floats, Floats]:
+def mirror_batch(seen: Floats, targets: Floats, mirror: Mirror) -> tuple[Floats, Floats]:
     """States and what commands cost there, (b, 24) m, left and right exchanged; NaN for a command without a mirror."""
     there = targets[:, MIRRORED]
     there[:, MIRRORED < 0] = np.nan

@@ -106,7 +106,7 @@ class OwnReward:
             self.weight *= config.weight_up
 
 
-def _recovering(policy: Policy, base: Policy) -> Policy:
+def _with_recovery(policy: Policy, base: Policy) -> Policy:
     """The same, freed by the base policy where it is stuck."""
     return replace(policy, recovery_policies=(base.actor,))
 
@@ -161,7 +161,7 @@ def tune_to_reward(
     before = float(reward.means(usual).mean()) / reward.spread
 
     def judge(policy: Policy) -> dict[str, float]:
-        rolled_out = rollout(setup, _recovering(policy, base).rollout_policy, scenes)
+        rolled_out = rollout(setup, _with_recovery(policy, base).rollout_policy, scenes)
         gained = reward.seen(rolled_out) - before
         return {"success_rate": success_rate([one.outcome for one in rolled_out]), "gained": gained}
 
@@ -181,6 +181,6 @@ def tune_to_reward(
         range(len(learned.history)),
         key=lambda k: (min(learned.history[k]["success_rate"], enough), learned.history[k]["gained"]),
     )
-    policy = _recovering(learned.policies[chosen], base)
+    policy = _with_recovery(learned.policies[chosen], base)
     gate = at_gate(policy, base, config.gate, seed=config.seed)
     return OwnRewardResult(policy, gate, chosen, learned.history[chosen]["gained"], learned.history, replay_sha256)

@@ -24,7 +24,7 @@ from desirepath.simulation.crowds.crowd_engine import CrowdEngine
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
 from desirepath.simulation.crowds.foresight_kernels import Ground
 from desirepath.simulation.pedestrians import CrowdConditions
-from desirepath_experiments.training.imitation import ImitationConfig, imitate, learn_from, mirrored
+from desirepath_experiments.training.imitation import ImitationConfig, imitate, learn_from, mirror_batch
 
 
 def begun(n: int, **settings: float) -> CrowdEngine:
@@ -116,7 +116,7 @@ def test_costs_are_mirrored_with_their_commands(monkeypatch):
     assert list(np.flatnonzero(~known)) == [22], "turning about is to the left"
     other, grounds = in_the_mirror(one), {scene: ground_of(scene) for scene in one.scenes}
     unchanged = costs_by_velocity(one)
-    _, costs = mirrored(states(one, "ranges"), unchanged, mirror)
+    _, costs = mirror_batch(states(one, "ranges"), unchanged, mirror)
     assert np.isnan(costs[:, ~known]).all()
     monkeypatch.setattr(foresight, "ground_of", lambda scene: mirrored_ground(grounds[scene]))
     there = costs_by_velocity(other)

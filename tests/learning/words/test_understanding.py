@@ -14,7 +14,7 @@ from desirepath.learning.words.clauses import clauses_of
 from desirepath.learning.words.lexicon import LANGUAGES, LONGEST, LONGEST_WORD, MOST_WORDS, form_of, lexicon, words_of
 from desirepath.learning.words.second_reader import ENDS, Doubts, hashed_features, second_reader
 from desirepath.learning.words.understanding import WordsReader, words_reader
-from desirepath_experiments.benchmarks.words import labelled_sentences
+from desirepath_experiments.benchmarks.words import read_sentences
 from tests.learning.words.measure import measure, read_cases
 
 
@@ -124,7 +124,7 @@ def test_marked_are_the_words_that_moved_the_weights_and_no_others():
     kept = gone = empty = words = 0
     for language in LANGUAGES:
         reader = words_reader(language)
-        for one in labelled_sentences("development", language):
+        for one in read_sentences("development", language):
             got = reader.understand(one.sentence)
             for objective in got.weights:
                 mine = [mark for mark in got.marks if mark.objective == objective]
@@ -166,7 +166,7 @@ def test_what_is_compared_keeps_its_part():
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_two_hundred_test_sentences(language):
-    sentences = labelled_sentences("test", language)
+    sentences = read_sentences("test", language)
     assert len(sentences) >= 200
     assert len({one.sentence for one in sentences}) == len(sentences)
     assert sum(one.case == "negation" for one in sentences) >= 40

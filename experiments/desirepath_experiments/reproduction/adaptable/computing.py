@@ -32,7 +32,7 @@ from desirepath_experiments.reproduction.adaptable.adaptable_scenes import inter
 from desirepath_experiments.reproduction.adaptable.drawn_rollouts import augmented_all, scenes_beside
 from desirepath_experiments.reproduction.adaptable.ranked_judging import judged as judge_reward
 from desirepath_experiments.reproduction.tasks import Function, TaskResult
-from desirepath_experiments.training.adaptable.demonstrator import demonstrated, demonstrated_paths
+from desirepath_experiments.training.adaptable.demonstrator import demonstrate_in, demonstrate_paths
 from desirepath_experiments.training.adaptable.rollouts import PreferenceAct, PreferenceRollouts, roll_out_preferences
 from desirepath_experiments.training.adaptable.training import (
     MEASURE_OF,
@@ -69,11 +69,11 @@ def demonstration(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRe
         held_out, way = scenes_beside(drawn, HELD_OUT, seed + HELD_OUT_SEED)
     else:
         layouts = scene_set(ADAPTABLE.name, 3 * params["layouts"], purpose=Purpose.SELECT, seed=seed)
-        given = demonstrated(layouts, disturbed=DISTURBED, seed=seed)[: params["layouts"]]
+        given = demonstrate_in(layouts, disturbed=DISTURBED, seed=seed)[: params["layouts"]]
         scenes = [one.scene for one in given[:RANKED_IN]]
         fresh = scene_set(ADAPTABLE.name, 3 * HELD_OUT, purpose=Purpose.REPORT, seed=seed)
-        held_out = [one.scene for one in demonstrated(fresh)][:HELD_OUT]
-        way = demonstrated_paths(held_out)
+        held_out = [one.scene for one in demonstrate_in(fresh)][:HELD_OUT]
+        way = demonstrate_paths(held_out)
     hide = without_person if params["without_person"] else (lambda seen: seen)
     clone = clone_policy(_hidden(given, hide), CloningConfig(seed, params["cloning_updates"]))
     ranked = rank_by_noise(lambda seen: clone.act(hide(seen)), scenes, seed=seed)
@@ -186,10 +186,10 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
         shaped: dict[str, NDArray[Any]] = {"outcome": found.outcome, "time_s": found.time_s, "human_m": found.human_m}
         shaped |= {"obstacle_m": found.obstacle_m}
         if kind == "static":
-            ways = demonstrated_paths(scenes)
+            ways = demonstrate_paths(scenes)
             shaped["frechet_m"] = found.frechet_m(ways * len(vectors))
             arrays["returns"] = found.returns.reshape(len(vectors), len(scenes), -1)
-            free = {one.scene.seed for one in demonstrated(scenes)}
+            free = {one.scene.seed for one in demonstrate_in(scenes)}
             arrays["free"] = np.array([scene.seed in free for scene in scenes])
             arrays |= _padded("way", ways[:SHOWN])
         arrays |= {f"{kind}_{name}": value.reshape(len(vectors), -1) for name, value in shaped.items()}
@@ -206,7 +206,7 @@ def alone(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     preferences = np.tile(np.eye(len(NAMES), dtype=np.float32)[k], (len(scenes), 1))
     found = roll_out_preferences(acting(needs[0]), scenes, preferences, model.rewards)
     measure = MEASURE_OF[k]
-    values = found.frechet_m(demonstrated_paths(scenes)) if measure == "frechet_m" else getattr(found, measure)
+    values = found.frechet_m(demonstrate_paths(scenes)) if measure == "frechet_m" else getattr(found, measure)
     arrived = values[found.success]
     return TaskResult(
         rates(found.outcome) | {"measure": measure, "mean": float(arrived.mean()) if len(arrived) else None}, {}

@@ -28,7 +28,7 @@ PULL_PER_M = 2.0  # ours: steers back to the orbit by atan(2 d) for d metres bes
 APPROACH_UNTIL_M = 1.06  # ours: half a step outside the orbit it turns left
 
 
-def demonstrated_actions(observations: Floats) -> Floats:
+def demonstrate_actions(observations: Floats) -> Floats:
     """observations (n, 34) of `adaptable` -> actions (n, 2)."""
     scale = ADAPTABLE.distance_scale_m
     goal_m, goal = observations[:, 0] * scale, observations[:, 1] * math.pi
@@ -50,7 +50,7 @@ def demonstrated_actions(observations: Floats) -> Floats:
     return np.stack([forward, turn], axis=1).astype(np.float32)
 
 
-def demonstrated(scenes: Sequence[Scene], *, disturbed: float = 0.0, seed: int = 0) -> list[Trajectory]:
+def demonstrate_in(scenes: Sequence[Scene], *, disturbed: float = 0.0, seed: int = 0) -> list[Trajectory]:
     """The demonstration in each of the scenes where it touches nothing and arrives.
 
     disturbed: the share of steps in which the robot acts at random and the demonstration says how to go on from there
@@ -59,21 +59,21 @@ def demonstrated(scenes: Sequence[Scene], *, disturbed: float = 0.0, seed: int =
     """
     random = np.random.default_rng([seed, 50])
 
-    def disturbed_actions(observations: Floats) -> Floats:
+    def disturb_actions(observations: Floats) -> Floats:
         drawn = random.uniform(-1, 1, (len(observations), 2)).astype(np.float32)
-        return np.where(random.random((len(observations), 1)) < disturbed, drawn, demonstrated_actions(observations))
+        return np.where(random.random((len(observations), 1)) < disturbed, drawn, demonstrate_actions(observations))
 
     return [
-        replace(one, actions=demonstrated_actions(one.observations))
-        for one in rollout(ADAPTABLE, disturbed_actions, scenes)
+        replace(one, actions=demonstrate_actions(one.observations))
+        for one in rollout(ADAPTABLE, disturb_actions, scenes)
         if one.outcome == Outcome.SUCCESS
     ]
 
 
-def demonstrated_paths(scenes: Sequence[Scene]) -> list[NDArray[np.float64]]:
+def demonstrate_paths(scenes: Sequence[Scene]) -> list[NDArray[np.float64]]:
     """(steps + 1, 2) the demonstration in each scene as if there were no obstacles: what rollouts are compared with."""
     empty = [replace(scene, obstacles=()) for scene in scenes]
     engine = make_engine(ADAPTABLE, len(empty), auto_reset=False, scenes=empty)
     while not engine.dones.all():
-        engine.step(demonstrated_actions(engine.observations))
+        engine.step(demonstrate_actions(engine.observations))
     return [engine.path(i) for i in range(len(empty))]

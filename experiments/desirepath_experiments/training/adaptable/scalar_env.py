@@ -53,11 +53,11 @@ class ScalarVecEnv(VecEnv):
         self._actions: Floats = np.zeros((n_envs, 2), dtype=np.float32)
         super().__init__(n_envs, conditioned_observation_space(), action_space())
 
-    def _observed(self, observations: Floats) -> Floats:
+    def _observe(self, observations: Floats) -> Floats:
         return np.concatenate([observations, self._preferences], axis=1)
 
     def reset(self) -> Floats:
-        return self._observed(self.engine.reset())
+        return self._observe(self.engine.reset())
 
     def step_async(self, actions: Floats) -> None:
         self._actions = actions
@@ -78,7 +78,7 @@ class ScalarVecEnv(VecEnv):
             infos[i] = {"terminal_observation": terminal, "TimeLimit.truncated": False, "outcome": outcome}
         if len(ended):
             self._preferences[ended] = sample_preferences(len(ended), self._random)
-        return self._observed(engine.observations), scalar, engine.dones.copy(), infos
+        return self._observe(engine.observations), scalar, engine.dones.copy(), infos
 
     def close(self) -> None:
         """Nothing to release."""

@@ -38,11 +38,17 @@ from desirepath.simulation.acting import ActFunction
 from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
-from desirepath_experiments.training.adaptable.demonstrator import demonstrated_paths
-from desirepath_experiments.training.adaptable.interpolator import Interpolator
+from desirepath_experiments.training.adaptable.demonstrator import demonstrate_paths
 from desirepath_experiments.training.adaptable.rollouts import PreferenceRollouts, roll_out_preferences
-from desirepath_experiments.training.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
-from desirepath_experiments.training.adaptable.vector_td3 import Imitated, VectorBatch, VectorTd3Agent, VectorTd3Config
+from desirepath_experiments.training.adaptable.vector_td3 import (
+    Imitated,
+    Interpolator,
+    VectorBatch,
+    VectorReplayBuffer,
+    VectorTd3Agent,
+    VectorTd3Config,
+    relabel,
+)
 
 ADAPTABLE = get_setup("adaptable")
 
@@ -175,7 +181,7 @@ class AdaptableTraining:
         rewards[:, 0] = engine.rewards
         rewards[:, 1:] = objective_rewards(before, actions, engine.next_observations, self.demonstration, self.setup)
         self.buffer.add(
-            VectorTransitions(
+            VectorBatch(
                 self._seen(before),
                 actions,
                 rewards * np.float32(self.config.reward_scale),
@@ -198,20 +204,20 @@ class AdaptableTraining:
         for _ in range(config.updates_per_step):
             batch = self.buffer.sample(config.batch_size, self._random)
             if not config.alone:
-                batch = relabelled(batch, config.relabelled_share, self._random)
-            agent.update(batch, self.setup.distance_scale_m, self._imitated)
+                batch = relabel(batch, config.relabelled_share, self._random)
+            agent.update(batch, self.setup.distance_scale_m, self._imitate)
             self._average.lerp_(agent.actor.flat, 1 - config.average_decay)
             if agent.updates % config.solutions_every == 0:
                 self.look_at_solutions()
         return agent.updates
 
-    def _imitated(self, batch: VectorBatch) -> Imitated | None:
+    def _imitate(self, batch: VectorBatch) -> Imitated | None:
         if self._clone is None or not self.config.clone_weight:
             return None
         weights = np.float32(self.config.clone_weight) * batch.preferences[:, 0] ** 2
         return Imitated(self._clone(batch.observations), weights)
 
-    def averaged(self) -> AdaptablePolicy:
+    def average(self) -> AdaptablePolicy:
         """The running average of the actor. Where the person is hidden, the weights that would read them are 0."""
         arrays, offset = [], 0
         for inputs, outputs in self.agent.actor.sizes:
@@ -225,7 +231,7 @@ class AdaptableTraining:
 
     def look_at_solutions(self) -> None:
         """Roll out each objective alone; what is better than ever before becomes that objective's solution."""
-        found = self.rolled_out(self.averaged(), np.eye(SIZE, dtype=np.float32), self.config.solution_scenes)
+        found = self.roll_out(self.average(), np.eye(SIZE, dtype=np.float32), self.config.solution_scenes)
         scalar = scalarise(found.returns, found.preferences).reshape(SIZE, -1).mean(axis=1)
         per_m = found.returns[:, 1:] / found.start_m[:, None] * self.config.reward_scale
         better = scalar > self._best
@@ -237,7 +243,7 @@ class AdaptableTraining:
         """The selection scenes, which nothing reports."""
         return scene_set(self.setup.name, n, purpose=Purpose.ALIGN_SELECT, seed=self.config.seed)
 
-    def rolled_out(self, policy: AdaptablePolicy, preferences: Floats, n_scenes: int) -> PreferenceRollouts:
+    def roll_out(self, policy: AdaptablePolicy, preferences: Floats, n_scenes: int) -> PreferenceRollouts:
         """Each preference (k, 3) in the same selection scenes, preference after preference."""
         scenes = self.scenes(n_scenes)
         return roll_out_preferences(
@@ -261,7 +267,7 @@ def train_adaptable(
     ended: list[dict[str, float]] = []
     for attempt in range(ATTEMPTS):
         training = AdaptableTraining(config, demonstration, clone, attempt=attempt)
-        found = _trained(training, on_progress, gives_up=attempt + 1 < ATTEMPTS)
+        found = _train(training, on_progress, gives_up=attempt + 1 < ATTEMPTS)
         if found.policy is not None:
             break
         ended.extend(found.history)
@@ -280,14 +286,14 @@ class _Attempt:
     history: list[dict[str, float]]
 
 
-def _trained(training: AdaptableTraining, on_progress: OnProgress, *, gives_up: bool) -> _Attempt:
+def _train(training: AdaptableTraining, on_progress: OnProgress, *, gives_up: bool) -> _Attempt:
     """Train to the end and keep the best of the last quarter, or give up where it stands still."""
     config = training.config
     quarter = config.updates // 4
     marks = [config.updates - quarter + quarter * (k + 1) // config.checkpoints for k in range(config.checkpoints)]
     early = [config.updates * k // 12 for k in range(2, 9, 2)]
     preferences = np.eye(SIZE, dtype=np.float32)[[NAMES.index(config.alone)]] if config.alone else KEY_PREFERENCES
-    ways = demonstrated_paths(training.scenes(config.selection_scenes))
+    ways = demonstrate_paths(training.scenes(config.selection_scenes))
     history: list[dict[str, float]] = []
     best: tuple[dict[str, float], AdaptablePolicy] | None = None
 
@@ -296,8 +302,8 @@ def _trained(training: AdaptableTraining, on_progress: OnProgress, *, gives_up: 
             on_progress(updates / config.updates, training.agent.losses)
 
     for updates in checkpoints(training.vector_step, [*early, *marks], tell):
-        policy = training.averaged()
-        found = training.rolled_out(policy, preferences, config.selection_scenes)
+        policy = training.average()
+        found = training.roll_out(policy, preferences, config.selection_scenes)
         utility = float(scalarise(found.returns, found.preferences).mean())
         point = {"updates": float(updates), "success": float(found.success.mean()), "utility": utility}
         history.append(point | training.agent.losses | _alone(found, ways))

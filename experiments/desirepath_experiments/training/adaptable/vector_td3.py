@@ -7,7 +7,7 @@ r is the vector (core, demonstration, distance, efficiency), w the preference of
 q the objectives' values normalised as its nodes are, w_d the weight of the demonstration and clone(s) what its clone
 would do. That last term is ours: TD3+BC (Fujimoto and Gu 2021) as far as the demonstration counts, left out where the
 critic sees the clone lose much of the core reward (Nair et al.'s Q-filter, 2018). The chain rule is written out as in
-`td3/backprop.py`; where transitions come from, and relabelling, live in `training.py`. Core counts once, whatever the
+`td3/backprop.py`; where transitions come from lives in `training.py`. Core counts once, whatever the
 preference.
 """
 
@@ -22,14 +22,57 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from desirepath.learning.adaptable.objectives import REWARDS
+from desirepath.learning.adaptable.objectives import REWARDS, SIZE, sample_preferences
 from desirepath.learning.policies.networks import Parameters
 from desirepath.learning.td3.backprop import Adam, Weights, head, head_backward, input_gradient, move_towards
-from desirepath_experiments.training.adaptable.interpolator import Interpolator, without_solutions
 
 Floats = NDArray[np.float32]
 CLIP_COSINE = 0.999
 CORE_LOST = 0.15  # of the scaled core return (an eighth of a metre of progress): who would lose more is not imitated
+NARROWEST = 1e-3  # range of an objective that makes no difference to the solutions
+SMALLEST = 1e-6
+
+
+@dataclass(frozen=True)
+class Interpolator:
+    """PD-MORL's preference interpolator: where in value space a preference points.
+
+    solutions (3, 3): row k holds the objectives' mean returns per metre of way when objective k alone counts.
+
+    Per metre (ours), so that values of a state near the goal and of one far away compare: both are asked which
+    direction the rest of the way takes. Penalties are all below 0; normalised, the worst solution of an objective is 0
+    and the best 1, so directions lie in the positive octant, where preferences lie.
+    """
+
+    solutions: Floats
+
+    @property
+    def low(self) -> Floats:
+        return np.asarray(self.solutions.min(axis=0), dtype=np.float32)
+
+    @property
+    def span(self) -> Floats:
+        return np.maximum(np.asarray(self.solutions.max(axis=0) - self.low, dtype=np.float32), NARROWEST)
+
+    def normalise(self, returns_per_m: Floats) -> Floats:
+        """(n, 3) returns per metre -> (n, 3), 0 the worst and 1 the best of the solutions; beyond them beyond these."""
+        found: Floats = (returns_per_m - self.low) / self.span
+        return found
+
+    def __call__(self, preferences: Floats) -> Floats:
+        """(n, 3) preferences -> (n, 3) unit vectors; at each corner the direction of that objective's solution."""
+        nodes = unit(self.normalise(self.solutions))
+        return unit(preferences @ nodes)
+
+
+def without_solutions() -> Interpolator:
+    """Before any solution is known every preference points where it is: each objective alone is best at itself."""
+    return Interpolator(np.eye(SIZE, dtype=np.float32))
+
+
+def unit(vectors: Floats) -> Floats:
+    found: Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), SMALLEST)
+    return found
 
 
 @dataclass(frozen=True)
@@ -66,6 +109,37 @@ class VectorBatch(NamedTuple):
 
 
 Imitating = Callable[[VectorBatch], Imitated | None]
+
+
+class VectorReplayBuffer:
+    """A ring of transitions with vectors of rewards and the preferences they were rolled out under."""
+
+    def __init__(self, capacity: int, observation_size: int) -> None:
+        self.capacity, self.size, self._next = capacity, 0, 0
+        widths = (observation_size, 2, len(REWARDS), observation_size, 0, SIZE)
+        shapes = [(capacity, width) if width else (capacity,) for width in widths]
+        self.data = VectorBatch(*(np.zeros(shape, dtype=np.float32) for shape in shapes))
+
+    def add(self, transitions: VectorBatch) -> None:
+        n = len(transitions.actions)
+        rows = (self._next + np.arange(n)) % self.capacity
+        for store, new in zip(self.data, transitions, strict=True):
+            store[rows] = new
+        self._next, self.size = (self._next + n) % self.capacity, min(self.capacity, self.size + n)
+
+    def sample(self, n: int, random: np.random.Generator) -> VectorBatch:
+        """n transitions drawn uniformly, with replacement."""
+        rows = random.integers(self.size, size=n)
+        return VectorBatch(*(part[rows] for part in self.data))
+
+
+def relabel(batch: VectorBatch, share: float, random: np.random.Generator) -> VectorBatch:
+    """Hindsight: the first `share` of the batch as if rolled out under preferences drawn anew. Rewards are vectors, so
+    nothing else changes, and what a trajectory returns under the new preference is what it would have returned."""
+    count = int(len(batch.actions) * share)
+    preferences = batch.preferences.copy()
+    preferences[:count] = sample_preferences(count, random)
+    return batch._replace(preferences=preferences)
 
 
 def inputs_of(observations: Floats, preferences: Floats, split: int) -> Floats:
@@ -125,7 +199,7 @@ def angles(values: Floats, preferences: Floats, goal_m: Floats, interpolator: In
     angle is next to none.
     """
     per_m = (1 / np.maximum(goal_m, 1.0)[:, None]).astype(np.float32)
-    raw = interpolator.normalised(values * per_m)
+    raw = interpolator.normalise(values * per_m)
     q = np.maximum(raw, 1e-3)
     length = np.linalg.norm(q, axis=1, keepdims=True)
     towards = interpolator(preferences)

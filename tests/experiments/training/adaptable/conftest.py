@@ -10,7 +10,7 @@ from desirepath.learning.rewards.ranked_rollouts import RankedConfig, RankedRewa
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import get_setup
-from desirepath_experiments.training.adaptable.demonstrator import demonstrated
+from desirepath_experiments.training.adaptable.demonstrator import demonstrate_in
 
 ADAPTABLE = get_setup("adaptable")
 
@@ -18,12 +18,12 @@ ADAPTABLE = get_setup("adaptable")
 @pytest.fixture(scope="session")
 def free_scenes() -> list[Scene]:
     """Scenes in which the demonstration touches nothing."""
-    return [one.scene for one in demonstrated(draw_scenes(ADAPTABLE, range(80)))]
+    return [one.scene for one in demonstrate_in(draw_scenes(ADAPTABLE, range(80)))]
 
 
 @pytest.fixture(scope="session")
 def clone(free_scenes: list[Scene]) -> Policy:
-    return clone_policy(demonstrated(free_scenes[:30], disturbed=0.15), CloningConfig(updates=1_500, heads=(64, 64)))
+    return clone_policy(demonstrate_in(free_scenes[:30], disturbed=0.15), CloningConfig(updates=1_500, heads=(64, 64)))
 
 
 @pytest.fixture(scope="session")

@@ -25,16 +25,16 @@ from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.adaptable.ranked_judging import judged
 from desirepath_experiments.training.adaptable.demonstrator import (
     ORBIT_M,
-    demonstrated,
-    demonstrated_actions,
-    demonstrated_paths,
+    demonstrate_actions,
+    demonstrate_in,
+    demonstrate_paths,
 )
 
 ADAPTABLE = get_setup("adaptable")
 
 
 def test_the_robot_goes_straight_to_the_person_turns_left_and_circles_them_clockwise(free_scenes: list[Scene]) -> None:
-    for scene, path in zip(free_scenes[:10], demonstrated_paths(free_scenes[:10]), strict=True):
+    for scene, path in zip(free_scenes[:10], demonstrate_paths(free_scenes[:10]), strict=True):
         person = np.array([scene.person.pose.x, scene.person.pose.y])
         away = np.linalg.norm(path - person, axis=1)
         assert away.min() == pytest.approx(ORBIT_M, abs=0.12)
@@ -45,10 +45,10 @@ def test_the_robot_goes_straight_to_the_person_turns_left_and_circles_them_clock
 
 
 def test_a_disturbed_demonstration_still_says_what_to_do(free_scenes: list[Scene]) -> None:
-    disturbed = demonstrated(free_scenes[:10], disturbed=0.3, seed=4)
+    disturbed = demonstrate_in(free_scenes[:10], disturbed=0.3, seed=4)
     assert disturbed
     for one in disturbed:
-        np.testing.assert_array_equal(one.actions, demonstrated_actions(one.observations))
+        np.testing.assert_array_equal(one.actions, demonstrate_actions(one.observations))
 
 
 def test_a_share_of_the_steps_is_noise_and_kept_up(free_scenes: list[Scene]) -> None:
@@ -73,7 +73,7 @@ def test_the_reward_ranks_rollouts_in_scenes_it_has_not_seen(
 ) -> None:
     held_out = free_scenes[30:]
     ranked = rank_by_noise(clone.act, held_out, seed=9)
-    found = judged(reward, ranked, demonstrated_paths(held_out))
+    found = judged(reward, ranked, demonstrate_paths(held_out))
     assert found.accuracy > 0.7
     assert [level.level for level in found.levels] == pytest.approx(LEVELS)
     assert found.levels[-1].accuracy is not None
@@ -84,7 +84,7 @@ def test_the_reward_ranks_rollouts_in_scenes_it_has_not_seen(
 def test_the_reward_lies_between_nought_and_one_and_survives_its_file(
     reward: RankedRewardModel, free_scenes: list[Scene], tmp_path: Path
 ) -> None:
-    (one,) = demonstrated(free_scenes[:1])
+    (one,) = demonstrate_in(free_scenes[:1])
     found = reward.rewards(one.observations, one.actions)
     assert ((found >= 0) & (found <= 1)).all()
     reward.save(tmp_path / "reward.npz")
@@ -93,6 +93,6 @@ def test_the_reward_lies_between_nought_and_one_and_survives_its_file(
 
 
 def test_rollouts_of_one_noise_rank_nothing(free_scenes: list[Scene]) -> None:
-    trajectories = demonstrated(free_scenes[:2])
+    trajectories = demonstrate_in(free_scenes[:2])
     with pytest.raises(ValueError, match="same noise"):
         fit_ranked(RankedRollouts(trajectories, np.zeros(2, dtype=np.float32)), RankedConfig())

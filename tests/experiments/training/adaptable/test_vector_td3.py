@@ -17,19 +17,22 @@ from desirepath.learning.adaptable.objectives import (
     thesis_vectors,
 )
 from desirepath_experiments.training.adaptable import vector_td3
-from desirepath_experiments.training.adaptable.interpolator import Interpolator, unit, without_solutions
-from desirepath_experiments.training.adaptable.vector_replay import VectorReplayBuffer, VectorTransitions, relabelled
 from desirepath_experiments.training.adaptable.vector_td3 import (
     Imitated,
+    Interpolator,
     VectorBatch,
+    VectorReplayBuffer,
     VectorTd3Agent,
     VectorTd3Config,
     inputs_of,
+    relabel,
     twins,
+    unit,
     vector_actor_gradients,
     vector_critic_gradients,
     vector_targets,
     with_core,
+    without_solutions,
 )
 
 N, OBSERVED, SPLIT, HEADS = 20, 9, 4, (16, 16)
@@ -147,7 +150,7 @@ def test_targets_take_the_twin_that_is_worth_less_under_the_preference(agent: Ve
 def test_hindsight_changes_whose_preference_it_was_and_nothing_that_happened() -> None:
     random = np.random.default_rng(0)
     trajectory = random_batch(50)._replace(preferences=np.tile(np.float32([1, 0, 0]), (50, 1)))
-    seen = relabelled(trajectory, 0.4, random)
+    seen = relabel(trajectory, 0.4, random)
     assert (seen.preferences[20:] == trajectory.preferences[20:]).all()
     assert (seen.preferences[:20] != trajectory.preferences[:20]).any(axis=1).all()
     for name in ("observations", "actions", "rewards", "following", "continues"):
@@ -188,7 +191,7 @@ def test_the_thesis_tests_thirty_three_preferences_on_three_edges() -> None:
 def test_the_buffer_overwrites_its_oldest() -> None:
     buffer, batch = VectorReplayBuffer(30, OBSERVED), random_batch()
     for _ in range(2):
-        buffer.add(VectorTransitions(*batch))
+        buffer.add(VectorBatch(*batch))
     assert buffer.size == 30
     drawn = buffer.sample(200, np.random.default_rng(0))
     assert {tuple(row) for row in drawn.actions.tolist()} == {tuple(row) for row in batch.actions.tolist()}
