@@ -16,8 +16,20 @@ import pytest
 from sqlalchemy import select
 
 from desirepath.installed import DATASETS
+from desirepath.learning.alignment.conditioning_search import ConditioningSearchConfig, search_conditioning
+from desirepath.learning.alignment.gate import GateRule
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.queries.queries import Query, QuerySet
+from desirepath.learning.policies.shipped import load_conditioned, load_policy
+from desirepath.learning.preferences import measures, setup_settings
+from desirepath.learning.preferences.objectives import NAMES
+from desirepath.learning.preferences.oracles import make_oracle
+from desirepath.learning.preferences.posterior import PosteriorConfig
+from desirepath.learning.preferences.setup_settings import longest_shown_s
+from desirepath.learning.queries.queries import Query, QueryConfig, QuerySet
+from desirepath.learning.queries.varied_queries import VariedConfig, generate_varied_queries
+from desirepath.learning.rewards.weights import fit_weights
+from desirepath.learning.shipped_files import load_card
+from desirepath.learning.td3.conditioned_training import conditioned_config, train_conditioned
 from desirepath.simulation import setups
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scenes import check_scene, draw_scenes
@@ -34,7 +46,11 @@ from tests.study.small_protocol import small_protocol
 
 SECTIONS = ("A robot and its setup", "A world")
 TINY = "updates=100 --set n_envs=32 --set selection_scenes=50"
-CACHES = (setups.setup_folders, setups.get_setup, setups.preference_setups, setups.trainable_setups)
+CACHES = (
+    *(setups.setup_folders, setups.get_setup, setups.preference_setups, setups.trainable_setups),
+    *(setups.demonstration_setups, measures._typical_differences, setup_settings.scene_bounds),
+    *(getattr(setup_settings, name) for name in ("far_enough_m", "closeness", "middle", "longest_shown_s")),
+)
 
 
 def forget() -> None:
@@ -127,6 +143,43 @@ def test_the_commands_of_the_recipe_train_and_measure_it(lab):
     assert done.returncode == 0, done.stderr[-3000:]
     assert Policy.load(lab / "porter_room.npz").setup == "porter_room"
     assert "success" in done.stdout
+
+
+def test_preferences_are_learned_in_an_own_setup_that_says_nothing_of_them(lab):
+    """Everything that the shipped setups say in `preferences` and `conditioning` is computed from scenes and base."""
+    here = lab / "setups/porter_room"
+    own = here / "setup.yaml"
+    # A lidar that the study room's network can read, as what a minute's training makes arrives nowhere.
+    own.write_text(
+        own.read_text().replace("beams: 270, sectors: 27, range_m: 8.0", "beams: 360, sectors: 60, range_m: 6.0")
+    )
+    base = replace(load_policy("study_room/base"), setup="porter_room")
+    tiny = {"updates": 64, "base_transitions": 2_000, "buffer_size": 5_000, "n_envs": 32, "checkpoints": 1}
+    config = replace(conditioned_config(base), **tiny, selection_scenes=12, strong_scenes=12, strong_share=-10.0)
+    assert min(config.reward_weights.scales) > 0
+    assert config.reward_weights.scales[NAMES.index("person_on_left")] == config.reward_weights.scales[3]
+    conditioned = train_conditioned(base, config).policy
+    conditioned.save(here / "conditioned.npz")
+    card = replace(load_card("study_room/conditioned"), name="porter_room/conditioned", setup="porter_room")
+    card.save(here / "conditioned.card.json")
+    assert load_conditioned("porter_room/conditioned").scales == config.reward_weights.scales
+
+    watched = QueryConfig(
+        count=6, max_duration_s=longest_shown_s("porter_room"), min_gap_m=0.01, scenes_per_round=24, max_scenes=240
+    )
+    queries = generate_varied_queries(conditioned, VariedConfig(watched, settings=9)).queries
+    answers = make_oracle("min-human-distance", seed=1).answer(queries)
+    model = fit_weights(answers, PosteriorConfig(particles=2_000))
+    assert (model.setup, sum(model.importance().values())) == ("porter_room", pytest.approx(1.0, abs=1e-4))
+    searched = ConditioningSearchConfig(tried=8, copies=8, selection_scenes=12, gate=GateRule(scenes=20))
+    personal = search_conditioning(conditioned, model.preference_weights(), base, searched)
+    assert personal.policy.setup == "porter_room"
+    assert rollout(get_setup("porter_room"), personal.policy.rollout_policy, draw_scenes("porter_room", [1]))
+
+    own.write_text(own.read_text() + "preferences: {scales: {fahrter: 3.0}}\n")
+    forget()
+    with pytest.raises(SetupError, match=r"porter_room: preferences\.scales names 'fahrter'; known are farther"):
+        conditioned_config(base)
 
 
 def test_scenes_of_an_own_world_leave_the_robot_its_room(lab):

@@ -18,7 +18,7 @@ from tests.fences import fences_of, install
 PLUG_INS = ("A kind of step", "A query strategy", "A reward model", "An alignment", "A policy")
 IN_THE_SOURCE = ("An objective", "A job")
 COPIED, LINKED = ("backend", "app", "frontend", "tests"), ("docs", "datasets", "study_protocols", "experiments")
-TABLES = {"(_one": "KINDS = {", "(Objective": "OBJECTIVES = (", "(_among_people": "CROWD_OBJECTIVES = ("}
+TABLES = {"(_one": "KINDS = {", "(Objective": "OBJECTIVES = (", "(#amongpedestrians": "CROWD_OBJECTIVES = ("}
 """By how their lines begin."""
 
 

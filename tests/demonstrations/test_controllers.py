@@ -17,7 +17,7 @@ from desirepath.learning.preferences.oracles import ORACLE_PREFERENCES, min_huma
 from desirepath.simulation.demonstration_scenes import demonstration_scene, demonstration_scenes
 from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scene import Person, Pose
-from desirepath.simulation.setups import DEMONSTRATION_SETUPS, SetupError, get_setup
+from desirepath.simulation.setups import SetupError, demonstration_setups, get_setup
 from desirepath.simulation.trajectory import Outcome
 from desirepath.simulation.walks import Walk
 
@@ -25,7 +25,7 @@ CORRIDOR = get_setup("corridor")
 ROOM = get_setup("room")
 
 
-@pytest.mark.parametrize("setup", DEMONSTRATION_SETUPS)
+@pytest.mark.parametrize("setup", demonstration_setups())
 @pytest.mark.parametrize("controller", BASELINES)
 def test_both_arrive_in_every_pair_with_the_setups_own_observations(setup: str, controller: str) -> None:
     drives = roll_out(controller, demonstration_scenes(setup))

@@ -19,10 +19,10 @@ from desirepath.demonstrations.demonstration import (
     execute,
 )
 from desirepath.demonstrations.stroke import Stroke, StrokeProblem
-from desirepath.simulation.demonstration_scenes import PAIRS, demonstration_scene
+from desirepath.simulation.demonstration_scenes import demonstration_scene
 from desirepath.simulation.fast import replay
 from desirepath.simulation.scene import Scene, SceneError
-from desirepath.simulation.setups import CONTROL_DT_S, DEMONSTRATION_SETUPS, get_setup
+from desirepath.simulation.setups import CONTROL_DT_S, demonstration_setups, get_setup
 from desirepath.simulation.trajectory import Outcome
 
 
@@ -38,6 +38,7 @@ def arched(scene: Scene, height: float, *, wave: float = 0.0, jitter: float = 0.
     return Stroke.of(points, slow + (0.25 - slow) * np.abs(2 * share - 1), 8 * share)
 
 
+PAIRS = 4
 CLEAR = demonstration_scene("room", 0), 1.3
 
 
@@ -47,7 +48,7 @@ def refusal(stroke: Stroke, scene: Scene) -> StrokeProblem:
     return caught.value
 
 
-@pytest.mark.parametrize("setup", DEMONSTRATION_SETUPS)
+@pytest.mark.parametrize("setup", demonstration_setups())
 @pytest.mark.parametrize("pair", range(PAIRS))
 def test_every_pair_can_be_passed_on_some_side_and_ends_in_success(setup: str, pair: int) -> None:
     scene = demonstration_scene(setup, pair)
@@ -62,7 +63,7 @@ def test_every_pair_can_be_passed_on_some_side_and_ends_in_success(setup: str, p
 
 @settings(max_examples=25, deadline=None)
 @given(
-    setup=st.sampled_from(DEMONSTRATION_SETUPS),
+    setup=st.sampled_from(demonstration_setups()),
     pair=st.integers(0, PAIRS - 1),
     height=st.floats(-1.5, 1.5),
     wave=st.floats(0, 0.25),
@@ -165,7 +166,7 @@ def test_a_demonstration_is_kept_as_a_file_with_everything_it_was_made_from(tmp_
 
 @settings(max_examples=60, deadline=None)
 @given(
-    setup=st.sampled_from(DEMONSTRATION_SETUPS),
+    setup=st.sampled_from(demonstration_setups()),
     pair=st.integers(0, PAIRS - 1),
     between=st.lists(st.tuples(st.floats(-3.4, 3.4), st.floats(-1.4, 1.4)), max_size=12),
     speeds=st.lists(st.floats(-1, 3), min_size=14, max_size=14),
@@ -256,7 +257,7 @@ def test_what_is_no_stroke_is_unreadable(broken) -> None:
 def test_unknown_places_are_refused() -> None:
     with pytest.raises(SceneError, match="pair"):
         demonstration_scene("room", 4)
-    with pytest.raises(SceneError, match="known: corridor, room, study_room"):
+    with pytest.raises(SceneError, match="known: corridor, home, room, study_room"):
         demonstration_scene("open_field", 0)
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from desirepath.demonstrations.demonstrators import STYLES, demonstrate, draw_stroke
-from desirepath.simulation.demonstration_scenes import PAIRS, demonstration_scene
-from desirepath.simulation.setups import DEMONSTRATION_SETUPS
+from desirepath.simulation.demonstration_scenes import demonstration_scene, pairs_of
+from desirepath.simulation.setups import demonstration_setups
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
 
@@ -24,9 +24,9 @@ def beside_person(drive: Trajectory) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("style", STYLES)
-@pytest.mark.parametrize("setup", DEMONSTRATION_SETUPS)
+@pytest.mark.parametrize("setup", demonstration_setups())
 def test_each_style_succeeds_in_every_pair_and_keeps_about_the_preferred_distance(setup: str, style: str) -> None:
-    for pair in range(PAIRS):
+    for pair in range(pairs_of(setup)):
         made = demonstrate(style, demonstration_scene(setup, pair), 0)
         assert made.trajectory.outcome == Outcome.SUCCESS
         assert (made.style, made.simulated, made.seed) == (style, True, 0)

@@ -26,10 +26,10 @@ from desirepath.learning.preferences.objectives import (
 )
 from desirepath.learning.td3.base import BaseResult
 from desirepath.learning.td3.conditioned_training import (
-    REWARD_WEIGHTS,
     ConditionedConfig,
     ConditionedResult,
     ConditionedTraining,
+    reward_weights_of,
     sample_weights,
     strong_enough,
     train_conditioned,
@@ -40,6 +40,7 @@ from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import SetupError, get_setup
 
 Floats = NDArray[np.float32]
+ROOM_WEIGHTS = reward_weights_of(load_policy("study_room/base"))
 TINY = ConditionedConfig(
     setup="study_room",
     updates=96,
@@ -127,7 +128,7 @@ def test_storage_keeps_every_byte(trained: ConditionedResult, tmp_path: Path) ->
     trained.policy.save(path)
     again = ConditionedPolicy.load(path)
     assert again.digest() == trained.policy.digest()
-    assert again.scales == REWARD_WEIGHTS["study_room"].scales
+    assert again.scales == ROOM_WEIGHTS.scales
     assert load_policy(f"{path}@farther=1").digest() == trained.policy.at(parse_weights("farther=1")).digest()
     assert load_policy(str(path)).digest() == trained.policy.at(np.zeros(SIZE, dtype=np.float32)).digest()
     with pytest.raises(PolicyError, match="desirepath-conditioned-1"):
@@ -210,7 +211,7 @@ def test_the_mirrored_world_is_the_same_world(name: str) -> None:
 
 
 def test_a_batch_is_judged_by_its_wants(base: Policy) -> None:
-    reward_weights = replace(REWARD_WEIGHTS["study_room"], turning=0.0, time=0.0)
+    reward_weights = replace(ROOM_WEIGHTS, turning=0.0, time=0.0)
     training = ConditionedTraining(base, replace(TINY, mirrored_share=0.0, reward_weights=reward_weights))
     nothing = replace(
         TINY, mirrored_share=0.0, relabelled_share=0.0, reward_weights=replace(reward_weights, scales=(0.0,) * SIZE)
@@ -238,13 +239,13 @@ def test_training_tells_what_moved_and_comes_out_the_same_again(base: Policy, tr
     other = train_conditioned(base, replace(TINY, seed=1, strong_share=10.0, strong_success=0.0))
     assert other.policy.digest() != trained.policy.digest()
     assert (trained.strength, other.strength) == (1.0, 1.5)
-    assert other.policy.scales[0] == 1.5 * REWARD_WEIGHTS["study_room"].scales[0]
+    assert other.policy.scales[0] == 1.5 * ROOM_WEIGHTS.scales[0]
 
 
 def test_settings_that_cannot_work_are_refused(base: Policy, tiny_base: BaseResult) -> None:
     for scales in ((1.0,), (1.0, 1.0, 1.0, 2.0, 1.0, 1.0, 1.0, 1.0, 1.0)):
         with pytest.raises(LearningError, match="scales"):
-            train_conditioned(base, replace(TINY, reward_weights=replace(REWARD_WEIGHTS["study_room"], scales=scales)))
+            train_conditioned(base, replace(TINY, reward_weights=replace(ROOM_WEIGHTS, scales=scales)))
     for change in ({"buffer_size": 100}, {"checkpoints": 0}):
         with pytest.raises(LearningError, match=next(iter(change))):
             train_conditioned(base, replace(TINY, **change))  # type: ignore[arg-type]

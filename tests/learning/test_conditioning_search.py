@@ -10,7 +10,6 @@ from desirepath.learning.alignment.conditioning_search import (
     CROSSING_COST,
     FAILURE_COST,
     LENGTH_WEIGHT,
-    MIDDLE_M,
     ConditioningSearchConfig,
     compare_policies,
     conditioned_by_place,
@@ -24,6 +23,7 @@ from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.learning.policies.steerability import MeasuredRollouts
 from desirepath.learning.preferences.measures import MEASURES, typical_differences
 from desirepath.learning.preferences.objectives import SIZE, preference_weights
+from desirepath.learning.preferences.setup_settings import middle
 from desirepath.simulation.setups import SETUPS, SetupError, preference_setups
 from desirepath.simulation.trajectory import Outcome
 
@@ -67,7 +67,8 @@ def test_what_it_is_conditioned_on_depends_on_where_the_robot_is(setup: str) -> 
     policy = load_conditioned(f"{setup}/conditioned")
     told = np.random.default_rng(1).normal(0, 0.3, (3, SIZE))
     states = np.random.default_rng(2).uniform(0, 0.6, (20, SETUPS[setup].observation_size)).astype(np.float32)
-    far = (states[:, [0, 2]] * SETUPS[setup].distance_scale_m - MIDDLE_M[setup][0]) / MIDDLE_M[setup][1]
+    change = middle(setup)
+    far = (states[:, [0, 2]] * SETUPS[setup].distance_scale_m - change.at_m) / change.unit_m
     weights = FARTHER + told[0] + far @ told[1:]
     polar = SETUPS[setup].polar_size
     seen = np.concatenate([states[:, :polar], weights.astype(np.float32), states[:, polar:]], axis=1)

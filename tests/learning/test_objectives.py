@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from desirepath.learning.policies.shipped import load_conditioned
+from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.learning.preferences.measures import MEASURES, TABLE, typical_differences
 from desirepath.learning.preferences.objectives import (
     CROWD_NAMES,
@@ -22,7 +22,7 @@ from desirepath.learning.preferences.objectives import (
     step_terms_of,
 )
 from desirepath.learning.shipped_files import load_card
-from desirepath.learning.td3.conditioned_training import REWARD_WEIGHTS
+from desirepath.learning.td3.conditioned_training import reward_weights_of
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import get_setup, preference_setups
 
@@ -43,8 +43,10 @@ def test_every_objective_has_its_words_in_the_tables_order_and_no_other_has(lang
 def test_shipped_policies_were_trained_on_this_table(setup: str) -> None:
     policy, card = load_conditioned(f"{setup}/conditioned"), load_card(f"{setup}/conditioned")  # reading checks names
     strength = np.where(np.array(NAMES) == "farther", card.results["strength"], 1.0)
-    np.testing.assert_allclose(policy.scales, np.array(scales(setup)) * strength)
-    assert tuple(card.config["stakes"]["scales"]) == scales(setup) == REWARD_WEIGHTS[setup].scales
+    in_order = tuple(scales(setup)[name] for name in NAMES)
+    np.testing.assert_allclose(policy.scales, np.array(in_order) * strength)
+    assert tuple(card.config["stakes"]["scales"]) == in_order
+    assert reward_weights_of(load_policy(f"{setup}/base")).scales == in_order
     assert set(card.results["moved"]) == set(NAMES)
     for one in OBJECTIVES:
         assert card.results["moved"][one.name]["measure"] == one.measured_by

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +31,7 @@ from desirepath.learning.queries.queries import QueryConfig, QuerySet, flaw, loo
 from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
 from desirepath.learning.shipped_files import load_card, resolve, shipped_names
-from desirepath.learning.td3.conditioned_training import CONFIGS
+from desirepath.learning.td3.conditioned_training import conditioned_config
 from desirepath.learning.words.second_reader import SecondReader
 from desirepath.perception.beta_vae import DepthEncoder
 from desirepath.perception.predictor import PersonPredictor
@@ -151,7 +150,7 @@ def test_conditioned_policies_drive_as_they_are_told(setup: str) -> None:
         assert moved["better_than_base"]["low"] > 0, moved
         assert movement.conditioned[name].success.mean() > 0.9
     card = load_card(f"{setup}/conditioned")
-    assert card.config == json.loads(json.dumps(replace(CONFIGS[setup], seed=card.seed).as_dict()))
+    assert card.config == json.loads(json.dumps(conditioned_config(load_policy(f"{setup}/base"), card.seed).as_dict()))
     for name in NAMES:
         assert {"better_than_base", "better_than_neutral", "share_of_the_way"} <= set(card.results["moved"][name])
 

@@ -16,7 +16,7 @@ from desirepath.simulation.fast import make_engine, raw_ranges, rollout
 from desirepath.simulation.reference import ReferenceEngine, rollout_reference
 from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import draw_scenes, scene_to_row
-from desirepath.simulation.setups import DEMONSTRATION_SETUPS, SETUPS, preference_setups
+from desirepath.simulation.setups import SETUPS, demonstration_setups, preference_setups
 from desirepath.simulation.trajectory import Outcome
 from tests.simulation.simple_policies import towards_goal
 
@@ -123,7 +123,7 @@ def test_poses_agree_within_five_millimetres_after_twenty_steps(name: str) -> No
     assert max(heading) <= math.pi / 240  # a collision is noticed at 240 Hz
 
 
-@pytest.mark.parametrize("name", DEMONSTRATION_SETUPS)
+@pytest.mark.parametrize("name", demonstration_setups())
 def test_the_environments_of_chapter_2_are_the_same_in_both_engines(name: str) -> None:
     setup, scenes = SETUPS[name], draw_scenes(name, range(6))
     act = towards_goal(setup)

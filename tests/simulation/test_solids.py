@@ -15,7 +15,7 @@ from desirepath.simulation.environments import NavigationEnv, observation_space
 from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import draw_scenes
-from desirepath.simulation.setups import DEMONSTRATION_SETUPS, SETUPS, SetupError
+from desirepath.simulation.setups import SETUPS, SetupError, demonstration_setups
 
 
 def by_hand(scene: Scene, scale: float) -> list[float]:
@@ -45,7 +45,7 @@ def by_hand(scene: Scene, scale: float) -> list[float]:
     return seen
 
 
-@pytest.mark.parametrize("name", DEMONSTRATION_SETUPS)
+@pytest.mark.parametrize("name", demonstration_setups())
 def test_the_observation_holds_person_goal_bearing_and_every_closest_point(name: str) -> None:
     setup, scenes = SETUPS[name], draw_scenes(name, range(40))
     seen = make_engine(setup, 40, scenes=scenes).observations
@@ -57,7 +57,7 @@ def test_the_observation_holds_person_goal_bearing_and_every_closest_point(name:
     assert (env.reset(options={"scene": scenes[0]})[0] == seen[0]).all()
 
 
-@pytest.mark.parametrize("name", DEMONSTRATION_SETUPS)
+@pytest.mark.parametrize("name", demonstration_setups())
 def test_what_reads_a_lidar_refuses_such_observations(name: str) -> None:
     setup = SETUPS[name]
     seen = np.zeros((2, setup.observation_size), dtype=np.float32)

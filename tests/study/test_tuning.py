@@ -22,7 +22,7 @@ from desirepath.study.kinds.live import (
     replay,
 )
 from desirepath.study.kinds.tuning import STARTED_RANDOMLY
-from desirepath.study.personalising.live_rollouts import PLACES, condition_on, path_of, roll_out, scenes_of
+from desirepath.study.personalising.live_rollouts import condition_on, path_of, roll_out, scenes_of
 from desirepath.study.refusals import Refused
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.simulated.participant import Character
@@ -68,7 +68,7 @@ def test_among_people_who_walk_other_weights_are_set_than_beside_one(walk):
     assert walker.view.payload["triangle"] == corners
 
 
-@pytest.mark.parametrize("setup", sorted(PLACES))
+@pytest.mark.parametrize("setup", SETUPS)
 def test_weights_move_the_robot_in_every_place_and_it_goes_on_from_where_it_is(setup):
     for scene in scenes_of(setup):
         usual, far = (roll_out(condition_on(setup, weights), scene) for weights in ({}, {"farther": 1.0}))

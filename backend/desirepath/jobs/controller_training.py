@@ -19,9 +19,9 @@ from desirepath.jobs.kinds import JobParamsError, TrainDemonstrationsParams
 from desirepath.learning.scene_sets import Purpose, describe
 from desirepath.learning.shipped_files import resolve
 from desirepath.perception import SHIPPED_ENCODER
-from desirepath.simulation.demonstration_scenes import SEEN_BY_DEPTH
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import draw_scenes
+from desirepath.simulation.setups import has_depth_camera
 from desirepath.simulation.trajectory import Trajectory
 
 EXPLORED_HOMES = 200  # ours: drawn in seconds
@@ -44,7 +44,7 @@ class Learned:
 
 def sensor_of(params: TrainDemonstrationsParams, setup: str) -> str:
     """`places` or `depth`. Raises JobParamsError for one that the environment was not made for."""
-    fits = "depth" if setup in SEEN_BY_DEPTH else "places"
+    fits = "depth" if has_depth_camera(setup) else "places"
     if params.sensor in (None, fits):
         return fits
     message = f"the paths were drawn in {setup}, where controllers go by {fits}: leave it open, or choose other paths"

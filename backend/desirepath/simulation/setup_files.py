@@ -11,6 +11,7 @@ from desirepath.grammar.error_words import meant, parse
 from desirepath.grammar.parts import Part, Slug
 from desirepath.grammar.source import Problem, ProtocolError, Source, file_text
 from desirepath.simulation.pedestrians import CrowdConditions
+from desirepath.simulation.setup_parts import ConditioningSettings, DemonstrationSettings, PreferenceSettings
 from desirepath.simulation.setups import SETUP_FILE, CoreReward, NearPenalty, Robot, Setup, SetupError
 from desirepath.simulation.worlds import WORLDS
 
@@ -49,11 +50,15 @@ class Task(Part):
 
 
 class SetupFile(Part):
-    """A whole `setup.yaml`."""
+    """A whole `setup.yaml`. What it does not say of preferences and conditioning is computed where it is needed; paths
+    are drawn where it says `demonstrations`."""
 
     robot: Robot
     world: World
     task: Task
+    preferences: PreferenceSettings = PreferenceSettings()
+    conditioning: ConditioningSettings = ConditioningSettings()
+    demonstrations: DemonstrationSettings | None = None
 
 
 def check_setup(folder: Path) -> Setup:
@@ -88,6 +93,9 @@ def check_setup(folder: Path) -> Setup:
         path_points=observed.path_points,
         distance_scale_m=observed.distance_scale_m,
         extractors=observed.extractors,
+        preferences=found.preferences,
+        conditioning=found.conditioning,
+        demonstrations=found.demonstrations,
     )
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -20,6 +20,7 @@ from pydantic import ConfigDict, Field
 
 from desirepath.installed import DATASETS
 from desirepath.simulation.pedestrians import CrowdConditions
+from desirepath.simulation.setup_parts import ConditioningSettings, DemonstrationSettings, PreferenceSettings
 
 CONTROL_DT_S = 0.2  # 5 Hz everywhere
 SETUP_FILE = "setup.yaml"
@@ -147,6 +148,9 @@ class Setup:
     pedestrians: int = 0
     path_points: int = 0
     people: CrowdConditions | None = None
+    preferences: PreferenceSettings = field(default_factory=PreferenceSettings, hash=False)
+    conditioning: ConditioningSettings = field(default_factory=ConditioningSettings, hash=False)
+    demonstrations: DemonstrationSettings | None = None
 
     @property
     def crowded(self) -> bool:
@@ -285,7 +289,6 @@ class _Setups(Mapping[str, Setup]):
 
 
 SETUPS: Mapping[str, Setup] = _Setups()
-DEMONSTRATION_SETUPS = ("corridor", "room")
 
 
 def setups_with(artefact: str) -> tuple[str, ...]:
@@ -305,6 +308,26 @@ def trainable_setups() -> tuple[str, ...]:
     """The setups in which a base policy can be trained: the robot has a lidar, and reaching the goal is rewarded."""
     setups = map(get_setup, setup_folders())
     return tuple(setup.name for setup in setups if not setup.solids and setup.reward.goal > 0)
+
+
+@cache
+def demonstration_setups() -> tuple[str, ...]:
+    """The setups in which paths are drawn that a controller of known places learns from (ch. 2)."""
+    setups = map(get_setup, setup_folders())
+    return tuple(setup.name for setup in setups if setup.demonstrations and setup.solids)
+
+
+def has_depth_camera(setup: str) -> bool:
+    """Whether controllers learned from paths there go by a depth camera (ch. 3)."""
+    drawn = get_setup(setup).demonstrations
+    return drawn is not None and drawn.depth_camera
+
+
+def check_names(setup: str, part: str, given: Mapping[str, float], known: Sequence[str]) -> None:
+    """Raise SetupError if `preferences.part` of the setup's file names what is none of `known`."""
+    for name in given:
+        if name not in known:
+            raise SetupError(f"setup {setup}: preferences.{part} names {name!r}; known are {', '.join(known)}")
 
 
 def _names(can: Callable[[Setup], bool]) -> str:

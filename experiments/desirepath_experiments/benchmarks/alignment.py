@@ -22,7 +22,6 @@ from desirepath.learning.alignment.fine_tuning import FineTuningConfig
 from desirepath.learning.alignment.relabelling import RelabellingConfig, align
 from desirepath.learning.alignment.thesis import ThesisConfig, thesis_config
 from desirepath.learning.errors import LearningError
-from desirepath.learning.people.asked_pairs import LONGEST_SHOWN_S
 from desirepath.learning.policies.conditioned import settings
 from desirepath.learning.policies.evaluate import compare_policies, evaluate_policy
 from desirepath.learning.policies.networks import use_one_thread
@@ -32,6 +31,7 @@ from desirepath.learning.policies.steerability import steerability_of
 from desirepath.learning.preferences.objectives import NAMES
 from desirepath.learning.preferences.oracles import ORACLE_PREFERENCES, ResponseModel, make_oracle
 from desirepath.learning.preferences.preferences import Preference
+from desirepath.learning.preferences.setup_settings import longest_simulated_s
 from desirepath.learning.queries.queries import QueryConfig, generate_queries
 from desirepath.learning.rewards.linear import fit_linear
 from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
@@ -148,7 +148,7 @@ def benchmark_align(
     setup, oracle, n, mode = config.setup, config.oracle, config.n, MODES[config.mode]
     base, neutral = load_policy(f"{setup}/base"), load_conditioned(f"{setup}/conditioned").at(settings()["neutral"])
     query_config = QueryConfig(
-        count=config.queries, seed=FIRST_QUERY_SEED + config.seed, max_duration_s=LONGEST_SHOWN_S[setup]
+        count=config.queries, seed=FIRST_QUERY_SEED + config.seed, max_duration_s=longest_simulated_s(setup)
     )
     asked = generate_queries(load_ensemble(setup), query_config)
     answering = make_oracle(

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from desirepath.learning.errors import LearningError
-from desirepath.learning.people.asked_pairs import LONGEST_SHOWN_S
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.learning.policies.steerability import Course, MeasuredRollouts
 from desirepath.learning.preferences.measures import typical_differences
 from desirepath.learning.preferences.objectives import gains
 from desirepath.learning.preferences.oracles import JUDGING_CROWDS, ORACLE_PREFERENCES, make_oracle, preference_of
+from desirepath.learning.preferences.setup_settings import longest_simulated_s
 from desirepath.learning.queries.queries import Query, QueryConfig
 from desirepath.learning.queries.varied_queries import VariedConfig, generate_varied_queries
 from desirepath.learning.rewards.weights import fit_weights
@@ -126,7 +126,7 @@ def true_weights(name: str) -> Doubles:
 
 def draw_queries(setup: str, answers: int, seed: int) -> Sequence[Query]:
     """Fresh queries that no shipped set holds, by the policy that the shipped varied queries were made with."""
-    asked = QueryConfig(count=answers, seed=FIRST_QUERY_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup])
+    asked = QueryConfig(count=answers, seed=FIRST_QUERY_SEED + seed, max_duration_s=longest_simulated_s(setup))
     return generate_varied_queries(load_conditioned(f"{setup}/conditioned"), VariedConfig(asked)).queries
 
 

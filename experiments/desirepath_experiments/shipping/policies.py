@@ -16,7 +16,7 @@ from desirepath.learning.policies.steerability import steerability_of
 from desirepath.learning.policies.torch_actor import actor_of
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.learning.td3.base import BaseConfig, base_config, train_base
-from desirepath.learning.td3.conditioned_training import CONFIGS, train_conditioned
+from desirepath.learning.td3.conditioned_training import conditioned_config, train_conditioned
 from desirepath.learning.td3.ensemble import PolicyEnsembleConfig, train_ensemble
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
@@ -99,7 +99,7 @@ def _store(
 def ship_conditioned(request: Request) -> Card:
     """Train, measure and store the conditioned policy that starts from the base policy in the same folder."""
     setup, base = request.setup, Policy.load(request.path("base"))
-    config = replace(CONFIGS[setup], seed=request.seed)
+    config = conditioned_config(base, request.seed)
     result = train_conditioned(base, config, request.on_progress)
     policy = replace(result.policy, critic=()) if setup in WITHOUT_CRITIC else result.policy
     reporting = FIRST_CONDITIONED_REPORT_SEED + config.seed

@@ -10,10 +10,10 @@ import numpy as np
 from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.people.card import member, people_card
 from desirepath.learning.preferences.population_prior import FOLDER, columns_of, fitted_prior, to_bytes
+from desirepath.learning.preferences.setup_settings import longest_shown_s
 from desirepath.learning.queries.manner_queries import MannerConfig, manner_pairs
 from desirepath.learning.queries.queries import QueryConfig
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath_experiments.shipping.query_sets import LONGEST_SHOWN_S
 from desirepath_experiments.shipping.storing import Request
 
 FAMILIES = ("network", "mixture", "thresholds", "lexicographic")  # `changing` is people of `network`, one after another
@@ -28,7 +28,7 @@ def ship_population_priors(request: Request) -> Path:
     """Fit and store them where the code finds them; returns the file."""
     setup, folder = request.setup, FOLDER
     config = MannerConfig(
-        QueryConfig(seed=SEED, max_duration_s=LONGEST_SHOWN_S[setup]), pairs_per_scene=PAIRS_PER_SCENE
+        QueryConfig(seed=SEED, max_duration_s=longest_shown_s(setup)), pairs_per_scene=PAIRS_PER_SCENE
     )
     pairs = manner_pairs(setup, scene_set(setup, SCENES, purpose=Purpose.QUERIES, seed=SEED), config)
     columns = columns_of(PairDifferences.of(setup, pairs))

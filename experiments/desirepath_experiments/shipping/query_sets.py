@@ -9,6 +9,7 @@ import numpy as np
 from desirepath.learning.cards import Card
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.policy import Policy
+from desirepath.learning.preferences.setup_settings import longest_shown_s
 from desirepath.learning.queries.manner_queries import MannerConfig, generate_manner_queries
 from desirepath.learning.queries.queries import QueryConfig, QuerySet, generate_queries, path_gap_m
 from desirepath.learning.queries.varied_queries import VariedConfig, describe_differences, generate_varied_queries
@@ -16,7 +17,6 @@ from desirepath.learning.scene_sets import Purpose, describe
 from desirepath_experiments.shipping.storing import Request
 
 Config = QueryConfig | VariedConfig | MannerConfig
-LONGEST_SHOWN_S = {"study_room": 12.0, "open_field": 20.0, "crowd_hall": 16.0}
 """Of a varied query; the field's robot is slow."""
 
 
@@ -51,7 +51,7 @@ def ship_manner_queries(request: Request) -> Card:
 
 
 def _shown(request: Request) -> QueryConfig:
-    return QueryConfig(count=request.count, seed=request.seed, max_duration_s=LONGEST_SHOWN_S[request.setup])
+    return QueryConfig(count=request.count, seed=request.seed, max_duration_s=longest_shown_s(request.setup))
 
 
 def _ensemble(request: Request) -> list[str]:

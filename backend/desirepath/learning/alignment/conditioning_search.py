@@ -24,6 +24,7 @@ from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.steerability import Course, MeasuredRollouts
 from desirepath.learning.preferences.measures import typical_differences
 from desirepath.learning.preferences.objectives import SIZE, check_weights, gains, names_of
+from desirepath.learning.preferences.setup_settings import middle
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.simulation.setups import get_setup, require_same
@@ -37,8 +38,6 @@ FIRST_SHARE = 0.75  # of LENGTH_WEIGHT, with which the search begins
 AIM = -0.025  # typical differences: the search keeps what is preferred about there; 1 or 2 cm of distance
 OBSERVED = (0, 2)  # where the observation says how far the goal and the person are
 PLACES = ("anywhere", "goal_far", "person_far")
-MIDDLE_M = {"open_field": (3.0, 2.0), "study_room": (2.0, 1.5), "crowd_hall": (2.5, 2.0)}
-"""By setup, of goal and person alike: the distance at which the offset along with it is 0, and 1 so much farther."""
 
 
 @dataclass(frozen=True)
@@ -139,16 +138,17 @@ def compare_policies(own: MeasuredRollouts, other: MeasuredRollouts, weights: Fl
 def conditioned_by_place(conditioned: ConditionedPolicy, weights: Floats, offsets: NDArray[np.floating[Any]]) -> Policy:
     """The policy conditioned on weights + offsets[0] + offsets[1] * g + offsets[2] * p, without critic.
 
-    g and p: how far the goal and the person are, from MIDDLE_M on, in its unit. Exact, since weights enter the first
-    layer linearly, beside these distances. What it is conditioned on may leave [0, 1]; it goes on where training ended.
+    g and p: how far the goal and the person are, from the setup's `middle` on, in its unit. Exact, since weights enter
+    the first layer linearly, beside these distances. What it is conditioned on may leave [0, 1]; it goes on where
+    training ended.
     """
     start = conditioned.at(weights).without_critic()
-    middle, unit = MIDDLE_M[conditioned.setup]
+    change = middle(conditioned.setup)
     scale = get_setup(conditioned.setup).distance_scale_m
     rows = conditioned.actor[0][start.shape.task_inputs : conditioned.shape.task_inputs]
     first = start.actor[0].copy()
-    first[list(OBSERVED)] += (offsets[1:] * (scale / unit)) @ rows
-    bias = start.actor[1] + (offsets[0] - offsets[1:].sum(0) * (middle / unit)) @ rows
+    first[list(OBSERVED)] += (offsets[1:] * (scale / change.unit_m)) @ rows
+    bias = start.actor[1] + (offsets[0] - offsets[1:].sum(0) * (change.at_m / change.unit_m)) @ rows
     return replace(start, actor=(first, bias.astype(np.float32), *start.actor[2:]))
 
 

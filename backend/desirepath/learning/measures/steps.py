@@ -6,7 +6,8 @@ What learning sees of a trajectory is its own matter; nothing is imported from h
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -17,18 +18,13 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.remembered import remember_last
 from desirepath.learning.preferences.features import obstacle_clearance_m
 from desirepath.learning.queries.queries import QuerySet
-from desirepath.learning.shipped_files import resolve
+from desirepath.learning.shipped_files import resolve, shipped_names
 from desirepath.simulation.setups import Setup, get_setup, require_same
 from desirepath.simulation.trajectory import Trajectory, require_steps
 
 Doubles = NDArray[np.float64]
 REFERENCE_PAIRS = 60
-SHOWN_PAIRS = {
-    "open_field": "queries_varied_200",
-    "study_room": "queries_varied_200",
-    "crowd_hall": "queries_varied_60",
-}
-"""By setup in which people are asked for preferences, its shipped varied queries."""
+_VARIED = re.compile("[^/]+/queries_varied_([0-9]+)")
 AHEAD_RAD = math.pi / 6
 STANDING = 0.1  # of full speed
 WORDS = (
@@ -163,13 +159,20 @@ class Reference:
     inputs: dict[str, tuple[Doubles, Doubles]]
 
 
+def _shown_pairs() -> Mapping[str, str]:
+    """Setup -> its shipped varied queries, the most where there are several sets."""
+    sets = sorted((int(named[1]), named[0]) for named in map(_VARIED.fullmatch, shipped_names()) if named)
+    return {name.partition("/")[0]: name for _, name in sets}
+
+
 @lru_cache(maxsize=4)
 def reference(setup: str) -> Reference:
     """Of a setup's shipped varied queries. Raises LearningError for a setup in which nobody is asked for
     preferences."""
-    if setup not in SHOWN_PAIRS:
-        raise LearningError(f"setup = {setup!r}: simulated people are of {', '.join(SHOWN_PAIRS)}")
-    queries = QuerySet.load(resolve(f"{setup}/{SHOWN_PAIRS[setup]}")).queries[:REFERENCE_PAIRS]
+    shown = _shown_pairs()
+    if setup not in shown:
+        raise LearningError(f"setup = {setup!r}: simulated people are of {', '.join(sorted(shown))}")
+    queries = QuerySet.load(resolve(shown[setup])).queries[:REFERENCE_PAIRS]
     trajectories = tuple(one for query in queries for one in (query.trajectory_a, query.trajectory_b))
     steps = SeenSteps.of_trajectories(trajectories)
     return Reference(

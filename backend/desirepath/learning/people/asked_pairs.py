@@ -14,6 +14,7 @@ from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
 from desirepath.learning.preferences.objectives import NAMES, preference_weights
+from desirepath.learning.preferences.setup_settings import longest_simulated_s
 from desirepath.learning.queries.manner_queries import MannerConfig, manner_pairs, separating
 from desirepath.learning.queries.queries import QueryConfig, flaw, look_alike
 from desirepath.learning.queries.varied_queries import draw_weights
@@ -23,11 +24,6 @@ from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
-LONGEST_SHOWN_S = {
-    "study_room": 12.0,
-    "open_field": 30.0,
-    "crowd_hall": 16.0,
-}  # twice as fast and half as far in the room
 FIRST_SEED = 900  # of query scenes and reporting scenes: of no shipped set, no card and no other benchmark
 MANNER_SEED = 2_900
 MANNERS_PER_SCENE = 4
@@ -54,7 +50,7 @@ class AskedPairs:
     def with_manners(self, setup: str, seed: int, manners: int, kept: int) -> AskedPairs:
         """Asked about are `kept` of these pairs and `manners` of policies in many manners, the most telling ones; what
         is predicted stays."""
-        config = MannerConfig(QueryConfig(seed=FIRST_SEED + seed, max_duration_s=LONGEST_SHOWN_S[setup]))
+        config = MannerConfig(QueryConfig(seed=FIRST_SEED + seed, max_duration_s=longest_simulated_s(setup)))
         scenes = scene_set(setup, manners, purpose=Purpose.QUERIES, seed=MANNER_SEED + seed)
         found = manner_pairs(setup, scenes, replace(config, pairs_per_scene=MANNERS_PER_SCENE))
         differences = PairDifferences.of(setup, found)
@@ -84,7 +80,7 @@ def asked_pairs(setup: str, seed: int, *, asked: int, test: int) -> AskedPairs:
     policies = [conditioned.at(weights) for weights in draw_weights(SETTINGS, FIRST_SEED + seed)]
     policies += [*load_ensemble(setup), load_policy(f"{setup}/base")]
     rolled_out = [_roll_out(policy, scenes) for policy in policies]
-    rules = QueryConfig(max_duration_s=LONGEST_SHOWN_S[setup])
+    rules = QueryConfig(max_duration_s=longest_simulated_s(setup))
     random = np.random.default_rng([seed, 51])
     pairs: list[tuple[Trajectory, Trajectory]] = []
     for row in range(len(scenes)):

@@ -8,13 +8,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.analysis import metrics
 from desirepath.learning.preferences.crowd_measures import crowd_columns
-from desirepath.simulation.setups import get_setup
+from desirepath.simulation.setups import check_names, get_setup
 from desirepath.simulation.trajectory import Trajectory, require_people
 
 Doubles = NDArray[np.float64]
@@ -26,77 +27,38 @@ CLEARANCE_CAP_M = 0.8  # ours: farther than this from obstacles is no better
 
 @dataclass(frozen=True)
 class Measure:
-    """noticeable: what a person would see of it, ours, for describing query sets only. typical: by setup, standard
-    deviation of the difference within a pair, over 1,500 pairs of the shipped ensemble; in the room and the corridor of
-    chapter 2, which have none, over pairs of 24 trajectories of the programmed demonstrators, DWA and social cost in
-    each of the four situations; in homes over 100 pairs of depth controllers with and without demonstrations. Both in
-    `unit`.
-    """
+    """noticeable: what a person would see of it, in `unit`, ours: for describing query sets, and one unit of it in
+    setups whose `setup.yaml` gives no typical difference."""
 
     name: str
     unit: str
     noticeable: float
-    typical: Mapping[str, float]
-
-
-def _typical(*, study_room: float, open_field: float, room: float, corridor: float, home: float) -> dict[str, float]:
-    return {"study_room": study_room, "open_field": open_field, "room": room, "corridor": corridor, "home": home}
 
 
 TABLE = (
-    Measure(
-        "min_human_distance_m",
-        "m",
-        0.2,
-        _typical(study_room=0.431, open_field=0.592, room=0.571, corridor=0.522, home=0.559),
-    ),
-    # All pass on one side of the corridor's person: 1.
-    Measure(
-        "passing_side", "", 0.3, _typical(study_room=1.049, open_field=1.545, room=1.201, corridor=1.0, home=0.659)
-    ),
-    Measure(
-        "min_clearance_m",
-        "m",
-        0.1,
-        _typical(study_room=0.167, open_field=0.244, room=0.206, corridor=0.338, home=0.173),
-    ),
-    Measure(
-        "path_length_m", "m", 0.5, _typical(study_room=0.710, open_field=1.004, room=1.755, corridor=1.173, home=0.849)
-    ),
-    Measure(
-        "accumulated_angle_rad",
-        "rad",
-        1.0,
-        _typical(study_room=3.855, open_field=18.284, room=1.373, corridor=2.242, home=2.225),
-    ),
-    Measure(
-        "speed_near_person_m_s",
-        "m/s",
-        0.1,
-        _typical(study_room=0.093, open_field=0.044, room=0.058, corridor=0.054, home=0.275),
-    ),
-    Measure("time_s", "s", 1.0, _typical(study_room=1.018, open_field=2.679, room=7.945, corridor=6.066, home=5.526)),
+    Measure("min_human_distance_m", "m", 0.2),
+    Measure("passing_side", "", 0.3),
+    Measure("min_clearance_m", "m", 0.1),
+    Measure("path_length_m", "m", 0.5),
+    Measure("accumulated_angle_rad", "rad", 1.0),
+    Measure("speed_near_person_m_s", "m/s", 0.1),
+    Measure("time_s", "s", 1.0),
 )
 MEASURES = tuple(measure.name for measure in TABLE)
 
 
-def _hall(noticeable: float, name: str, unit: str, typical: float) -> Measure:
-    return Measure(name, unit, noticeable, {"crowd_hall": typical})
-
-
 CROWD_TABLE = (
-    _hall(0.2, "min_human_distance_m", "m", 0.565),  # to the nearest pedestrian, of a centre
-    _hall(0.2, "ahead_of_people", "", 0.495),
-    _hall(0.1, "following", "", 0.114),
-    _hall(0.1, "moving_beside_people", "", 0.117),
-    _hall(1.0, "accumulated_angle_rad", "rad", 3.077),
-    _hall(0.1, "speed_near_person_m_s", "m/s", 0.110),
-    _hall(1.0, "time_s", "s", 2.635),
+    Measure("min_human_distance_m", "m", 0.2),  # to the nearest pedestrian, of a centre
+    Measure("ahead_of_people", "", 0.2),
+    Measure("following", "", 0.1),
+    Measure("moving_beside_people", "", 0.1),
+    Measure("accumulated_angle_rad", "rad", 1.0),
+    Measure("speed_near_person_m_s", "m/s", 0.1),
+    Measure("time_s", "s", 1.0),
 )
 """Among pedestrians, place by place: ahead_of_people is where the robot was for those who walked near it, +1 straight
 ahead of them (it cut in front), -1 behind; following: share of the time after somebody; moving_beside_people: share of
-the time near somebody who walks in which it did not wait. Typical differences are those of the 60 shipped pairs, which
-were chosen to differ: the hall has no ensemble."""
+the time near somebody who walks in which it did not wait."""
 
 
 def table_of(setup: str) -> tuple[Measure, ...]:
@@ -156,8 +118,17 @@ def near_person_m(nearest_m: NDArray[np.float64]) -> Doubles:
     return np.maximum(NEAR_PERSON_M, nearest_m + NEAREST_BAND_M)
 
 
+@cache
+def _typical_differences(setup: str) -> tuple[float, ...]:
+    table, given = table_of(setup), get_setup(setup).preferences.typical
+    names = [measure.name for measure in table]
+    check_names(setup, "typical", given, names)
+    return tuple(given.get(measure.name, measure.noticeable) for measure in table)
+
+
 def typical_differences(setup: str) -> Doubles:
-    """(7,) what one unit of a measure is when measures are weighed against each other, in the order of MEASURES:
-    between two trajectories of the setup's queries; where nobody has measured that, what people notice.
+    """(7,) what one unit of a measure is when measures are weighed against each other, in the order of MEASURES: as the
+    setup's file says, between two trajectories of its queries; where nobody has measured that, what people notice.
+    Raises SetupError for a file that names another measure.
     """
-    return np.array([measure.typical.get(setup, measure.noticeable) for measure in table_of(setup)])
+    return np.array(_typical_differences(setup))

@@ -19,7 +19,7 @@ from desirepath.learning.preferences.bounds import SceneBounds
 from desirepath.learning.preferences.measures import CROWD_TABLE, TABLE
 from desirepath.learning.preferences.step_terms import Steps
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import Setup, get_setup
+from desirepath.simulation.setups import Setup, check_names, get_setup
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -34,8 +34,9 @@ class Objective:
 
     name: also the key of its words (`shared.objectives.NAME`, `flow.objectives.NAME`). measured_by: one of MEASURES,
     whose table knows unit and typical difference; sign: +1 for more of that, -1 for less. step_term: (n,) in [-1, 0],
-    what a policy is rewarded by. bound: the best value of its measure that a scene allows. scale: by setup, reward per
-    step of the step term at full weight, where a conditioned policy is trained. opposite: what nobody prefers at the
+    what a policy is rewarded by. bound: the best value of its measure that a scene allows. share: where a setup's
+    file gives no scale, what its step term costs the base policy per trajectory at full weight, in parts of what the
+    goal is worth; about as in the shipped setups. opposite: what nobody prefers at the
     same time; mirrored: what it is in a world with left and right exchanged, itself where there is no side to it.
     """
 
@@ -44,7 +45,7 @@ class Objective:
     sign: int
     step_term: Callable[[Steps], Floats]
     bound: Callable[[SceneBounds], float]
-    scale: Mapping[str, float]
+    share: float
     opposite: str = ""
     mirrored: str = ""
 
@@ -54,23 +55,16 @@ class Objective:
         return _PLACES[self.measured_by]
 
 
-def _scale(open_field: float, study_room: float) -> dict[str, float]:
-    """A trajectory of the room has a third of the field's steps: the same preference needs more per step to matter."""
-    return {"open_field": open_field, "study_room": study_room}
-
-
 OBJECTIVES = (
-    Objective(
-        "farther", "min_human_distance_m", +1, step_terms.too_near, bounds.ceiling_m, _scale(3.0, 24.0), "closer"
-    ),
-    Objective("closer", "min_human_distance_m", -1, step_terms.too_far, bounds.contact_m, _scale(1.0, 7.0), "farther"),
+    Objective("farther", "min_human_distance_m", +1, step_terms.too_near, bounds.ceiling_m, 1.5, "closer"),
+    Objective("closer", "min_human_distance_m", -1, step_terms.too_far, bounds.contact_m, 1.5, "farther"),
     Objective(
         "person_on_left",
         "passing_side",
         +1,
         step_terms.person_on_right,
         bounds.straight_left,
-        _scale(1.2, 15.0),
+        0.3,
         opposite="person_on_right",
         mirrored="person_on_right",
     ),
@@ -80,50 +74,37 @@ OBJECTIVES = (
         -1,
         step_terms.person_on_left,
         bounds.straight_right,
-        _scale(1.2, 15.0),
+        0.3,
         opposite="person_on_left",
         mirrored="person_on_left",
     ),
-    Objective(
-        "clearance", "min_clearance_m", +1, step_terms.near_obstacle, bounds.start_clearance_m, _scale(2.5, 16.0)
-    ),
-    Objective("shorter", "path_length_m", -1, step_terms.detour, bounds.straight_way_m, _scale(2.0, 7.0)),
-    Objective("smoother", "accumulated_angle_rad", -1, step_terms.turning, bounds.turn_to_goal_rad, _scale(1.5, 6.0)),
+    Objective("clearance", "min_clearance_m", +1, step_terms.near_obstacle, bounds.start_clearance_m, 0.5),
+    Objective("shorter", "path_length_m", -1, step_terms.detour, bounds.straight_way_m, 0.15),
+    Objective("smoother", "accumulated_angle_rad", -1, step_terms.turning, bounds.turn_to_goal_rad, 0.4),
     Objective(
         "slower_near_person",
         "speed_near_person_m_s",
         -1,
         step_terms.fast_near_person,
         bounds.standing_m_s,
-        _scale(1.2, 10.0),
+        1.6,
     ),
-    Objective("faster", "time_s", -1, step_terms.every_step, bounds.full_speed_s, _scale(0.8, 5.0)),
+    Objective("faster", "time_s", -1, step_terms.every_step, bounds.full_speed_s, 1.6),
 )
 
 
-def _among_people(
-    name: str, measured_by: str, sign: int, term: Callable[[Steps], Floats], bound: Callable[[SceneBounds], float],
-    scale: float, opposite: str = "",
-) -> Objective:  # fmt: skip
-    return Objective(name, measured_by, sign, term, bound, {"crowd_hall": scale}, opposite)
-
-
 CROWD_OBJECTIVES = (
-    _among_people("farther", "min_human_distance_m", +1, step_terms.too_near, bounds.nearest_ceiling_m, 12.0, "closer"),
-    _among_people("closer", "min_human_distance_m", -1, step_terms.too_far, bounds.touching_m, 4.0, "farther"),
-    _among_people(
-        "cuts_in_front", "ahead_of_people", +1, step_terms.behind_people, bounds.always, 20.0, "passes_behind"
+    Objective("farther", "min_human_distance_m", +1, step_terms.too_near, bounds.nearest_ceiling_m, 1.5, "closer"),
+    Objective("closer", "min_human_distance_m", -1, step_terms.too_far, bounds.touching_m, 1.5, "farther"),
+    Objective("cuts_in_front", "ahead_of_people", +1, step_terms.behind_people, bounds.always, 2.0, "passes_behind"),
+    Objective(
+        "passes_behind", "ahead_of_people", -1, step_terms.ahead_of_people, bounds.always_behind, 2.0, "cuts_in_front"
     ),
-    _among_people(
-        "passes_behind", "ahead_of_people", -1, step_terms.ahead_of_people, bounds.always_behind, 20.0, "cuts_in_front"
-    ),
-    _among_people("follows", "following", +1, step_terms.after_nobody, bounds.always, 5.0),
-    _among_people("waits", "moving_beside_people", -1, step_terms.moving_beside_people, bounds.never, 5.0),
-    _among_people("smoother", "accumulated_angle_rad", -1, step_terms.turning, bounds.turn_to_goal_rad, 5.0),
-    _among_people(
-        "slower_near_person", "speed_near_person_m_s", -1, step_terms.fast_near_person, bounds.standing_m_s, 4.5
-    ),
-    _among_people("faster", "time_s", -1, step_terms.every_step, bounds.full_speed_s, 5.0),
+    Objective("follows", "following", +1, step_terms.after_nobody, bounds.always, 3.0),
+    Objective("waits", "moving_beside_people", -1, step_terms.moving_beside_people, bounds.never, 2.0),
+    Objective("smoother", "accumulated_angle_rad", -1, step_terms.turning, bounds.turn_to_goal_rad, 0.5),
+    Objective("slower_near_person", "speed_near_person_m_s", -1, step_terms.fast_near_person, bounds.standing_m_s, 2.0),
+    Objective("faster", "time_s", -1, step_terms.every_step, bounds.full_speed_s, 3.0),
 )
 """Among pedestrians. Each stands in the place of one of OBJECTIVES with the same sign and place of its measure, so that
 posterior, rewards and policies treat them alike; `objectives_of` says which a setup has."""
@@ -156,9 +137,12 @@ def sides_of(setup: str) -> tuple[int, ...]:
     return tuple(k for k, one in enumerate(objectives_of(setup)) if one.measured_by == "passing_side")
 
 
-def scales(setup: str) -> tuple[float, ...]:
-    """(9,) reward per step of each objective's step term at full weight, in the order of OBJECTIVES."""
-    return tuple(objective.scale[setup] for objective in objectives_of(setup))
+def scales(setup: str) -> Mapping[str, float]:
+    """Reward per step of objectives' step terms at full weight, by name, as far as the setup's file says. Raises
+    SetupError for a file that names another objective."""
+    given = get_setup(setup).preferences.scales
+    check_names(setup, "scales", given, names_of(setup))
+    return given
 
 
 def preference_weights(weights: Mapping[str, float]) -> Floats:

@@ -16,30 +16,12 @@ from numpy.typing import NDArray
 from desirepath.learning.preferences.crowd_measures import MOVES_M_S, Surroundings
 from desirepath.learning.preferences.features import obstacle_clearance_m
 from desirepath.learning.preferences.measures import CLEARANCE_CAP_M, NEAR_PERSON_M
+from desirepath.learning.preferences.setup_settings import closeness, far_enough_m
 from desirepath.simulation.setups import Setup
 
 Floats = NDArray[np.floating[Any]]
 
 
-@dataclass(frozen=True)
-class Closeness:
-    """What a step costs who prefers `closer`: `least` in any case, since staying beside the person must not be
-    free, rising to 1 over some `range_m`, from `enough_m` on: less never pays, 0.48 m is contact.
-    """
-
-    enough_m: float
-    range_m: float
-    least: float
-
-
-CLOSENESS = {
-    "open_field": Closeness(0.7, 0.8, 0.35),
-    "study_room": Closeness(0.85, 0.5, 0.1),
-    "crowd_hall": Closeness(0.8, 0.6, 0.1),
-}
-"""By setup. The room's robot is twice as fast, and a step beside the person is a larger part of its trajectory."""
-FAR_ENOUGH_M = {"open_field": 4.0, "study_room": 2.5, "crowd_hall": 2.0}
-"""By setup, where `farther` is content: little beyond the ceilings, else the goal itself is too near the person."""
 SLOW_SHARE = 0.5  # of full speed: slower than this near the person is no better
 SIDE_RANGE_M = 3.0
 ELSEWHERE = 0.05  # of a step in front, what one costs that is neither in front nor behind, where behind is preferred:
@@ -89,12 +71,12 @@ class Steps:
 
 
 def too_near(steps: Steps) -> Floats:
-    found: Floats = -np.square(np.clip(1 - steps.person_m / FAR_ENOUGH_M[steps.setup.name], 0, 1))
+    found: Floats = -np.square(np.clip(1 - steps.person_m / far_enough_m(steps.setup.name), 0, 1))
     return found
 
 
 def too_far(steps: Steps) -> Floats:
-    near_by = CLOSENESS[steps.setup.name]
+    near_by = closeness(steps.setup.name)
     apart = 1 - np.exp(-np.clip(steps.person_m - near_by.enough_m, 0, None) / near_by.range_m)
     found: Floats = -near_by.least - (1 - near_by.least) * apart
     return found

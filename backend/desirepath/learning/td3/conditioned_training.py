@@ -6,7 +6,7 @@ The policy itself lives in `conditioned.py`. All ours.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +26,7 @@ from desirepath.learning.preferences.objectives import (
     best_possible,
     mirrored_of,
     names_of,
+    objectives_of,
     preference_weights,
     scales,
     shares_of_reward,
@@ -36,39 +37,50 @@ from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
 from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
-from desirepath.simulation.fast import FastEngine, make_engine
+from desirepath.simulation.fast import FastEngine, make_engine, rollout
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.setup_parts import EpisodeReward
 from desirepath.simulation.setups import Setup, SetupError, get_setup
 
 Floats = NDArray[np.float32]
+WEIGHING_SCENES = 200
+LEAST_COST = 0.1  # of a trajectory of the base policy: what it never does has no scale beyond this
 
 
 @dataclass(frozen=True)
-class RewardWeights:
+class RewardWeights(EpisodeReward):
     """What an episode is about during this training, in reward. Evaluation and cards use the setup's core reward.
 
-    scales: per step of each objective's step term at full weight, in the order of OBJECTIVES. goal, collision,
-    self_intersection: instead of the setup's core reward: whoever pays per step must neither stay away from the goal
-    nor crash to end it, nor drive in circles. progress: per metre, more than in base training: else a step towards a
-    far goal is too small beside the preference for the critic to see, and the robot stands. time: cost of a step, since
-    waiting must not be free. turning: cost of a step of turning at full rate.
+    scales: per step of each objective's step term at full weight, in the order of OBJECTIVES.
     """
 
-    scales: tuple[float, ...]
-    goal: float
-    collision: float
-    self_intersection: float = -6.0
-    progress: float = 3.0
-    time: float = 0.1
-    turning: float = 0.15
+    scales: tuple[float, ...] = ()
 
 
-REWARD_WEIGHTS = {
-    "open_field": RewardWeights(scales=scales("open_field"), goal=30.0, collision=-30.0, progress=5.0),
-    # Time and turning are dear because robots that would rather not pass the person wait or circle.
-    "study_room": RewardWeights(scales=scales("study_room"), goal=65.0, collision=-80.0, time=0.6, turning=1.0),
-    "crowd_hall": RewardWeights(scales=scales("crowd_hall"), goal=65.0, collision=-80.0, time=0.6, turning=0.6),
-}
+def reward_weights_of(base: Policy) -> RewardWeights:
+    """Those of the base policy's setup: as its file says; scales that it does not say are measured on what the base
+    policy does on selection scenes (`Objective.share`). Raises SetupError."""
+    setup = get_setup(base.setup)
+    reward, said = setup.conditioning.reward, scales(setup.name)
+    objectives = objectives_of(setup.name)
+    measured = dict[str, float]()
+    if not all(objective.name in said for objective in objectives):
+        scenes = scene_set(setup.name, WEIGHING_SCENES, purpose=Purpose.SELECT, seed=0)
+        costs = -np.mean(
+            [
+                step_terms_of(one.actions, one.next_observations, setup).sum(axis=0, dtype=np.float64)
+                for one in rollout(setup, base.rollout_policy, scenes)
+            ],
+            axis=0,
+        )
+        costs = (costs + costs[mirrored_of(setup.name)]) / 2  # either side is worth the same
+        measured = {
+            objective.name: objective.share * reward.goal / max(float(cost), LEAST_COST)
+            for objective, cost in zip(objectives, costs, strict=True)
+        }
+    return RewardWeights(
+        **asdict(reward), scales=tuple(said.get(one.name, measured.get(one.name, 0.0)) for one in objectives)
+    )
 
 
 MIXTURES = {
@@ -95,7 +107,7 @@ class ConditionedConfig:
 
     setup: str
     seed: int = 0
-    reward_weights: RewardWeights | None = None  # None: the setup's own, from REWARD_WEIGHTS
+    reward_weights: RewardWeights | None = None  # None: `reward_weights_of` the base policy
     updates: int = 50_000
     batch_size: int = 256
     gamma: float = 0.99  # detours take longer than the setups' 0.98 looks ahead
@@ -130,33 +142,15 @@ class ConditionedConfig:
     strong_success: float = 0.975  # no strength that costs more; the bar in reports is 97 %
     recovery: bool = False  # whether the base policy frees a robot that is stuck
 
-    @property
-    def reward_in_use(self) -> RewardWeights:
-        """The reward weights given, or the setup's own."""
-        return self.reward_weights or REWARD_WEIGHTS[self.setup]
-
     def as_dict(self) -> dict[str, Any]:
-        return stored_config(replace(self, reward_weights=self.reward_in_use))
+        return stored_config(self)
 
 
-CONFIGS = {
-    "open_field": ConditionedConfig("open_field"),
-    # A robot that looks further ahead waits less: half as many timeouts (tuning scenes). More scenes and checkpoints
-    # to choose from, since what goes wrong in the room is rare: one trajectory in six hundred shuttled before furniture
-    # until its time was up. Exploration's noise ends such a loop, so the critic thinks of it as of a start (-20; in
-    # truth some hundreds below) and nothing is learned from it. No training mended that (crossing five times as dear,
-    # noise correlated in time, environments without noise, with `farther` dearer beside them in scenes where it got
-    # stuck): fewer loops cost success or what was preferred. A recovery does, with more success, too. In the open field
-    # there is nothing to get stuck at.
-    "study_room": ConditionedConfig(
-        "study_room", gamma=0.995, updates=60_000, checkpoints=8, selection_scenes=600, recovery=True
-    ),
-    # A quarter of an hour of a core. A robot that waits is not stuck, so there is no recovery.
-    "crowd_hall": ConditionedConfig(
-        "crowd_hall", updates=120_000, checkpoints=6, selection_scenes=400, strengths=(1.0, 1.25, 1.5)
-    ),
-}
-"""How the shipped ones are trained, by setup; another seed by `dataclasses.replace`."""
+def conditioned_config(base: Policy, seed: int = 0) -> ConditionedConfig:
+    """How the conditioned policy of the base policy's setup is trained: as its file says."""
+    given = get_setup(base.setup).conditioning
+    own = {one.name: getattr(given, one.name) for one in fields(given) if one.name != "reward"}
+    return ConditionedConfig(base.setup, seed, reward_weights_of(base), **own)
 
 
 @dataclass(frozen=True)
@@ -245,7 +239,8 @@ class ConditionedTraining:
 
     def __init__(self, base: Policy, config: ConditionedConfig) -> None:
         use_one_thread()
-        _check(base, config)
+        self._rewards = config.reward_weights or reward_weights_of(base)
+        _check(base, config, self._rewards)
         self.config = config
         self.setup = get_setup(config.setup)
         polar = self.setup.polar_size
@@ -262,7 +257,7 @@ class ConditionedTraining:
         self._mirror = mirror_of(self.setup)
         self.buffer = ConditionedReplayBuffer(config.buffer_size, self.setup)
         self._collect_with(base)
-        engine = training_engine(self.setup, config.reward_in_use, config.n_envs, seed=config.seed + 1)
+        engine = training_engine(self.setup, self._rewards, config.n_envs, seed=config.seed + 1)
         self._collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed + 1)
         self._weights = sample_weights(config.n_envs, config, self._random)
         self.transitions = 0
@@ -270,7 +265,7 @@ class ConditionedTraining:
     def _collect_with(self, base: Policy) -> None:
         """Fill the buffer with trajectories of the base policy, judged by weights that had no part in them."""
         config, n_envs = self.config, 256
-        engine = training_engine(self.setup, config.reward_in_use, n_envs, seed=config.seed)
+        engine = training_engine(self.setup, self._rewards, n_envs, seed=config.seed)
         collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)
         for _ in range(-(-config.base_transitions // n_envs)):
             self.buffer.rolled_out_by = sample_weights(n_envs, config, self._random)
@@ -300,7 +295,7 @@ class ConditionedTraining:
 
         Part of it is judged by the weights of other rows, part of it is mirrored; both are as true as the rollouts.
         """
-        config, reward_weights = self.config, self.config.reward_in_use
+        config, reward_weights = self.config, self._rewards
         n = config.batch_size
         (observations, actions, rewards, following, continues), terms, rolled_out_by = self.buffer.draw(
             n, self._sampler
@@ -337,9 +332,7 @@ class ConditionedTraining:
             self.agent.actor.flat.copy_(self._average)
         actor, critic = tuple(self.agent.actor.to_arrays()), tuple(self.agent.critic.to_arrays())
         self.agent.actor.flat.copy_(kept)
-        return ConditionedPolicy(
-            self.setup.name, self.shape, actor, critic, self.config.reward_in_use.scales, self._base
-        )
+        return ConditionedPolicy(self.setup.name, self.shape, actor, critic, self._rewards.scales, self._base)
 
 
 def _with_weight_inputs(arrays: tuple[Floats, ...], task_inputs: int) -> list[Floats]:
@@ -349,12 +342,12 @@ def _with_weight_inputs(arrays: tuple[Floats, ...], task_inputs: int) -> list[Fl
     return [np.concatenate([first[:task_inputs], new]), *arrays[1:]]
 
 
-def _check(base: Policy, config: ConditionedConfig) -> None:
+def _check(base: Policy, config: ConditionedConfig, reward_weights: RewardWeights) -> None:
     if base.setup != config.setup:
         raise SetupError(f"base policy is of {base.setup}, setup = {config.setup}")
     if not base.critic:
         raise LearningError("base policy has no critic: training goes on only from a file that was saved with one")
-    given = config.reward_in_use.scales
+    given = reward_weights.scales
     if len(given) != SIZE or min(given) < 0:
         raise LearningError(
             f"reward_weights.scales = {given}: {SIZE} numbers >= 0 are needed, in the order of {names_of(config.setup)}"

@@ -14,11 +14,12 @@ from sqlalchemy import select
 
 from desirepath.grammar.parts import Part
 from desirepath.grammar.words import View
+from desirepath.simulation.setup_parts import PLACES
 from desirepath.simulation.setups import preference_setups, setups_with
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Event
 from desirepath.study.kind import Kind, Moment, Page, Simulated
-from desirepath.study.personalising.live_rollouts import MOST_PLACES, condition_on
+from desirepath.study.personalising.live_rollouts import condition_on
 from desirepath.study.steps import Step
 from desirepath.study.wire import Answer, BadValue, Besides
 
@@ -95,7 +96,7 @@ class LiveStage(Part):
     """
 
     setup: Setup = "study_room"
-    scenes: int = Field(3, ge=1, le=MOST_PLACES)
+    scenes: int = Field(3, ge=1, le=PLACES)
     view: View = "top_down"
     objectives: list[str] | None = None
 
@@ -144,7 +145,7 @@ class Change(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
 
     seconds: float = Field(ge=0, le=LONGEST_S, allow_inf_nan=False)
-    place: int = Field(ge=0, lt=MOST_PLACES)
+    place: int = Field(ge=0, lt=PLACES)
     by: Literal["mouse", "touch", "pen", "keys", "button", "words", "bot"]
     objective: str = Field(max_length=40)
     weight: float = Field(ge=0, le=1, allow_inf_nan=False)

@@ -13,21 +13,14 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
+from desirepath.simulation.setup_parts import PLACES
+
 if TYPE_CHECKING:  # numba and the simulator come with these; a server that starts need not wait for them
     from desirepath.learning.policies.conditioned import ConditionedPolicy
     from desirepath.learning.policies.policy import Policy
     from desirepath.simulation.scene import Scene
     from desirepath.simulation.trajectory import Trajectory
 
-PLACES: Mapping[str, tuple[int, ...]] = {
-    "study_room": (34, 19, 3, 11, 36, 15),
-    "open_field": (24, 20, 5, 15, 27, 38),
-    "crowd_hall": (8, 37, 18, 26, 11, 19),
-}
-"""Setup -> which of the figures' scenes: of the first 40 those in which each weight alone arrives and the ways of the
-ten policies differ most in their middle, so that there is something to see. The same for everybody (ours). Elsewhere
-the first."""
-MOST_PLACES = min(map(len, PLACES.values()))
 LOOKED_AT, LEAST_LOOKED = 2, 0.1  # ours: things that are named, and the mean score below which none is
 
 
@@ -42,11 +35,13 @@ class LivePath:
 
 @lru_cache(maxsize=8)
 def scenes_of(setup: str) -> tuple[Scene, ...]:
-    """The scenes of a setup in which weights are changed."""
+    """The scenes of a setup in which weights are changed, the same for everybody: those of the figures' that its file
+    says, else the first."""
     from desirepath.learning.scene_sets import Purpose, first_seed
     from desirepath.simulation.scenes import draw_scenes
+    from desirepath.simulation.setups import get_setup
 
-    places = PLACES.get(setup, range(MOST_PLACES))
+    places = get_setup(setup).preferences.places or range(PLACES)
     return tuple(draw_scenes(setup, [first_seed(Purpose.FIGURE, 0) + place for place in places]))
 
 

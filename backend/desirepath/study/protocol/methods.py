@@ -16,6 +16,7 @@ from desirepath.grammar.conditions import Condition
 from desirepath.grammar.parts import Part
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.words import View
+from desirepath.simulation.setup_parts import PLACES
 from desirepath.simulation.setups import setups_with
 from desirepath.study.kinds.demonstration import SECONDS_PER_PATH, DemonstrationStep
 from desirepath.study.kinds.live import PersonSetup
@@ -24,7 +25,6 @@ from desirepath.study.kinds.trial import Queries, Trials, Viewing, plan_trials
 from desirepath.study.kinds.tuning import TAKES_S, TuningStep
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.kinds.words import WordsStep
-from desirepath.study.personalising.live_rollouts import MOST_PLACES
 from desirepath.study.personalising.method_robots import METHODS, Method
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.protocol.pages_around import BlockEntry, PagesAround
@@ -60,7 +60,7 @@ class MethodsStage(TaughtByMethods, PagesAround):
     choices: list[Trials] = Field([Trials(queries=Queries(count=15))], min_length=1, max_length=10)
     drawing: Drawing = Drawing()
     correct_words: bool = False
-    scenes: int = Field(3, ge=1, le=MOST_PLACES)
+    scenes: int = Field(3, ge=1, le=PLACES)
     before: list[BlockEntry] = []
     after: list[BlockEntry] = []
     between: list[BlockEntry] = []

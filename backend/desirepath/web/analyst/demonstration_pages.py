@@ -20,7 +20,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
 from desirepath.jobs.kinds import get_kind
-from desirepath.simulation.setups import DEMONSTRATION_SETUPS
+from desirepath.simulation.setups import demonstration_setups
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
@@ -204,7 +204,7 @@ def paths_page(
             others=not places and bool(attempts_of(s, study, "people" if who == "simulated" else "simulated")),
             chosen=participant,
             people=[row["code"] for row in attempts],
-            environments=sorted({environment for environment, _ in counts} & set(DEMONSTRATION_SETUPS)),
+            environments=sorted({environment for environment, _ in counts} & set(demonstration_setups())),
             controllers=[one for one in controllers if not participant or participant in one.people],
             limits={flag: t.number(limit, digits) for flag, (limit, digits) in _limits().items()},
             watch=watch,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from desirepath.perception import SHIPPED_ENCODER
-from desirepath.simulation.demonstration_scenes import SEEN_BY_DEPTH
+from desirepath.simulation.setups import has_depth_camera
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.web.core.catalogues import Catalogue
 from desirepath_stage.camera_pictures import CameraPictures
@@ -17,7 +17,7 @@ def camera_views(
     """Two per rollout where robots have a depth camera, else none. They are taken when they are asked for."""
 
     def taken() -> Sequence[CameraPictures]:
-        if not rollouts or rollouts[0].scene.setup not in SEEN_BY_DEPTH:
+        if not rollouts or not has_depth_camera(rollouts[0].scene.setup):
             return ()
         from desirepath.demonstrations.depth.seen_along import EVERY_S, frames_along, kept_of
         from desirepath.learning.shipped_files import resolve
