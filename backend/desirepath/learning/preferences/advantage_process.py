@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
+from scipy.special import expit, ndtr
 
 Doubles = NDArray[np.float64]
 ITERATIONS = 40
@@ -73,6 +73,21 @@ class AdvantageProcess:
         spread = np.linalg.solve(self.triangle, self.root[:, None] * across.T)
         return expected + across @ self.gradient, np.maximum(prior - np.square(spread).sum(0), 1e-12)
 
+    def predict(self, pairs: Seen, sharper: float = 1.0) -> Doubles:
+        """(m,) probability that the first of each pair is chosen; sharper: factor on what is expected."""
+        mean, variance = self.advantages(pairs)
+        probable: Doubles = expit(sharper * mean / np.sqrt(1 + math.pi * variance / 8))
+        return probable
+
+    def predict_and_doubt(self, pairs: Seen) -> tuple[Doubles, Doubles]:
+        """(m,) probability that the first of each pair is chosen, and bits of its answer's entropy that would be left
+        if the weights were known (Houlsby 2011); a logistic curve as a normal one."""
+        mean, variance = self.advantages(pairs)
+        mean, variance = mean / 1.6, variance / 1.6**2
+        flat = math.pi * math.log(2) / 2
+        doubt: Doubles = np.exp(-np.square(mean) / (2 * (variance + flat))) * np.sqrt(flat / (variance + flat))
+        return ndtr(mean / np.sqrt(1 + variance)), doubt
+
     def sampled(self, pairs: Seen, random: np.random.Generator, count: int) -> Doubles:
         """(m, count) what pairs differ by, drawn together from what is believed (Matheron's rule)."""
         scale = math.sqrt(self.strength)
@@ -88,6 +103,13 @@ class AdvantageProcess:
         """(columns,) posterior mean of what each column weighs, beyond the prior's mean."""
         found: Doubles = self.strength * self.seen[1].T @ self.gradient
         return found
+
+
+def entropy_bits(probabilities: Doubles) -> Doubles:
+    """Of answers with these probabilities."""
+    sure = np.clip(probabilities, 1e-9, 1 - 1e-9)
+    bits: Doubles = -(sure * np.log2(sure) + (1 - sure) * np.log2(1 - sure))
+    return bits
 
 
 def _log_likelihood(margins: Doubles) -> float:

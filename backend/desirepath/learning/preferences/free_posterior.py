@@ -20,7 +20,7 @@ from scipy.special import expit, logsumexp, ndtr
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.named import NAMES as NAMED
 from desirepath.learning.measures.pairs import PairDifferences, reference_differences
-from desirepath.learning.preferences.advantage_process import AdvantageProcess, Seen
+from desirepath.learning.preferences.advantage_process import AdvantageProcess, Seen, entropy_bits
 from desirepath.learning.preferences.measures import typical_differences
 from desirepath.learning.preferences.objectives import gains
 from desirepath.learning.preferences.population_prior import WeightPrior, shipped_priors
@@ -115,8 +115,7 @@ class FreePosterior:
         masses, predicted = self._masses, [self._few.predict(differences.seen)]
         sharper = self._sharper
         for way, seen in self._of(differences):
-            mean, variance = way.process.advantages(seen)
-            predicted.append(expit(sharper * mean / np.sqrt(1 + math.pi * variance / 8)))
+            predicted.append(way.process.predict(seen, sharper))
         found: Doubles = masses @ np.stack(predicted)
         return found
 
@@ -162,14 +161,12 @@ class FreePosterior:
         """(n,) mutual information (bits) between the answer to each pair and what is not known yet (Houlsby 2011)."""
         few = self._few
         probabilities = [few.choice_probabilities(differences.seen).astype(np.float64)]
-        predicted, certain = [probabilities[0].mean(0)], [_entropy(probabilities[0]).mean(0)]
+        predicted, certain = [probabilities[0].mean(0)], [entropy_bits(probabilities[0]).mean(0)]
         for way, seen in self._of(differences):
-            mean, variance = way.process.advantages(seen)
-            mean, variance = mean / 1.6, variance / 1.6**2  # a logistic curve as a normal one
-            predicted.append(ndtr(mean / np.sqrt(1 + variance)))
-            flat = math.pi * math.log(2) / 2
-            certain.append(np.exp(-np.square(mean) / (2 * (variance + flat))) * np.sqrt(flat / (variance + flat)))
-        found: Doubles = _entropy(self._masses @ np.stack(predicted)) - self._masses @ np.stack(certain)
+            probable, doubt = way.process.predict_and_doubt(seen)
+            predicted.append(probable)
+            certain.append(doubt)
+        found: Doubles = entropy_bits(self._masses @ np.stack(predicted)) - self._masses @ np.stack(certain)
         return np.maximum(found, 0.0)
 
     def bits_about(self, differences: PairDifferences, others: PairDifferences) -> Doubles:
@@ -275,12 +272,6 @@ class FreePosterior:
         )
         masses: Doubles = np.exp(logs - logsumexp(logs))
         return masses
-
-
-def _entropy(probabilities: Doubles) -> Doubles:
-    certain = np.clip(probabilities, 1e-9, 1 - 1e-9)
-    found: Doubles = -(certain * np.log2(certain) + (1 - certain) * np.log2(1 - certain))
-    return found
 
 
 def _typical(advantages: NDArray[np.float32]) -> Doubles:

@@ -13,21 +13,14 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, ndtr
+from scipy.special import ndtr
 
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.step_basis import Doubles
+from desirepath.learning.preferences.advantage_process import AdvantageProcess, Seen, entropy_bits
 
 STRENGTHS = (8.0, 32.0, 128.0, 512.0)
 """Variance of a typical pair's advantage, in log odds."""
-ITERATIONS = 40
-
-
-@dataclass(frozen=True)
-class _Fit:
-    mean: Doubles
-    covariance: Doubles
-    log_evidence: float
 
 
 @dataclass(frozen=True)
@@ -48,23 +41,19 @@ class StepPosterior:
     @cached_property
     def mean(self) -> Doubles:
         """(K,) posterior mean of the weights."""
-        found: Doubles = np.sum([mass * fit.mean for mass, fit in self._weighed], axis=0)
-        return found
+        mean: Doubles = np.sum([mass * process.weights() for mass, process in self._weighed], axis=0)
+        return mean
 
     def predict(self, differences: Doubles) -> Doubles:
         """(n,) probability that the first of each pair is chosen."""
-        found: Doubles = np.sum(
-            [
-                mass * expit(mean / np.sqrt(1 + math.pi * variance / 8))
-                for mass, mean, variance in self._of(differences)
-            ],
-            axis=0,
-        )
-        return found
+        pairs = _pairs(differences)
+        probable: Doubles = np.sum([mass * process.predict(pairs) for mass, process in self._weighed], axis=0)
+        return probable
 
     def advantages(self, differences: Doubles) -> tuple[Doubles, Doubles]:
         """(n,) how much better the first of each pair is expected to be, in log odds, and its standard deviation."""
-        masses, means, variances = (np.array(part) for part in zip(*self._of(differences), strict=True))
+        pairs, masses = _pairs(differences), np.array([mass for mass, _ in self._weighed])
+        means, variances = map(np.array, zip(*(of.advantages(pairs) for _, of in self._weighed), strict=True))
         expected: Doubles = masses @ means
         return expected, np.sqrt(masses @ (variances + np.square(means - expected)))
 
@@ -72,60 +61,34 @@ class StepPosterior:
         """That the first of these pairs are on average preferred to the second; that scenes are a sample is counted."""
         if not len(differences):
             return 0.5
-        found = 0.0
+        probable = 0.0
         of_scenes = np.cov(differences.T) / len(differences) if len(differences) > 1 else 0.0
-        for mass, fit in self._weighed:
-            average = differences.mean(0)
-            variance = average @ fit.covariance @ average
+        for mass, process in self._weighed:
+            mean, variance = (float(part[0]) for part in process.advantages(_pairs(differences.mean(0, keepdims=True))))
             if len(differences) > 1:
-                variance += fit.mean @ of_scenes @ fit.mean
-            found += mass * float(ndtr(average @ fit.mean / math.sqrt(variance + 1e-12)))
-        return found
+                variance += float(process.weights() @ of_scenes @ process.weights())
+            probable += mass * float(ndtr(mean / math.sqrt(variance + 1e-12)))
+        return probable
 
     def information_bits(self, differences: Doubles) -> Doubles:
         """(n,) mutual information (bits) between the answer to each pair and the weights (Houlsby 2011)."""
-        flat = math.pi * math.log(2) / 2
-        predicted, certain = np.zeros(len(differences)), np.zeros(len(differences))
-        for mass, mean, variance in self._of(differences):
-            mean, variance = mean / 1.6, variance / 1.6**2  # a logistic curve as a normal one
-            predicted += mass * ndtr(mean / np.sqrt(1 + variance))
-            certain += mass * np.sqrt(flat / (variance + flat)) * np.exp(-np.square(mean) / (2 * (variance + flat)))
-        sure = np.clip(predicted, 1e-9, 1 - 1e-9)
-        entropy = -(sure * np.log2(sure) + (1 - sure) * np.log2(1 - sure))
-        found: Doubles = np.maximum(entropy - certain, 0.0)
-        return found
-
-    def _of(self, differences: Doubles) -> list[tuple[float, Doubles, Doubles]]:
-        return [
-            (mass, differences @ fit.mean, np.einsum("ij,jk,ik->i", differences, fit.covariance, differences))
-            for mass, fit in self._weighed
-        ]
+        predicted, doubt = np.zeros(len(differences)), np.zeros(len(differences))
+        for mass, process in self._weighed:
+            probable, left = process.predict_and_doubt(_pairs(differences))
+            predicted += mass * probable
+            doubt += mass * left
+        bits: Doubles = np.maximum(entropy_bits(predicted) - doubt, 0.0)
+        return bits
 
     @cached_property
-    def _weighed(self) -> list[tuple[float, _Fit]]:
+    def _weighed(self) -> list[tuple[float, AdvantageProcess]]:
         signs = np.where(self.chosen, 1.0, -1.0)
-        fits = [_fitted(self.differences, signs, strength) for strength in STRENGTHS]
+        fits = [AdvantageProcess.after(strength, _pairs(self.differences), signs) for strength in STRENGTHS]
         evidence = np.array([fit.log_evidence for fit in fits])
         masses = np.exp(evidence - evidence.max())
         return list(zip((masses / masses.sum()).tolist(), fits, strict=True))
 
 
-def _fitted(differences: Doubles, signs: Doubles, strength: float) -> _Fit:
-    size = differences.shape[1]
-    prior = np.eye(size) / strength
-    weights = np.zeros(size)
-    for _ in range(ITERATIONS):
-        likely = expit(signs * (differences @ weights))
-        gradient = differences.T @ (signs * (1 - likely)) - weights / strength
-        step = np.linalg.solve((differences.T * (likely * (1 - likely))) @ differences + prior, gradient)
-        weights = weights + step
-        if np.abs(step).max() < 1e-6:
-            break
-    likely = expit(signs * (differences @ weights))
-    curvature = (differences.T * (likely * (1 - likely))) @ differences + prior
-    log_evidence = (
-        float(np.log(np.maximum(likely, 1e-300)).sum())
-        - float(weights @ weights) / strength / 2
-        - 0.5 * float(np.linalg.slogdet(curvature * strength)[1])
-    )
-    return _Fit(weights, np.linalg.inv(curvature), log_evidence)
+def _pairs(differences: Doubles) -> Seen:
+    """Nothing is expected of the weights beforehand."""
+    return np.zeros(len(differences)), differences
