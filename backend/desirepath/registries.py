@@ -31,20 +31,25 @@ def find_offer(group: str, lacking: str) -> Any:
 
 
 class Registry(Mapping[str, T]):
-    """group: of entry points; package: whose modules are looked at; attribute: what each plug-in's module ends with."""
+    """group: of entry points; packages: whose modules are looked at; attribute: what each plug-in's module ends with.
+    A package may lie above whoever holds the registry: it is known by name until a plug-in of it is asked for."""
 
-    def __init__(self, group: str, package: str, attribute: str) -> None:
-        self.group, self._package, self._attribute = group, package, attribute
+    def __init__(self, group: str, packages: str | tuple[str, ...], attribute: str) -> None:
+        self.group, self._attribute = group, attribute
+        self._packages = (packages,) if isinstance(packages, str) else packages
         self._loaded: dict[str, T] = {}
 
     @cached_property
     def modules(self) -> dict[str, str]:
         """Name -> module, in the names' order. Raises RegistryError where two are offered under one name."""
-        spec, found = find_spec(self._package), dict[str, str]()
-        for folder in (spec and spec.submodule_search_locations) or ():
-            for name in (module.name for module in iter_modules([folder]) if not module.ispkg):
-                if self._attribute in re.findall(r"^\w+", Path(folder, f"{name}.py").read_text("utf-8"), re.MULTILINE):
-                    found[name.rstrip("_")] = f"{self._package}.{name}"  # break_.py: Python has that word
+        found = dict[str, str]()
+        for package in self._packages:
+            spec = find_spec(package)
+            for folder in (spec and spec.submodule_search_locations) or ():
+                for name in (module.name for module in iter_modules([folder]) if not module.ispkg):
+                    text = Path(folder, f"{name}.py").read_text("utf-8")
+                    if self._attribute in re.findall(r"^\w+", text, re.MULTILINE):
+                        found[name.rstrip("_")] = f"{package}.{name}"  # break_.py: Python has that word
         for entry in entry_points(group=self.group):
             if not re.fullmatch("[a-z][a-z0-9_]*", entry.name):  # it becomes part of addresses and of file names
                 raise RegistryError(f"{self.group}: {entry.name!r} ({entry.value}) must be of a-z, 0-9 and _")
@@ -59,7 +64,7 @@ class Registry(Mapping[str, T]):
         found = {}
         for name, module in self.modules.items():
             try:
-                spec = None if module.startswith(f"{self._package}.") else find_spec(module)
+                spec = None if module.rpartition(".")[0] in self._packages else find_spec(module)
             except ModuleNotFoundError as missing:
                 raise RegistryError(f"{self.group}: {name!r} is the module {module}: {missing}") from missing
             if spec is not None and spec.origin is not None:

@@ -6,7 +6,7 @@ import pytest
 
 from desirepath.demonstrations.controllers import DWA, roll_out
 from desirepath.demonstrations.demonstration import Demonstration
-from desirepath.demonstrations.depth.controller import DepthController
+from desirepath.demonstrations.depth.depth_controller import DepthController
 from desirepath.jobs import controller_training
 from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.demonstrating import train_demonstrations

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from desirepath.analysis.estimates import mean_estimate, wilson
-from desirepath.demonstrations.depth.controller import DepthController
+from desirepath.demonstrations.depth.depth_controller import DepthController
 from desirepath.explain.ranking_sets import RankingSet
 from desirepath.installed import DATASETS
 from desirepath.learning.alignment.policy_library import PolicyLibrary

@@ -85,6 +85,14 @@ def test_policies_are_named_as_on_the_command_line(analyst: TestClient, known: S
     assert analyst.get(f"{PAGE}?policy_a=study_room/nobody").status_code == 404
 
 
+def test_a_policy_with_attention_is_explained_by_whom_it_looked_at(analyst: TestClient) -> None:
+    asked = "policy_a=crowd_corridor/attention&scene=3500000000"
+    page = analyst.get(f"{PAGE}?{asked}&lang=de", headers={"accept-language": "de"})
+    assert page.status_code == 200, page.text
+    assert "Fußgänger 1" in page.text
+    assert analyst.get(f"/lab/flow-field?{asked}").status_code == 200
+
+
 def test_german_pages_name_things_in_german(analyst: TestClient, known: SimpleNamespace) -> None:
     analyst.cookies.set("language", "de")
     page = analyst.get(

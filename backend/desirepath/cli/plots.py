@@ -90,18 +90,12 @@ def explain(
     out: FolderFlag = Path("explanation"),
     as_json: JsonFlag = False,
 ) -> None:
-    """Show what a policy's lidar saw and how much each thing moved its command (PNG, SVG, CSV)."""
-    from desirepath.explain.explanation_files import explanation_files
-    from desirepath.explain.methods import check_method
-    from desirepath.learning.policies.policy import network_of
-    from desirepath.learning.policies.torch_actor import actor_of
+    """Show how much each thing moved a policy's command; of one with attention, at whom it looked (PNG, SVG, CSV)."""
+    from desirepath.web.core.explained_policy import explain_policy
 
-    which, what = check_method(method, command)
-    found = network_of(find_policy(policy))
-    shown = _scene({policy: found}, None, scene)
-    made = explanation_files(
-        actor_of(found), found.rollout_policy, shown, name=_title(policy), method=which, command=what, at_s=at
-    )
+    explained = find_policy(policy)
+    shown = _scene({policy: explained}, None, scene)
+    made = explain_policy(explained, shown, name=_title(policy), method=method, command=command, at_s=at)
     say({**made.numbers, "files": _written(made, out)}, as_json)
 
 

@@ -6,7 +6,8 @@ The numbers are `attribution.py`'s; how a scene is drawn is `scene_plots.py`'s.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from desirepath.explain.attribution import Actor, Explanation, explain
 from desirepath.explain.flow_files import FigureFiles, table_bytes
 from desirepath.explain.flow_words import ENGLISH_EXPLANATION, ExplanationWords
 from desirepath.explain.methods import COMMANDS, AttributionError, Command, Method
+from desirepath.explain.shown_explanation import people_of
 from desirepath.explain.sight import Sight, sight_of
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy
 from desirepath.simulation.fast import rollout
@@ -51,14 +53,64 @@ def explanation_files(
     at_s: the moment of the picture, seconds; None: where the robot slowed down most, or turned most. Raises
     AttributionError for a moment outside the trajectory, SetupError for a policy without lidar.
     """
-    from desirepath.explain.scene_plots import encode_figure  # matplotlib is slow to import
-
     trajectory = rollout(get_setup(scene.setup), act, [scene])[0]
     sight = sight_of(trajectory)
     explained = explain(actor, sight, method=method, command=command)
+    scores = Scores(explained.things, explained.scores, method, command)
+
+    def draw(ax: Axes, step: int) -> None:
+        _draw_sight(ax, trajectory, sight, explained, step)
+
+    told = [_signed(sight, explained, step) for step in range(len(trajectory.actions))]
+    return _files(trajectory, scores, draw, told, name, at_s, words)
+
+
+def attended_files(
+    trajectory: Trajectory,
+    looked: NDArray[np.floating],
+    *,
+    name: str,
+    command: Command = "speed",
+    at_s: float | None = None,
+    words: ExplanationWords = ENGLISH_EXPLANATION,
+) -> FigureFiles:
+    """The same files of a policy with attention: how much it looked at each of the scene's people, (steps, people)."""
+    people = people_of(trajectory.scene)
+    scores = Scores(people, looked, "attention", command)
+
+    def draw(ax: Axes, step: int) -> None:
+        _draw_people(ax, trajectory, scores, step)
+
+    told = [[(bool(score > 0), float(score)) for score in row] for row in looked]
+    return _files(trajectory, scores, draw, told, name, at_s, words)
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What is shown of a trajectory's T moments: scores (T, things) in [0, 1] of a command, by a method."""
+
+    things: Sequence[str]
+    scores: NDArray[np.floating]
+    method: str
+    command: Command
+
+
+def _files(
+    trajectory: Trajectory,
+    explained: Scores,
+    draw: Callable[[Axes, int], None],
+    told: Sequence[Sequence[tuple[bool, float]]],
+    name: str,
+    at_s: float | None,
+    words: ExplanationWords,
+) -> FigureFiles:
+    """draw: the scene at a step. told: by step and thing, whether it is seen, and its signed attribution."""
+    from desirepath.explain.scene_plots import encode_figure  # matplotlib is slow to import
+
+    scene, method, command = trajectory.scene, explained.method, explained.command
     step = moment(trajectory, command) if at_s is None else _step_at(trajectory, at_s)
     commands = command_of(trajectory, command)
-    figure = _figure(trajectory, sight, explained, commands, step, name, words)
+    figure = _figure(trajectory, explained, draw, commands, step, name, words)
     slowest, fastest = reach(scene.setup, command)
     about = f"{method} of {name}'s {command}, {scene.setup} scene {scene.seed}, at {step * trajectory.dt:.1f} s"
     order = np.argsort(-explained.scores[step], kind="stable")
@@ -83,7 +135,7 @@ def explanation_files(
     files = {
         "explanation.png": encode_figure(figure, "png", about),
         "explanation.svg": encode_figure(figure, "svg", about),
-        "explanation.csv": table_bytes(COLUMNS, _rows(trajectory, sight, explained, commands)),
+        "explanation.csv": table_bytes(COLUMNS, _rows(trajectory, explained, told, commands)),
     }
     return FigureFiles(files, numbers)
 
@@ -116,37 +168,33 @@ def _step_at(trajectory: Trajectory, at_s: float) -> int:
 
 
 def _rows(
-    trajectory: Trajectory, sight: Sight, explained: Explanation, commands: Commands
+    trajectory: Trajectory, explained: Scores, told: Sequence[Sequence[tuple[bool, float]]], commands: Commands
 ) -> Iterator[tuple[object, ...]]:
-    """One row per moment and thing. attribution: signed, of the ray or position with the greatest one."""
-    rays = explained.inputs[:, sight.first_ray :]
+    """One row per moment and thing."""
     for step in range(len(trajectory.actions)):
         pose = [round(float(value), 4) for value in trajectory.poses[step]]
-        for k, thing in enumerate(explained.things):
-            mine = [float(value) for value in rays[step][sight.provider[step] == k]]
-            if thing == "goal":
-                mine += explained.inputs[step, :2].tolist()
-            elif thing == "person" and sight.setup.person_inputs is not None:
-                mine += explained.inputs[step, list(sight.setup.person_inputs)].tolist()
-            signed = max(mine, key=abs, default=0.0)
-            seen = thing == "goal" or bool(sight.seen[step, k])
-            score = round(float(explained.scores[step, k]), 4)
-            yield (
-                step,
-                round(step * trajectory.dt, 2),
-                *pose,
-                round(float(commands[step]), 4),
-                thing,
-                seen,
-                score,
-                signed,
-            )
+        at = (step, round(step * trajectory.dt, 2), *pose, round(float(commands[step]), 4))
+        for k, (seen, signed) in enumerate(told[step]):
+            yield (*at, explained.things[k], seen, round(float(explained.scores[step, k]), 4), signed)
+
+
+def _signed(sight: Sight, explained: Explanation, step: int) -> list[tuple[bool, float]]:
+    """By thing, whether it is seen, and the attribution, signed, of the ray or position with the greatest one."""
+    rays, found = explained.inputs[step, sight.first_ray :], list[tuple[bool, float]]()
+    for k, thing in enumerate(explained.things):
+        mine = [float(value) for value in rays[sight.provider[step] == k]]
+        if thing == "goal":
+            mine += explained.inputs[step, :2].tolist()
+        elif thing == "person" and sight.setup.person_inputs is not None:
+            mine += explained.inputs[step, list(sight.setup.person_inputs)].tolist()
+        found.append((thing == "goal" or bool(sight.seen[step, k]), max(mine, key=abs, default=0.0)))
+    return found
 
 
 def _figure(
     trajectory: Trajectory,
-    sight: Sight,
-    explained: Explanation,
+    explained: Scores,
+    draw: Callable[[Axes, int], None],
     commands: Commands,
     step: int,
     name: str,
@@ -159,7 +207,8 @@ def _figure(
 
     with mpl.rc_context(plots.STYLE):
         figure, (room, chart) = blank(2, 7.6, 3.6)
-        _room(room, trajectory, sight, explained, step)
+        draw(room, step)
+        _draw_way(room, trajectory, step)
         room.set(xlabel=words.x, ylabel=words.y)
         room.set_title(f"{name}, {step * trajectory.dt:.1f} s")
         times = np.arange(len(commands)) * trajectory.dt
@@ -184,12 +233,11 @@ def _figure(
     return figure
 
 
-def _room(ax: Axes, trajectory: Trajectory, sight: Sight, explained: Explanation, step: int) -> None:
-    """The scene at that moment: path so far and to come, pooled rays (free: thin, green), outlines by score."""
+def _draw_sight(ax: Axes, trajectory: Trajectory, sight: Sight, explained: Explanation, step: int) -> None:
+    """The scene at that moment: pooled rays (free: thin, green), outlines by score."""
     from matplotlib.patches import Circle, Polygon
 
     from desirepath.explain import scene_plots as plots
-    from desirepath.explain.flow_field import grid_of
 
     scene = trajectory.scene
     scores = dict(zip(explained.things, explained.scores[step], strict=True))
@@ -231,6 +279,33 @@ def _room(ax: Axes, trajectory: Trajectory, sight: Sight, explained: Explanation
             zorder=6,
         )
     )
+
+
+def _draw_people(ax: Axes, trajectory: Trajectory, explained: Scores, step: int) -> None:
+    """The scene at that moment with its people, each in a ring by score."""
+    from matplotlib.patches import Circle
+
+    from desirepath.explain import scene_plots as plots
+
+    scene = trajectory.scene
+    plots.draw_solids(ax, scene)
+    radius = scene.person.radius
+    for (x, y), score in zip(scene.people_at([step * trajectory.dt])[:, 0], explained.scores[step], strict=True):
+        ax.add_patch(Circle((x, y), radius, facecolor=plots.PERSON, linewidth=0, zorder=6))
+        width = THICKEST_PT * float(score)
+        ax.add_patch(Circle((x, y), radius + 0.06, fill=False, edgecolor=plots.INK, linewidth=width, zorder=7))
+    goal = (scene.goal.x, scene.goal.y)
+    ax.add_patch(Circle(goal, scene.goal_radius, fill=False, edgecolor=plots.DATA[0], linewidth=0.8, zorder=6))
+
+
+def _draw_way(ax: Axes, trajectory: Trajectory, step: int) -> None:
+    """The robot, its path so far and to come."""
+    from matplotlib.patches import Circle
+
+    from desirepath.explain import scene_plots as plots
+    from desirepath.explain.flow_field import grid_of
+
+    scene, (x, y) = trajectory.scene, trajectory.poses[step, :2]
     path = trajectory.poses
     ax.plot(path[: step + 1, 0], path[: step + 1, 1], color=plots.FIRST, linewidth=1.6, zorder=4)
     ax.plot(path[step:, 0], path[step:, 1], color=plots.FIRST, linewidth=0.8, linestyle="--", zorder=4)

@@ -40,7 +40,7 @@ class JobParamsError(ValueError):
 CONDITIONED, ADAPTABLE = "conditioned_policy", "adaptable_policy"
 WEIGHED = (CONDITIONED, ADAPTABLE)
 """Kinds of policies that take weights: of the nine objectives, or of chapter 5's three."""
-ANY_POLICY = "|".join(("policy", *WEIGHED, "attention_policy"))
+ANY_POLICY = "|".join(("policy", *WEIGHED, "attention_policy", "depth_controller"))
 """Kinds of artefact that drive."""
 
 

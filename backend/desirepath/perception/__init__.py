@@ -4,3 +4,4 @@ Networks and their training on arrays. Who records the pictures, and who acts on
 """
 
 SHIPPED_ENCODER = "home/depth_encoder"
+SHIPPED_PREDICTOR = "home/depth_predictor"

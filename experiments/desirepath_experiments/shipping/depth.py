@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from desirepath.demonstrations.depth.controller import DepthController
+from desirepath.demonstrations.depth.depth_controller import DepthController
 from desirepath.demonstrations.depth.episodes import home_episodes
 from desirepath.demonstrations.depth.judging import depth_trajectories
 from desirepath.demonstrations.depth.training import DEPARTURES, DepthTrainingConfig, senses_of
@@ -20,7 +20,7 @@ from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, file_sha256
 from desirepath.learning.queries.queries import QueryConfig, QuerySet, queries_of
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
-from desirepath.perception import SHIPPED_ENCODER
+from desirepath.perception import SHIPPED_ENCODER, SHIPPED_PREDICTOR
 from desirepath.perception.beta_vae import DepthEncoder, VaeConfig
 from desirepath.perception.predictor import PersonPredictor, PredictorConfig
 from desirepath_experiments.reproduction.depth.computing import (
@@ -35,7 +35,7 @@ from desirepath_experiments.shipping.query_sets import describe_queries
 from desirepath_experiments.shipping.storing import Request, store
 
 HOME = "home"
-ENCODER, PREDICTOR, QUERIES = SHIPPED_ENCODER, "home/depth_predictor", "home/queries_depth_12"
+ENCODER, PREDICTOR, QUERIES = SHIPPED_ENCODER, SHIPPED_PREDICTOR, "home/queries_depth_12"
 SHIPPED = {"VAE-HA": "home/depth", "VAE-ND": "home/depth_nd"}
 """Configuration -> name: who learned from demonstrations, and who did not."""
 PERCEPTION_DEPARTURES = [

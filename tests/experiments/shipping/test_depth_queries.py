@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sqlalchemy import select
 
-from desirepath.demonstrations.depth.controller import DepthController
+from desirepath.demonstrations.depth.depth_controller import DepthController
 from desirepath.demonstrations.depth.states import CONFIGURATIONS
 from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, file_sha256

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.analysis.frechet import Deviation, deviation
-from desirepath.demonstrations.depth.controller import DepthController
+from desirepath.demonstrations.depth.depth_controller import DepthController
 from desirepath.demonstrations.depth.episodes import Episodes, InOrder, people_of
 from desirepath.demonstrations.depth.states import goals_of
 from desirepath.demonstrations.depth.training import MakeSenses

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from desirepath.demonstrations.demonstration import Demonstration, augment
-from desirepath.demonstrations.depth.controller import DepthController
+from desirepath.demonstrations.depth.depth_controller import DepthController
 from desirepath.demonstrations.depth.episodes import EpisodePool, Episodes, people_of
 from desirepath.demonstrations.depth.states import DepthConfiguration, Floats, Senses, goals_of
 from desirepath.demonstrations.td3_bc.loss import Balance, update

@@ -18,6 +18,7 @@ from desirepath.simulation.npz import Arrays
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.stored import StoredArrays
+from desirepath.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from desirepath.learning.pedestrians.crowd_evaluation import CrowdRollout
@@ -36,6 +37,7 @@ class AttentionPolicy(StoredArrays, DrivingPolicy):
     arrays: dict[str, NDArray[Any]] = field(repr=False)
 
     noun, raises = "attention policy", LearningError
+    reads = "what its lidar and its descriptors see of people"
     file_format = "desirepath-attention-2"  # 1 was given both centroids, not the gap
 
     def actor(self) -> Actor:
@@ -72,6 +74,13 @@ class AttentionPolicy(StoredArrays, DrivingPolicy):
         from desirepath.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
 
         return roll_out_crowd(actor_acts(self.actor()), VARIANTS[VARIANT].given, scene)
+
+    def attended(self, scene: Scene) -> tuple[Trajectory, NDArray[np.float64]]:
+        from desirepath.learning.pedestrians.attended import as_trajectory, attention_to_people, measure_attention
+
+        rolled_out = self.rolled_out(scene)
+        looked = (np.array(rows[:-1]) for rows in measure_attention(self.actor(), rolled_out))
+        return as_trajectory(rolled_out), attention_to_people(rolled_out, *looked)
 
     def to_parts(self) -> tuple[dict[str, object], Arrays]:
         """Numbers in half precision."""

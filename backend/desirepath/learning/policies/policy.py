@@ -20,9 +20,11 @@ from desirepath.learning.policies.shape import NetworkShape
 from desirepath.registries import Registry
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy, RecoveringPolicy, Recovery
 from desirepath.simulation.npz import Arrays, npz_header
+from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.slowing import Slowing, person_distance_input
 from desirepath.simulation.stored import Stored, StoredArrays
+from desirepath.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
 
@@ -102,7 +104,12 @@ class StoredPolicy(Stored):
 
 
 class DrivingPolicy(StoredPolicy):
-    """What drives a robot of its setup. Evaluation, comparison, flow fields and exports ask no more of it."""
+    """What drives a robot of its setup. Evaluation, comparison, flow fields and exports ask no more of it.
+
+    reads: what it goes by, where that is not its setup's observation.
+    """
+
+    reads: ClassVar[str] = "states of its own"
 
     @property
     @abstractmethod
@@ -117,13 +124,23 @@ class DrivingPolicy(StoredPolicy):
         """All of it that driving needs."""
         return self
 
+    def attended(self, scene: Scene) -> tuple[Trajectory, NDArray[np.float64]]:
+        """Its rollout in the scene, and (steps, people) in [0, 1] how much it looked at each person: what explains a
+        policy that is no one network. Raises LearningError where nothing does."""
+        raise LearningError(
+            f"{type(self).__name__} of {scene.setup} reads {self.reads}: no thing in the scene can be told to have "
+            "moved it; evaluate, compare, flow-field and trajectories take it"
+        )
+
     def driving(self, weights: str = "") -> DrivingPolicy:
         if weights:
             raise LearningError(f"this policy takes no preference weights: {weights!r} needs a conditioned policy")
         return self
 
 
-FORMATS: Registry[type[StoredPolicy]] = Registry("desirepath.policies", "desirepath.learning.policies", "STORED")
+FORMATS: Registry[type[StoredPolicy]] = Registry(
+    "desirepath.policies", ("desirepath.learning.policies", "desirepath.demonstrations.depth"), "STORED"
+)
 """By the name in a stored file's format."""
 
 
@@ -144,7 +161,10 @@ def network_of(policy: DrivingPolicy) -> Policy:
     gradients and other people's formats are made of. Raises LearningError for others."""
     if not isinstance(policy, Policy):
         kind = f"{type(policy).__name__} of {policy.setup}"
-        raise LearningError(f"{kind} does not read its setup's observation alone; needed is a policy that does")
+        raise LearningError(
+            f"{kind} reads {policy.reads} and does not read its setup's observation alone; needed is a policy that "
+            "does. Its file and manifest can be had, and it is evaluated, compared and drawn as any"
+        )
     return policy
 
 

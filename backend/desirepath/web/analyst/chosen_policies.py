@@ -35,7 +35,7 @@ if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not 
 SIDES = ("a", "b")
 CONDITIONED, ADAPTABLE = "conditioned_policy", "adaptable_policy"
 WEIGHED = (CONDITIONED, ADAPTABLE)
-KINDS = ("policy", *WEIGHED)
+KINDS = ("policy", *WEIGHED, "attention_policy", "depth_controller")
 
 
 @dataclass(frozen=True)

@@ -164,16 +164,15 @@ def _options(given: Mapping[str, str]) -> Options:
 def _drawn(
     request: Request, t: Catalogue, files: ArtefactStore, asked: Asked, options: Options, side: Side
 ) -> Explained:
-    from desirepath.learning.policies.policy import network_of
-
+    method = "attention" if side.artefact.kind == "attention_policy" else options.method
     words: dict[str, Any] = {
         **{name: t(f"explanation.words.{name}") for name in ("x", "y", "time", "score", "speed", "turning")},
-        "title": t(f"explanation.titles.{options.command}", method=t(f"explanation.methods.{options.method}")),
+        "title": t(f"explanation.titles.{options.command}", method=t(f"explanation.methods.{method}")),
         "things": t.table("explanation.things"),
     }
     order = ExplanationOrder(
         side.name,
-        network_of(side.policy(files)).without_critic().to_bytes(),
+        side.policy(files).without_critic().to_bytes(),
         asked.scene_seed,
         options.method,
         options.command,

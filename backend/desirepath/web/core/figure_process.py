@@ -186,22 +186,18 @@ def _flow(asked: dict[str, Any]) -> FigureFiles:
 
 
 def _explained(asked: dict[str, Any]) -> FigureFiles:
-    from desirepath.explain.explanation_files import explanation_files
     from desirepath.explain.flow_words import ExplanationWords
-    from desirepath.explain.methods import check_method
-    from desirepath.learning.policies.policy import Policy
-    from desirepath.learning.policies.torch_actor import actor_of
+    from desirepath.learning.policies.policy import read_policy
     from desirepath.simulation.scenes import draw_scene
+    from desirepath.web.core.explained_policy import explain_policy
 
-    policy = Policy.from_bytes(base64.b64decode(asked["policy"]))
-    method, command = check_method(asked["method"], asked["command"])
-    return explanation_files(
-        actor_of(policy),
-        policy.rollout_policy,
+    policy = read_policy(base64.b64decode(asked["policy"])).driving()
+    return explain_policy(
+        policy,
         draw_scene(policy.setup, asked["scene_seed"]),
         name=asked["name"],
-        method=method,
-        command=command,
+        method=asked["method"],
+        command=asked["command"],
         at_s=asked["at_s"],
         words=ExplanationWords(**asked["words"]),
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from desirepath.analysis.frechet import Deviation
 from desirepath.demonstrations.demonstration import Demonstration
-from desirepath.demonstrations.depth.controller import DepthController
+from desirepath.demonstrations.depth.depth_controller import DepthController
 from desirepath.demonstrations.depth.episodes import MODES, YAW_STD, Episodes, home_episodes
 from desirepath.demonstrations.depth.judging import REMOVALS, judge_followed, roll_out_depth, without
 from desirepath.demonstrations.depth.states import CONFIGURATIONS
