@@ -109,7 +109,7 @@ class DrivingPolicy(StoredPolicy):
     reads: what it goes by, where that is not its setup's observation.
     """
 
-    reads: ClassVar[str] = "states of its own"
+    reads: ClassVar[str] = "its inputs in a way of its own"
 
     @property
     @abstractmethod
