@@ -34,11 +34,11 @@ class Shape:
     colours: Floats
     faces: NDArray[np.uint32]
 
-    def moved(self, x: float = 0.0, y: float = 0.0, z: float = 0.0, yaw: float = 0.0) -> Shape:
-        """The same shape turned by `yaw` (rad) about z, then shifted by (x, y, z) metres."""
+    def moved(self, x: float = 0.0, y: float = 0.0, *, yaw: float = 0.0) -> Shape:
+        """The same shape turned by `yaw` (rad) about z, then shifted by (x, y) metres."""
         c, s = math.cos(yaw), math.sin(yaw)
         turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]], np.float32)
-        shift = np.array([x, y, z], np.float32)
+        shift = np.array([x, y, 0.0], np.float32)
         return replace(self, positions=self.positions @ turn.T + shift, normals=self.normals @ turn.T)
 
     def lit(self, *, turning: bool = False) -> Shape:
@@ -77,11 +77,11 @@ def _coloured(positions: Floats, normals: Floats, faces: NDArray[np.uint32], col
     return Shape(positions.astype(np.float32), normals.astype(np.float32), colours, faces.astype(np.uint32))
 
 
-def box(size: Point, centre: Point, colour: Colour, alpha: float = 1.0) -> Shape:
+def box(size: Point, centre: Point, colour: Colour) -> Shape:
     """An upright box of full `size` (m) about `centre` (m), flat faces."""
     positions, normals, faces = _unit_box()
     corners = (positions * np.asarray(size) / 2 + np.asarray(centre)).astype(np.float32)
-    return _coloured(corners, normals, faces, colour, alpha)
+    return _coloured(corners, normals, faces, colour, 1.0)
 
 
 @cache

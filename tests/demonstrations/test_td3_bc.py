@@ -242,5 +242,5 @@ def test_who_walked_while_something_was_demonstrated_walks_on_in_exploration() -
         engine.step(np.full((32, 2), [-1.0, 0.0], dtype=np.float32))
         going |= np.abs(engine.rows[:, k.PERSON_X : k.PERSON_X + 2] - before).max(axis=1) > 0.05
     assert going.any()
-    standing = Placements([shown], near=0.5, seed=1, walking=False)
+    standing = Placements([replace(shown, scene=replace(shown.scene, walk=None))], near=0.5, seed=1)
     assert np.isnan(standing.take_walking(60)[2]).all()

@@ -6,7 +6,7 @@ NumPy alone, so that a page may use it. Intervals that stand on other distributi
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -47,9 +47,9 @@ def wilson_interval(share: float, n: float, quantile: float = Z_95) -> Interval:
     return max(0.0, min(share, centre - half)), min(1.0, max(share, centre + half))
 
 
-def resample_rows(n: int, *, seed: int = 0) -> NDArray[np.int64]:
+def resample_rows(n: int) -> NDArray[np.int64]:
     """Bootstrap samples of n rows, by their numbers in ascending order: (RESAMPLES, n)."""
-    return np.repeat(np.tile(np.arange(n), RESAMPLES), _counts(n, seed).ravel()).reshape(RESAMPLES, n)
+    return np.repeat(np.tile(np.arange(n), RESAMPLES), _counts(n, seed=0).ravel()).reshape(RESAMPLES, n)
 
 
 def resample_means(columns: Doubles, *, seed: int = 0) -> Doubles:
@@ -73,14 +73,6 @@ def interval(value: float, samples: Doubles) -> Estimate:
     return Estimate(value, float(low), float(high))
 
 
-def bootstrap(columns: Doubles, statistic: Callable[[Doubles], Doubles], *, seed: int = 0) -> Estimate:
-    """Percentile bootstrap over rows. columns: (n, k). statistic: means (m, k) -> (m,) values."""
-    if len(columns) == 0:
-        return NOTHING
-    value = float(statistic(columns.mean(0, keepdims=True))[0])
-    return interval(value, statistic(resample_means(columns, seed=seed)))
-
-
 def mean_estimates(columns: dict[str, NDArray[Any]], *, seed: int = 0) -> dict[str, Estimate]:
     """Mean of each column (n,) with its 95 % bootstrap interval; NaN for no rows."""
     together = np.stack(list(columns.values()), axis=1).astype(np.float64)
@@ -90,6 +82,6 @@ def mean_estimates(columns: dict[str, NDArray[Any]], *, seed: int = 0) -> dict[s
     return {name: interval(float(together[:, k].mean()), samples[:, k]) for k, name in enumerate(columns)}
 
 
-def mean_estimate(values: NDArray[Any] | Sequence[float], *, seed: int = 0) -> Estimate:
+def mean_estimate(values: NDArray[Any] | Sequence[float]) -> Estimate:
     """`mean_estimates` of a single column (n,)."""
-    return mean_estimates({"values": np.asarray(values)}, seed=seed)["values"]
+    return mean_estimates({"values": np.asarray(values)})["values"]

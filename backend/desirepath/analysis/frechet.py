@@ -137,23 +137,6 @@ def _whole(first: Doubles, second: Doubles, exact: float, low: float, high: floa
     return high
 
 
-@compiled_exactly
-def _discrete(first: Doubles, second: Doubles, table: Doubles) -> None:
-    """Fill table (n, m): the discrete distance of every pair of prefixes (Eiter and Mannila 1994)."""
-    for i in range(first.shape[0]):
-        for j in range(second.shape[0]):
-            apart = math.hypot(first[i, 0] - second[j, 0], first[i, 1] - second[j, 1])
-            if i == 0 and j == 0:
-                before = 0.0
-            elif i == 0:
-                before = table[0, j - 1]
-            elif j == 0:
-                before = table[i - 1, 0]
-            else:
-                before = min(table[i - 1, j], table[i, j - 1], table[i - 1, j - 1])
-            table[i, j] = max(apart, before)
-
-
 def _path(points: ArrayLike, name: str) -> Doubles:
     """(n, 2) float64. Raises ValueError naming the path."""
     path = np.ascontiguousarray(np.asarray(points, dtype=np.float64)[..., :2])
@@ -168,31 +151,21 @@ def _bounds(a: Doubles, b: Doubles) -> tuple[float, float]:
     return float(np.linalg.norm(a[0] - b[0])), float(np.linalg.norm(together.max(0) - together.min(0)))
 
 
-def frechet_distance(a: ArrayLike, b: ArrayLike, *, discrete: bool = False, exact_m: float = EXACT_M) -> float:
-    """The Frechet distance (m) between two paths (n, 2 or more) and (m, 2 or more), to `exact_m`.
-
-    discrete: between the points only, not the segments (exactly). Raises ValueError for what is no path.
-    """
+def frechet_distance(a: ArrayLike, b: ArrayLike, *, exact_m: float = EXACT_M) -> float:
+    """The Frechet distance (m) between two paths (n, 2 or more) and (m, 2 or more), to `exact_m`. Raises ValueError for
+    what is no path."""
     first, second = _path(a, "a"), _path(b, "b")
-    if discrete:
-        table = np.empty((len(first), len(second)))
-        _discrete(first, second, table)
-        return float(table[-1, -1])
     low, high = _bounds(first, second)
     low = max(low, float(np.linalg.norm(first[-1] - second[-1])))
     return float(_whole(first, second, exact_m, low - exact_m, high + exact_m))
 
 
-def prefix_distances(a: ArrayLike, b: ArrayLike, *, discrete: bool = False, exact_m: float = EXACT_M) -> Doubles:
+def prefix_distances(a: ArrayLike, b: ArrayLike, *, exact_m: float = EXACT_M) -> Doubles:
     """f(A, B, t) = inf over t' of F(A[0, t], B[0, t']) (ch. 3) at every point of A: (n,) metres, never falling.
 
     Arguments as of `frechet_distance`.
     """
     first, second = _path(a, "a"), _path(b, "b")
-    if discrete:
-        table = np.empty((len(first), len(second)))
-        _discrete(first, second, table)
-        return np.asarray(table.min(axis=1))
     low, high = _bounds(first, second)
     lows, highs = np.full(len(first), low - exact_m), np.full(len(first), high + exact_m)
     _prefixes(first, second, exact_m, lows, highs)

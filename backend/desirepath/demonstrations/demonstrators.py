@@ -54,8 +54,8 @@ def _near(distances: Doubles, personal_m: float, weight: float) -> Doubles:
     return np.asarray(weight * np.clip((personal_m - distances) / 0.4, 0.0, 1.0) ** 2)
 
 
-def _steady(places: Doubles, scene: Scene, speed: float = 0.22) -> Doubles:
-    return np.full(len(places), speed)
+def _steady(places: Doubles, scene: Scene) -> Doubles:
+    return np.full(len(places), 0.22)
 
 
 def _in_view(places: Doubles, scene: Scene) -> Doubles:

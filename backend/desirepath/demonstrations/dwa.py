@@ -45,9 +45,9 @@ def lidar_setup(setup: Setup) -> Setup:
 class Dwa:
     """The controller for one setup: observations of `lidar_setup` in, actions out, no memory."""
 
-    def __init__(self, setup: Setup, config: DwaConfig | None = None) -> None:
+    def __init__(self, setup: Setup) -> None:
         self.setup = lidar_setup(setup)
-        self.config = config or DwaConfig()
+        self.config = DwaConfig()
         angles = np.arange(self.setup.robot.lidar.beams) * (2 * math.pi / self.setup.robot.lidar.beams)
         self._directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
 

@@ -44,11 +44,11 @@ class SocialCost:
     Where walls are not observed it has to be told where it is: `steer`, not `act`.
     """
 
-    def __init__(self, scene: Scene, config: SocialCostConfig | None = None) -> None:
+    def __init__(self, scene: Scene) -> None:
         if scene.room is None:
             raise SceneError("room", None, "the social-cost controller plans in rooms")
         self._setup = get_setup(scene.setup)
-        self._scene, self._room, self._config = scene, scene.room, config or SocialCostConfig()
+        self._scene, self._room, self._config = scene, scene.room, SocialCostConfig()
         self._plan(scene.person.pose)
 
     def _plan(self, person: Pose) -> None:

@@ -25,13 +25,10 @@ class Placements:
     near: share of episodes that begin around a pose of a demonstrated trajectory, with person and goal about where they
     were at that moment. mixed: share in which each of robot, person and goal is, by chance, either there or where it is
     in a drawn scene. The others are drawn scenes of the environment, in which people stand. Who walked while something
-    was demonstrated walks on from that moment in the first two kinds (walking False: they stand there), except where
-    the person is a drawn scene's.
+    was demonstrated walks on from that moment in the first two kinds, except where the person is a drawn scene's.
     """
 
-    def __init__(
-        self, trajectories: Sequence[Trajectory], *, near: float, mixed: float = 0.0, seed: int, walking: bool = True
-    ) -> None:
+    def __init__(self, trajectories: Sequence[Trajectory], *, near: float, mixed: float = 0.0, seed: int) -> None:
         setup = get_setup(trajectories[0].scene.setup)
         self._anywhere, self._spacing = ScenePool(setup, seed), spacing_of(setup)
         self._rows = scenes_to_rows([trajectory.scene for trajectory in trajectories])
@@ -39,7 +36,7 @@ class Placements:
         self._people = [trajectory.scene.person_poses(trajectory.times) for trajectory in trajectories]
         longest = np.arange(2 * setup.max_steps + 1) * CONTROL_DT_S
         self._walks = [
-            trajectory.scene.person_poses(longest) if walking and trajectory.scene.walk is not None else None
+            trajectory.scene.person_poses(longest) if trajectory.scene.walk is not None else None
             for trajectory in trajectories
         ]
         self._near, self._mixed = near, mixed

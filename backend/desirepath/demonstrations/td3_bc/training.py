@@ -32,13 +32,10 @@ UPDATES_BETWEEN = 100  # checkpoints; closer ones are hardly different policies
 class DemonstrationTraining:
     """The training loop as an object, so that a curve can be drawn of it at any update.
 
-    walking: whether who walked while something was demonstrated walks on in exploration; False only to compare.
     Raises ValueError for no demonstrations, SetupError for those of two environments.
     """
 
-    def __init__(
-        self, demonstrations: Sequence[Demonstration], config: DemonstrationConfig, *, walking: bool = True
-    ) -> None:
+    def __init__(self, demonstrations: Sequence[Demonstration], config: DemonstrationConfig) -> None:
         if not demonstrations:
             raise ValueError("demonstrations: none given; one is needed at least")
         use_one_thread()
@@ -61,7 +58,6 @@ class DemonstrationTraining:
             near=config.near,
             mixed=config.mixed,
             seed=config.seed,
-            walking=walking,
         )
         engine = make_engine(
             self.setup, config.n_envs, seed=config.seed, pool=pool, progress_weight=config.progress_weight
