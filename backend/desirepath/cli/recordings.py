@@ -39,6 +39,10 @@ def import_(
     out: Annotated[
         Path | None, typer.Option(help="Write the query set to this file (.npz) instead of into the installation.")
     ] = None,
+    answers: Annotated[
+        Path | None,
+        typer.Option(help="CSV of answers to pairs (a, b, choice, person): becomes a snapshot to learn from."),
+    ] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Make a query set of recordings: scenes and trajectories as they were recorded, pairs given or proposed."""
@@ -47,9 +51,17 @@ def import_(
 
     if out is not None and out.suffix != ".npz":
         raise ValueError(f"--out {out}: must end with .npz")
+    if out is not None and answers is not None:
+        raise ValueError("--answers: a snapshot is kept in the installation; leave --out away")
     mapped, mapped_sha = read_mapping(mapping) if mapping is not None else (None, "")
     found = import_recordings(
-        path, setup, mapped, (mapping.name, mapped_sha) if mapping is not None else None, pairs=pairs, most=count
+        path,
+        setup,
+        mapped,
+        (mapping.name, mapped_sha) if mapping is not None else None,
+        pairs=pairs,
+        most=count,
+        answers=answers,
     )
     result = {
         "scenes": found.scenes,
@@ -62,6 +74,7 @@ def import_(
         result["file"] = str(out)
     else:
         from desirepath.store.audit import record
+        from desirepath.store.imported_answers import ImportedAnswer, save_imported_answers
         from desirepath.store.query_sets import save_query_set
 
         database, files = open_store(makes=True)
@@ -70,6 +83,11 @@ def import_(
             stored = save_query_set(s, files, found.query_set, name=name or path.stem, card={"imported": card})
             record(s, "recordings_imported", by=COMMAND_LINE, name=stored.name, files=len(card["files"]))
             result["query_set"] = stored.id
+            if found.answers:
+                given = [ImportedAnswer(one.line, query, one.choice, one.person) for query, one in found.answers]
+                source = card["files"][-1]
+                snapshot = save_imported_answers(s, files, stored, given, name=stored.name, source=source)
+                result |= {"answers": len(given), "snapshot": snapshot.id}
     say(result, as_json)
 
 

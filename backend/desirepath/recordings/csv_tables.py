@@ -14,6 +14,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -56,6 +57,7 @@ KINDS = (ROBOT, PERSON, OBSTACLE, GOAL)
 PAIR_COLUMNS = ("a", "b")
 DELIMITERS = ",;\t"
 MOST_COLUMNS = 500
+LONGEST_CODE = 40
 _BRACKETED = re.compile(r"(?P<name>[^\[(]*?)[ _]*[\[(] *(?P<unit>[^\])]*?) *[\])]")
 
 
@@ -114,6 +116,44 @@ def read_pairs(path: Path, bounds: Bounds = BOUNDS) -> list[tuple[str, str]]:
             raise RecordingError(path.name, "line 1", heads[:10], f"column {column!r} is missing; pairs need a and b")
     a, b = (names.index(column) for column in PAIR_COLUMNS)
     return [(row[a].strip(), row[b].strip()) for _, row in rows]
+
+
+@dataclass(frozen=True)
+class GivenAnswer:
+    """A line of a file of answers: runs a and b, which of them was chosen, and by whom (a pseudonym)."""
+
+    line: int
+    a: str
+    b: str
+    choice: Literal["a", "b"]
+    person: str
+
+
+def read_answers(path: Path, bounds: Bounds = BOUNDS) -> tuple[list[GivenAnswer], str]:
+    """Answers of a CSV with the columns a, b, choice (a, b or the run's name) and, where several people answered,
+    person; and the sha256 of the file."""
+    content = read_bounded(path, bounds.json_bytes)
+    heads, rows = _table(path.name, content, bounds)
+    names = [head.strip().lower() for head in heads]
+    for column in (*PAIR_COLUMNS, "choice"):
+        if column not in names:
+            problem = f"column {column!r} is missing; answers need a, b, choice and may have person"
+            raise RecordingError(path.name, "line 1", heads[:10], problem)
+    found = []
+    for line, row in rows:
+        of = dict(zip(names, (cell.strip() for cell in row), strict=True))
+        chosen = next((side for side in ("a", "b") if of["choice"] in (side, side.upper(), of[side])), None)
+        if chosen is None:
+            raise RecordingError(
+                path.name, f"line {line}, column choice", of["choice"], f"must be a, b, {of['a']} or {of['b']}"
+            )
+        person = of.get("person", "") or "1"
+        if len(person) > LONGEST_CODE:
+            raise RecordingError(path.name, f"line {line}, column person", person, f"at most {LONGEST_CODE} characters")
+        found.append(GivenAnswer(line, of["a"], of["b"], "a" if chosen == "a" else "b", person))
+    if not found:
+        raise RecordingError(path.name, "", None, "holds no answer")
+    return found, sha256_of(content)
 
 
 def is_pairs(path: Path) -> bool:

@@ -32,13 +32,15 @@ SUFFIXES = {".csv": csv_tables.FORMAT, ".json": socnav3.FORMAT, **bags.SUFFIXES}
 
 @dataclass(frozen=True)
 class Imported:
-    """A query set of recordings. lineage: file, format and sha256 of all that it was made from."""
+    """A query set of recordings. lineage: file, format and sha256 of all that it was made from. answers: where some
+    were given, each with which of the set's queries it is about."""
 
     query_set: QuerySet
     scenes: int
     trajectories: int
     warnings: tuple[str, ...]
     lineage: tuple[dict[str, str], ...]
+    answers: tuple[tuple[int, csv_tables.GivenAnswer], ...] = ()
 
     def recorded_card(self) -> dict[str, Any]:
         """What the set's card says of where it is from."""
@@ -53,10 +55,12 @@ def import_recordings(
     *,
     pairs: Pairs | None = None,
     most: int = 200,
+    answers: Path | None = None,
     bounds: Bounds = BOUNDS,
 ) -> Imported:
     """Read all recordings at `path`, a file or a folder of them. mapping_file: its name and sha256. pairs: default
-    those that are given, where any are. most: pairs that are proposed.
+    those that are given, where any are. most: pairs that are proposed. answers: a CSV (a, b, choice, person); its pairs
+    are the queries.
 
     Raises RecordingError, SetupError for an unknown setup or one whose measures need what no recording has.
     """
@@ -72,7 +76,10 @@ def import_recordings(
         raise RecordingError(path.name, "runs", len(recordings), f"at most {bounds.runs} are read")
     recordings = [_placed(one, mapping) for one in recordings]
     converted = [convert(one, of, bounds) for one in recordings]
+    given, answers_sha = csv_tables.read_answers(answers, bounds) if answers is not None else ([], "")
     named = [*mapping.pairs, *(csv_tables.read_pairs(pair_file, bounds) if pair_file else ())]
+    if answers is not None:
+        pair_file, pairs, named = answers, "given", list(dict.fromkeys((one.a, one.b) for one in given))
     if pairs == "given" and not named:
         raise RecordingError(
             path.name, "pairs", None, "none are given; a file pairs.csv (a, b) or `pairs` in the mapping"
@@ -91,7 +98,11 @@ def import_recordings(
     lineage = [dict(zip(("file", "format", "sha256"), source, strict=True)) for source in sorted(sources)]
     if mapping_file is not None:
         lineage.append({"file": mapping_file[0], "format": "mapping", "sha256": mapping_file[1]})
+    if answers is not None:
+        lineage.append({"file": answers.name, "format": "answers", "sha256": answers_sha})
+    place = {pair: number for number, pair in enumerate(named)}
     return Imported(
+        answers=tuple((place[one.a, one.b], one) for one in given),
         query_set=QuerySet(setup, queries, filtered),
         scenes=len({one.scene for one in converted}),
         trajectories=len(converted),

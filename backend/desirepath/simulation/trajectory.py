@@ -63,6 +63,11 @@ class Trajectory(Stored):
     def duration_s(self) -> float:
         return float((len(self.poses) - 1) * self.dt)
 
+    @property
+    def recorded_steps(self) -> bool:
+        """Whether observations and actions are known, as they are of every rollout."""
+        return bool(self.observations.shape[1] and self.actions.shape[1])
+
     noun = "trajectory"
 
     def to_bytes(self) -> bytes:

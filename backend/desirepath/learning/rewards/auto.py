@@ -69,7 +69,7 @@ def choose_reward_model(
         return lambda given: fit_mlp_ensemble(given, config, left_right_symmetry=left_right_symmetry)
 
     fits: dict[str, Fit] = {"weights": lambda given: fit_weights(given, posterior)}
-    if len(kept) < fewest:
+    if len(kept) < fewest or not all(one.recorded_steps for pair in kept for one in (pair.chosen, pair.rejected)):
         return ChosenModel("weights", fits["weights"](kept), {}, len(kept))
     fits |= {"mlp_ensemble_sum": of_networks("sum"), "mlp_ensemble_mean": of_networks("mean")}
     likelihoods = {name: held_out_log_likelihood(kept, fit, folds=folds, seed=seed) for name, fit in fits.items()}
