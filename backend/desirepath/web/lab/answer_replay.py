@@ -192,7 +192,8 @@ def _with_reasons(
     if seen.trial is None or not isinstance(seen.shown, SeenQuery):
         return seen
     trajectories = (seen.shown.a,) if seen.shown.alone else (seen.shown.a, seen.shown.b)
-    policies = policies_for(s, request, seen.trial, seen.shown.a.scene.setup)
+    stepped = all(one.recorded_steps for one in trajectories)  # else there is nothing that a policy would look at
+    policies = policies_for(s, request, seen.trial, seen.shown.a.scene.setup) if stepped else []
     t = services_of(request).texts.get(lab_language(request))
     found = reasons_of(
         files, t, trajectories, policies, asked=policy, command=command, shown=seen.shown.explained
