@@ -143,7 +143,7 @@ def test_a_sweep_is_spread_over_machines_and_goes_on_where_it_was(postgres_serve
         assert told[3:].count("summed") == 1
         with database.session() as s:
             assert len(s.query(Job).all()) == 5
-        assert Work(tmp_path / "second").load(whole.key).meta["sum"] == 6
+        assert Work(tmp_path / "second").load(whole).meta["sum"] == 6
         assert sweep("second", [whole]) == 0
         with database.session() as s:
             ArtefactStore(artefacts).delete(s.get_one(TaskFile, parts[0].key).sha256)

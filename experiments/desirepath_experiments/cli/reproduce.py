@@ -98,7 +98,7 @@ def _compute_on(on: Where, chapter: str) -> Iterator[None]:
         return
     from desirepath.cli.study import open_store
     from desirepath_experiments.reproduction.on_workers import Queue
-    from desirepath_experiments.reproduction.running import ELSEWHERE
+    from desirepath_experiments.reproduction.tasks import ELSEWHERE
 
     database, files = open_store()
     before = ELSEWHERE.set(Queue(chapter, database, files, created_by=COMMAND_LINE))

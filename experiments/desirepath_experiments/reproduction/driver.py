@@ -1,80 +1,92 @@
 """The one way in which every chapter is reproduced: plan, compute what is missing, figures, results, card, report.
 
-A chapter is a module `NAME/run.py` with a `CHAPTER`: its budgets, its tasks, and what it makes of them once they are
-finished, beside what was printed.
+A chapter is a package `NAME` whose `chapter.py` has a `CHAPTER`; its budgets stand in `budgets.yaml`, what was printed
+in `published/NAME.yaml`, what its report says in `reports/NAME.yaml`.
 """
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from desirepath.explain.printed import Section
-from desirepath.learning.cards import Card, card_path, file_sha256
-from desirepath_experiments.reproduction.chapter_report import REPORT, RESULTS, Fact, facts_of, write_report
-from desirepath_experiments.reproduction.running import Tell, compute, write_results
-from desirepath_experiments.reproduction.tasks import Function, Run, Task, TaskResult, Work
+import yaml
+from pydantic import ConfigDict, TypeAdapter
+
+from desirepath.explain.printed import Shown, embed_picture
+from desirepath.learning.cards import Card, card_path, file_sha256, short
+from desirepath_experiments.reproduction.published import published
+from desirepath_experiments.reproduction.reports import fill, report_of, sentences, write_compared, write_report
+from desirepath_experiments.reproduction.tasks import Function, Load, Run, Task, Tell, Work, compute
+
+if TYPE_CHECKING:
+    from desirepath_experiments.reproduction.figures import Drawn
 
 NAMES = ("enquery", "demonstrations", "interface", "adaptable", "depth", "pedestrians", "explanations")
 ALWAYS_ANSWERED = ("budget", "seconds", "computed", "core_seconds", "commit")
-
-
-@dataclass(frozen=True)
-class Finished:
-    """What a chapter makes its results of: a plan all of whose tasks are stored. figures: a folder for them."""
-
-    plan: Any
-    load: Callable[[str], TaskResult]
-    run: Run
-    figures: Path
-    tell: Tell
+REPORT, RESULTS, COMPARED = "report.html", "results.json", "compared.csv"
+B = TypeVar("B")
 
 
 @dataclass(frozen=True)
 class Made:
     """What a chapter came to.
 
-    results: what results.json holds besides the run; head: what the report's first lines say; more: of its template;
-    facts: instead of the usual ones with those `further`; answer: what the command says besides `ALWAYS_ANSWERED`;
-    files: figures that were drawn; card: the fields of a card (`Card`) that only the chapter knows.
+    results: what results.json holds besides the run, and the report names; more: what only the report names; answer:
+    what the command says besides `ALWAYS_ANSWERED`; drawn: figures; card: the fields of a card (`Card`) that only the
+    chapter knows, where its report has one.
     """
 
     results: Mapping[str, Any]
-    head: Mapping[str, Any]
-    sections: Sequence[Section]
-    further: Sequence[Fact] = ()
-    facts: Sequence[Fact] | None = None
     more: Mapping[str, Any] = field(default_factory=dict)
     answer: Mapping[str, Any] = field(default_factory=dict)
-    files: Sequence[Path] = ()
-    card: Mapping[str, Any] | None = None
+    drawn: Sequence[Drawn] = ()
+    card: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Chapter:
     """A published chapter. plan: of a budget and the chapter's `options`, which have these values if nobody says, as
-    `processes` has."""
+    `processes` has: a dataclass that holds the budget and tasks. make: of a plan all of whose tasks are stored."""
 
     name: str
     budgets: Mapping[str, Any]
     functions: Mapping[str, Function]
     plan: Callable[..., Any]
-    tasks: Callable[[Any], Sequence[Task]]
-    make: Callable[[Finished], Made]
-    task_name: Callable[[Task], str] = lambda task: task.kind.replace("_", " ")
+    make: Callable[[Any, Load], Made]
     options: Mapping[str, Any] = field(default_factory=dict)
     processes: int = 2
+
+
+def read_budgets(chapter: str, kind: type[B]) -> dict[str, B]:
+    """A chapter's budgets by name. Raises ValueError for a file that says something else."""
+    written = yaml.safe_load(Path(__file__).with_name("budgets.yaml").read_text(encoding="utf-8"))[chapter]
+    named = {name: {"name": name, **settings} for name, settings in written.items()}
+    read = TypeAdapter(dict[str, kind], config=ConfigDict(extra="forbid"))  # type: ignore[valid-type]
+    return read.validate_json(json.dumps(named))
 
 
 def chapter_named(name: str) -> Chapter:
     """Raises LookupError for a chapter that is not reproduced."""
     if name not in NAMES:
         raise LookupError(f"chapter {name!r}: known are {', '.join(NAMES)}")
-    chapter: Chapter = import_module(f"{__package__}.{name}.run").CHAPTER
+    chapter: Chapter = import_module(f"{__package__}.{name}.chapter").CHAPTER
     return chapter
+
+
+def tasks_in(plan: object) -> list[Task]:
+    """All tasks that a plan holds, in its fields' order."""
+    if isinstance(plan, Task):
+        return [plan]
+    if isinstance(plan, Mapping):
+        return [task for part in plan.values() for task in tasks_in(part)]
+    if isinstance(plan, list | tuple):
+        return [task for part in plan for task in tasks_in(part)]
+    return [task for part in fields(plan) for task in tasks_in(getattr(plan, part.name))] if is_dataclass(plan) else []
 
 
 def reproduce(
@@ -98,36 +110,83 @@ def reproduce(
         known = ", ".join(chapter.options) or "none"
         raise LookupError(f"{', '.join(unknown)}: not of chapter {chapter.name}, whose options are: {known}")
     plan = chapter.plan(budget, **{**chapter.options, **options})
+    processes = chapter.processes if processes is None else processes
     work = Work(out / "work")
     with work.claimed():
-        run = compute(
-            list(chapter.tasks(plan)),
-            chapter.functions,
-            work,
-            command=command,
-            processes=chapter.processes if processes is None else processes,
-            tell=tell,
-            name=chapter.task_name,
+        run = compute(tasks_in(plan), chapter.functions, work, command=command, processes=processes, tell=tell)
+        tell("drawing")
+        made = chapter.make(plan, work.load)
+        values = {"plan": plan, "budget": plan.budget, "run": run, "published": published(chapter.name)}
+        values |= {**made.results, **made.more}
+        files, shown = _save_figures(chapter.name, made.drawn, values, out / "figures")
+        brief = sentences(report_of(chapter.name).brief, values)
+        summary = write_results(
+            out / RESULTS, run, plan.budget, {**made.results, **({"brief": brief} if brief else {})}
         )
-        made = chapter.make(Finished(plan, work.load, run, out / "figures", tell))
-        summary = write_results(out / RESULTS, run, budget, **made.results)
-        if made.card is not None:
-            _save_card(chapter, budget, run, out / RESULTS, made.card)
-        facts = facts_of(run, *made.further) if made.facts is None else made.facts
-        write_report(out, chapter.name, run, head=made.head, sections=made.sections, facts=facts, **made.more)
-    answer = {key: summary[key] for key in ALWAYS_ANSWERED} | dict(made.answer)
-    drawn = {"figures": [str(path) for path in made.files]} if made.files else {}
+        _save_card(chapter.name, out / RESULTS, made, values, brief)
+        write_compared(out / COMPARED, chapter.name, values)
+        write_report(out / REPORT, chapter.name, values, shown)
+    answer = {key: summary[key] for key in ALWAYS_ANSWERED} | dict(made.answer) | ({"brief": brief} if brief else {})
+    drawn = {"figures": files} if files else {}
     return {"report": str(out / REPORT), "results": str(out / RESULTS), **drawn, **answer}
 
 
-def _save_card(chapter: Chapter, budget: Any, run: Run, results: Path, fields: Mapping[str, Any]) -> None:
-    """What the numbers were made of and how, beside them like every other artefact's card."""
-    given = {"name": f"{chapter.name}/reproduce_{budget.name}", **fields}
+def _save_figures(
+    chapter: str, drawn: Sequence[Drawn], values: Mapping[str, Any], folder: Path
+) -> tuple[list[str], list[Shown]]:
+    """The files of all figures, and those that are shown in the report."""
+    files, shown = [], []
+    for one in drawn:
+        if not one.rows:
+            files.append(str(one.save_alone(folder)))
+            continue
+        words, known = report_of(chapter).figures[one.kind], {**values, **one.about}
+        picture = one.picture(fill(words.title, known), fill(words.caption, known))
+        files += [str(path) for path in picture.save(folder)]
+        shown.append(embed_picture(picture, folder))
+    return files, shown
+
+
+def write_results(path: Path, run: Run, budget: Any, results: Mapping[str, Any]) -> dict[str, Any]:
+    """Write results.json: run, budget, `results` and what is known of every task. Returns what stands in it."""
+    told = ("processes", "seconds", "computed", "core_seconds")
+    written: dict[str, Any] = {"command": run.command, "commit": run.commit, "budget": asdict(budget)}
+    written |= {**{key: getattr(run, key) for key in told}, "simulated": True, **results, "tasks": run.made}
+    path.write_text(json.dumps(short(plain(written)), indent=1) + "\n", encoding="utf-8")
+    return written
+
+
+def plain(value: Any) -> Any:
+    """JSON has no NaN: null instead."""
+    if isinstance(value, Mapping):
+        return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _save_card(chapter: str, results: Path, made: Made, values: Mapping[str, Any], brief: list[str]) -> None:
+    """What the numbers were made of and how, beside them like every other artefact's card, where the report has one."""
+    report, budget, run = report_of(chapter), values["budget"], values["run"]
+    if report.card is None:
+        return
+    words = report.card
+    card = {
+        "seed": budget.seeds[0] if hasattr(budget, "seeds") else values["seed"],
+        "scenes": {name: fill(text, values) for name, text in words.scenes.items()},
+        "departures": report.departures,
+        "results": made.answer or {"brief": brief},
+        **made.card,
+    }
+    card["results"] = {**card["results"], "core_seconds": run.core_seconds}
     Card(
         kind="reproduction",
+        name=f"{words.name or chapter}/reproduce_{budget.name}",
+        setup=fill(words.setup, values),
+        notes=words.notes,
         file=results.name,
         sha256=file_sha256(results),
         command=run.command,
         commit=run.commit,
-        **{**given, "results": {**given["results"], "core_seconds": run.core_seconds}},
+        **card,
     ).save(card_path(results))

@@ -1,6 +1,7 @@
 """Work that survives being killed: tasks, each stored in one file named by the hash of all that its result depends on.
 
-What the tasks of a chapter compute lives in that chapter's module; here live storing, ordering and running them.
+What the tasks of a chapter compute lives in that chapter's module; here live storing, ordering and running them, on
+this machine or on an installation's workers, and telling how long that takes.
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
+import math
 import multiprocessing
 import os
 import threading
@@ -15,17 +17,22 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from multiprocessing.connection import wait as wait_for
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.cards import source_commit
 from desirepath.simulation.npz import from_npz, to_npz
+
+if TYPE_CHECKING:
+    from desirepath_experiments.reproduction.on_workers import Queue
 
 FORMAT = "desirepath-piece-1"
 PARTIAL = ".partial"
@@ -47,14 +54,22 @@ class Task:
     @property
     def key(self) -> str:
         """Kind and hash: the name of its file."""
-        identity = {
-            "format": FORMAT,
-            "kind": self.kind,
-            "params": self.params,
-            "needs": [need.key for need in self.needs],
-        }
+        needs = [need.key for need in self.needs]
+        identity = {"format": FORMAT, "kind": self.kind, "params": self.params, "needs": needs}
         digest = hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
         return f"{self.kind}-{digest[:20]}"
+
+    @property
+    def name(self) -> str:
+        """What people are told of it: its kind with the settings that tell it from others."""
+        settings = {**self.params, **self.params.get("config", {})}
+        return " ".join([self.kind.replace("_", " "), *(f"{settings[key]}" for key in TOLD if key in settings)])
+
+
+TOLD = (
+    "variant", "configuration", "view", "source", "style", "controller", "planner", "learner", "environment", "recipe",
+    "queries", "kappa", "seed", "until",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -64,9 +79,21 @@ class TaskResult:
     meta: dict[str, Any]
     arrays: dict[str, NDArray[Any]]
 
+    def content(self, name: str) -> bytes:
+        """A file that was stored as an array of bytes."""
+        return self.arrays[name].tobytes()
+
+
+def as_bytes(content: bytes) -> NDArray[np.uint8]:
+    """A file as an array, to be stored with others."""
+    return np.frombuffer(content, dtype=np.uint8)
+
 
 Function = Callable[[dict[str, Any], Sequence[TaskResult]], TaskResult]
 """(params, results of the needs) -> result; runs in any process, so it must be a module's function."""
+Load = Callable[[Task], TaskResult]
+Tell = Callable[[str], None]
+ELSEWHERE: ContextVar[Queue | None] = ContextVar("where tasks are computed, if not by this machine", default=None)
 
 
 def to_bytes(made: TaskResult) -> bytes:
@@ -91,11 +118,8 @@ class Work:
     def has(self, task: Task) -> bool:
         return self.path(task.key).is_file()
 
-    def load(self, task_key: str) -> TaskResult:
-        return from_bytes(self.path(task_key).read_bytes())
-
-    def store(self, task_key: str, made: TaskResult) -> None:
-        self.store_bytes(task_key, to_bytes(made))
+    def load(self, task: Task) -> TaskResult:
+        return from_bytes(self.path(task.key).read_bytes())
 
     def store_bytes(self, task_key: str, content: bytes) -> None:
         """Store what `to_bytes` made, perhaps on another machine."""
@@ -140,8 +164,8 @@ def computed(
 def finish_task(functions: Mapping[str, Function], folder: Path, task: Task) -> float:
     """Compute and store one task whose needs are stored; returns its seconds. Runs in any process."""
     work = Work(folder)
-    made = computed(functions, task.kind, task.params, [work.load(need.key) for need in task.needs])
-    work.store(task.key, made)
+    made = computed(functions, task.kind, task.params, [work.load(need) for need in task.needs])
+    work.store_bytes(task.key, to_bytes(made))
     return float(made.meta["made"]["seconds"])
 
 
@@ -191,7 +215,7 @@ def results_of(
         work = Work(folder or Path(made_here))
         with work.claimed():
             finish(tasks, functions, work, processes=processes, on_task=lambda *_: None)
-            return [work.load(task.key) for task in tasks]
+            return [work.load(task) for task in tasks]
 
 
 def finish(
@@ -256,3 +280,45 @@ def _end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
+
+
+def time_in_words(seconds: float) -> str:
+    """Minutes up to two hours, then hours."""
+    return f"{math.ceil(seconds / 60)} min" if seconds < 7_200 else f"{seconds / 3_600:.1f} h"
+
+
+def estimate_in_words(wanted: Sequence[Task], work: Work, processes: int) -> str:
+    """How long what is missing of these tasks and of those they need still takes this machine, about."""
+    tasks = in_order(wanted)
+    missing = [task for task in tasks if not work.has(task)]
+    if not missing:
+        return f"All {len(tasks)} tasks are stored already."
+    seconds = sum(task.seconds for task in missing)
+    return (
+        f"{len(missing)} of {len(tasks)} tasks to compute, about {time_in_words(seconds)} of one core; with "
+        f"{processes} processes about {time_in_words(seconds / processes)} if each has a core."
+    )
+
+
+def compute(
+    wanted: Sequence[Task], functions: Mapping[str, Function], work: Work, *, command: str, processes: int, tell: Tell
+) -> Run:
+    """Compute what is missing of these tasks and those they need, telling of each when it is finished.
+
+    Raises ValueError for a number of processes that cannot be.
+    """
+    # numba and BLAS read these when a process begins; tasks are computed one thread each
+    os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+    began = time.perf_counter()
+    tell(estimate_in_words(wanted, work, processes))
+
+    def report(task: Task, done: int, todo: int, left: float) -> None:
+        tell(f"[{done}/{todo}] {task.name}; about {time_in_words(left)} left")
+
+    elsewhere = ELSEWHERE.get()
+    if elsewhere is None:
+        computed = finish(wanted, functions, work, processes=processes, on_task=report)
+    else:
+        computed = elsewhere.finish(wanted, work, on_task=report, workers=processes)
+    made = {task.key: work.load(task).meta["made"] for task in in_order(wanted)}
+    return Run(command, source_commit(), processes, time.perf_counter() - began, computed, made)

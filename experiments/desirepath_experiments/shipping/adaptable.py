@@ -10,10 +10,10 @@ from typing import Any
 
 from desirepath.learning.cards import Card
 from desirepath.learning.scene_sets import Purpose, describe
+from desirepath_experiments.reproduction.adaptable.chapter import row_of
 from desirepath_experiments.reproduction.adaptable.computing import FUNCTIONS
-from desirepath_experiments.reproduction.adaptable.departures import DEPARTURES
 from desirepath_experiments.reproduction.adaptable.plan import BUDGETS, OURS, PROGRAMMED, make_plan
-from desirepath_experiments.reproduction.adaptable.results import row_of
+from desirepath_experiments.reproduction.reports import report_of
 from desirepath_experiments.reproduction.tasks import results_of
 from desirepath_experiments.shipping.storing import Request
 
@@ -30,7 +30,7 @@ def ship_adaptable(request: Request) -> list[Card]:
             "Simulated: the demonstration is programmed (section 5.3.4.3).",
             f"{made['cpu_seconds']:.0f} seconds of one core, finished {made['finished']}.",
         ]
-        common = {"commit": made["commit"], "departures": DEPARTURES, "notes": notes}
+        common = {"commit": made["commit"], "departures": report_of("adaptable").departures, "notes": notes}
         return request.store(kind, name, content, f"adaptable {request.setup}", **common, **fields)
 
     params, config = demonstration.meta["params"], policy.meta["config"]

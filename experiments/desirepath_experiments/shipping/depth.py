@@ -23,13 +23,13 @@ from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.perception import SHIPPED_ENCODER, SHIPPED_PREDICTOR
 from desirepath.perception.beta_vae import DepthEncoder, VaeConfig
 from desirepath.perception.predictor import PersonPredictor, PredictorConfig
+from desirepath_experiments.reproduction.depth.chapter import BUDGETS, make_plan
 from desirepath_experiments.reproduction.depth.computing import (
     EXPLORED_SEED,
     FUNCTIONS,
     HELD_OUT_HOMES,
     RECORDED_SEED,
 )
-from desirepath_experiments.reproduction.depth.plan import BUDGETS, make_plan
 from desirepath_experiments.reproduction.tasks import Task, Work, in_order, results_of
 from desirepath_experiments.shipping.query_sets import describe_queries
 from desirepath_experiments.shipping.storing import Request, store
@@ -171,7 +171,7 @@ def ship_queries(folder: Path, budget: str = "small", config: QueryConfig = SHOW
 def _core_seconds(task: Task, work: Path) -> float:
     """Of one core: this task and all that it needs."""
     kept = Work(work)
-    return sum(float(kept.load(one.key).meta["made"]["cpu_seconds"]) for one in in_order([task]))
+    return sum(float(kept.load(one).meta["made"]["cpu_seconds"]) for one in in_order([task]))
 
 
 def _store(kind: str, name: str, content: bytes, folder: Path, budget: str, **fields: Any) -> Card:

@@ -11,14 +11,14 @@ import pytest
 
 from desirepath.learning.adaptable.objectives import thesis_vectors
 from desirepath_experiments.reproduction.adaptable import computing
+from desirepath_experiments.reproduction.adaptable.chapter import CHAPTER, along_edges, bars
 from desirepath_experiments.reproduction.adaptable.plan import BUDGETS, NO_PERSON, OURS, SAC, AdaptableBudget, make_plan
-from desirepath_experiments.reproduction.adaptable.published_numbers import TABLE
-from desirepath_experiments.reproduction.adaptable.results import along_edges, bars
-from desirepath_experiments.reproduction.adaptable.run import CHAPTER
-from desirepath_experiments.reproduction.driver import reproduce
+from desirepath_experiments.reproduction.driver import reproduce, tasks_in
+from desirepath_experiments.reproduction.published import published
 from desirepath_experiments.reproduction.tasks import Task, Work
 from desirepath_experiments.training.adaptable.training import AdaptableConfig
 
+TABLE = published("adaptable")["table_5_1"]
 TINY = AdaptableBudget("tiny", (0,), 20, 150, 45, 16, 2, 2, (SAC,), per_pair=1, alone=True)
 
 
@@ -68,7 +68,7 @@ def test_the_whole_budget_has_three_seeds_and_every_baseline() -> None:
     assert {variant for variant, _ in plan.trained} == set(TABLE)
     hidden = plan.trained[NO_PERSON, 0]
     assert hidden.params["config"]["without_person"]
-    assert all(isinstance(task, Task) for task in plan.tasks())
+    assert all(isinstance(task, Task) for task in tasks_in(plan))
 
 
 def test_a_measure_that_follows_its_weight_correlates_with_it_whole() -> None:

@@ -8,10 +8,9 @@ from dataclasses import replace
 
 import pytest
 
+from desirepath_experiments.reproduction.demonstrations.chapter import BARS, CHAPTER
 from desirepath_experiments.reproduction.demonstrations.computing import config_of
 from desirepath_experiments.reproduction.demonstrations.plan import BUDGETS, OURS, VARIANTS, make_plan
-from desirepath_experiments.reproduction.demonstrations.results import BARS
-from desirepath_experiments.reproduction.demonstrations.run import CHAPTER
 from desirepath_experiments.reproduction.driver import reproduce
 
 TINY = replace(

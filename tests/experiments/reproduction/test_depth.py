@@ -10,8 +10,7 @@ import pytest
 from desirepath.demonstrations.depth.states import CONFIGURATIONS
 from desirepath.demonstrations.depth.training import DepthTrainingConfig
 from desirepath_experiments.reproduction.depth import computing
-from desirepath_experiments.reproduction.depth.plan import DepthBudget, make_plan
-from desirepath_experiments.reproduction.depth.run import CHAPTER
+from desirepath_experiments.reproduction.depth.chapter import CHAPTER, DepthBudget, make_plan
 from desirepath_experiments.reproduction.driver import reproduce
 
 TINY = DepthBudget("tiny", (0,), 30, 4, 30, 8, 8, 4, 1, 1, 32, 1, 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,30 +16,34 @@ from desirepath.learning.alignment.gate import GateRule
 from desirepath.learning.alignment.relabelling import RelabellingConfig
 from desirepath.learning.alignment.thesis import thesis_config
 from desirepath.learning.cards import read_config
-from desirepath.learning.policies.shape import FAST_HEADS
 from desirepath.learning.td3.base import BaseConfig
 from desirepath.learning.td3.ensemble import PolicyEnsembleConfig
 from desirepath.simulation.trajectory import Outcome
-from desirepath_experiments.reproduction.driver import reproduce
-from desirepath_experiments.reproduction.enquery import published_numbers as thesis
-from desirepath_experiments.reproduction.enquery.alignment_settings import read_alignment, stored_alignment
-from desirepath_experiments.reproduction.enquery.budgets import FULL, SMALL, EnqueryBudget
-from desirepath_experiments.reproduction.enquery.figures import accuracy_picture, sweep_picture, table_picture
-from desirepath_experiments.reproduction.enquery.plan import Speed, make_plan
-from desirepath_experiments.reproduction.enquery.results import (
+from desirepath_experiments.reproduction.driver import reproduce, tasks_in
+from desirepath_experiments.reproduction.enquery.chapter import (
+    CHAPTER,
     EnqueryResults,
     crossing,
     nearest_cell,
     results_of,
     table_of_recipe,
 )
-from desirepath_experiments.reproduction.enquery.run import CHAPTER
+from desirepath_experiments.reproduction.enquery.figures import draw_accuracy, draw_distances, draw_sweep
+from desirepath_experiments.reproduction.enquery.plan import (
+    BUDGETS,
+    PRINTED,
+    EnqueryBudget,
+    make_plan,
+    read_alignment,
+    stored_alignment,
+)
+from desirepath_experiments.reproduction.published import published
 from desirepath_experiments.reproduction.tasks import TaskResult, Work
 
 TINY = replace(
-    SMALL,
+    BUDGETS["small"],
     name="tiny",
-    kappas=(0.0, thesis.KAPPA),
+    kappas=(0.0, PRINTED["kappa"]),
     marks=(25, 50),
     sweep_scenes=6,
     answers=(1, 4),
@@ -60,7 +64,6 @@ TINY = replace(
     starts=2,
     flow_fields=(),
 )
-SPEED = Speed({TINY.heads: 0.002})
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +78,7 @@ def summary(out: Path) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def results(out: Path, summary: dict[str, Any]) -> EnqueryResults:
-    return results_of(make_plan(TINY, 0, SPEED), Work(out / "work").load)
+    return results_of(make_plan(TINY, 0), Work(out / "work").load)
 
 
 def test_one_command_leaves_a_report_with_figures_and_their_data(out: Path, summary: dict[str, Any]) -> None:
@@ -88,7 +91,7 @@ def test_one_command_leaves_a_report_with_figures_and_their_data(out: Path, summ
     assert all(Path(path).stat().st_size > 100 for path in summary["figures"])
     stored = json.loads((out / "results.json").read_text())
     assert stored["simulated"] is True
-    assert stored["results"]["tables"]["thesis"][0]["published"] == asdict(thesis.TABLE_6_2["EnQ-15"])
+    assert stored["results"]["tables"]["thesis"][0]["published"] == published("enquery")["table_6_2"]["EnQ-15"]
 
 
 def test_a_second_run_computes_only_what_is_missing(out: Path, summary: dict[str, Any]) -> None:
@@ -112,8 +115,8 @@ def rows_of(out: Path, name: str) -> list[dict[str, str]]:
 
 def test_the_heat_maps_show_what_their_csv_says(out: Path, results: EnqueryResults) -> None:
     rows = rows_of(out, "sweep")
-    assert {float(row["kappa"]) for row in rows} == {0.0, thesis.KAPPA}
-    panels = [ax for ax in sweep_picture(results.sweep).figure.axes if ax.images]
+    assert {float(row["kappa"]) for row in rows} == {0.0, PRINTED["kappa"]}
+    panels = [ax for ax in draw_sweep(results.sweep).figure.axes if ax.images]
     for panel, column in zip(panels, ("action_diversity", "success_rate"), strict=True):
         ordered = sorted(rows, key=lambda row: (int(row["steps"]), float(row["kappa"])))
         told = np.array([float(row[column]) for row in ordered]).reshape(len(TINY.marks), len(TINY.kappas))
@@ -122,7 +125,7 @@ def test_the_heat_maps_show_what_their_csv_says(out: Path, results: EnqueryResul
 
 def test_the_curves_show_what_their_csv_says(out: Path, results: EnqueryResults) -> None:
     rows = [row for row in rows_of(out, "accuracy") if row["test_set"] == "segments"]
-    panel = accuracy_picture(results).figure.axes[1]
+    panel = draw_accuracy(results).figure.axes[1]
     lines = {line.get_label(): line for line in panel.get_lines()}
     for source in ("EnQ", "BL"):
         told = [row for row in rows if (row["answers_about"], row["model"]) == (source, "mlp")]
@@ -132,7 +135,7 @@ def test_the_curves_show_what_their_csv_says(out: Path, results: EnqueryResults)
 
 def test_the_dots_show_what_their_csv_says(out: Path, results: EnqueryResults) -> None:
     rows = [row for row in rows_of(out, "distances") if row["recipe"] == "thesis"]
-    panel = table_picture(results).figure.axes[0]
+    panel = draw_distances(results).figure.axes[0]
     drawn = [float(y) for dots in panel.collections[0::2] for _, y in dots.get_offsets()]
     np.testing.assert_allclose(drawn, [float(row["min_human_distance_m"]) for row in rows])
 
@@ -197,13 +200,13 @@ def test_alignments_that_all_came_out_alike_are_not_tested() -> None:
 
 
 def test_the_control_without_the_term_is_less_diverse(results: EnqueryResults) -> None:
-    control, with_term = (nearest_cell(results.sweep, kappa, 50) for kappa in (0.0, thesis.KAPPA))
+    control, with_term = (nearest_cell(results.sweep, kappa, 50) for kappa in (0.0, PRINTED["kappa"]))
     assert control.diversity < with_term.diversity
 
 
 def test_another_configuration_is_another_task_of_work() -> None:
     def keys(budget: EnqueryBudget, seed: int) -> set[str]:
-        return {task.key for task in make_plan(budget, seed, SPEED).tasks()}
+        return {task.key for task in tasks_in(make_plan(budget, seed))}
 
     first = keys(TINY, 0)
     assert keys(TINY, 0) == first
@@ -214,7 +217,7 @@ def test_another_configuration_is_another_task_of_work() -> None:
 
 def test_a_seed_without_scenes_of_its_own_is_refused() -> None:
     with pytest.raises(ValueError, match="seed = 100"):
-        make_plan(TINY, 100, SPEED)
+        make_plan(TINY, 100)
 
 
 @pytest.mark.parametrize(
@@ -246,6 +249,6 @@ def test_settings_of_both_alignments_are_stored_as_when_they_were_one_and_read_a
 
 
 def test_tasks_keep_the_names_that_finished_work_has_on_disk() -> None:
-    plan = make_plan(FULL, 0, Speed({FULL.heads: 1.0, FAST_HEADS: 1.0}))
+    plan = make_plan(BUDGETS["full"], 0)
     assert plan.base.key == "train_base-93b89aa660c36342536f"
     assert plan.ensemble.key == "train_ensemble-ca15404ac9227dd804f2"

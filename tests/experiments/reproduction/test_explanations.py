@@ -8,7 +8,7 @@ import json
 import pytest
 
 from desirepath_experiments.reproduction.driver import reproduce
-from desirepath_experiments.reproduction.explanations.run import CHAPTER, ExplanationsBudget
+from desirepath_experiments.reproduction.explanations.chapter import CHAPTER, ExplanationsBudget
 
 TINY = ExplanationsBudget("tiny", scenes=60, participants=24, studies=2)
 

@@ -9,6 +9,7 @@ from desirepath.learning.pedestrians.crowd_networks import VARIANTS
 from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath_experiments.reproduction.driver import reproduce
 from desirepath_experiments.reproduction.pedestrians import plan
+from desirepath_experiments.reproduction.pedestrians.chapter import CHAPTER
 from desirepath_experiments.reproduction.pedestrians.plan import (
     BUDGETS,
     BY_REWARD,
@@ -17,7 +18,6 @@ from desirepath_experiments.reproduction.pedestrians.plan import (
     PedestrianBudget,
     make_plan,
 )
-from desirepath_experiments.reproduction.pedestrians.run import CHAPTER
 from desirepath_experiments.reproduction.tasks import from_bytes
 
 LEAST = PedestrianBudget(

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from desirepath.analysis.tested import holm, mean_of
-from desirepath_experiments.reproduction.enquery.t_tests import student_t, student_t_against
+from desirepath_experiments.reproduction.enquery.t_tests import student_t
 
 # Student (1908), "The probable error of a mean": additional hours of sleep by two drugs, ten patients each; the values
 # of R's data set `sleep`. R: t.test(extra ~ group, var.equal = TRUE) gives t = -1.8608, df = 18, p-value = 0.07919.
@@ -31,7 +31,7 @@ def test_students_own_example() -> None:
 
 def test_against_a_fixed_value() -> None:
     """R: t.test(SECOND, mu = 0) gives t = 3.6799, df = 9, p-value = 0.005076."""
-    test = student_t_against(SECOND, 0.0)
+    test = student_t(SECOND, 0.0)
     assert (test.statistic, test.df, test.p) == pytest.approx((3.6799, 9, 0.005076), abs=5e-5)
     assert test.stars == "**"
     assert test.n == (10, 1)
@@ -70,7 +70,7 @@ def test_samples_of_different_sizes_are_pooled_by_their_degrees_of_freedom() -> 
     assert test.effect_size == pytest.approx((np.mean(FIRST[:4]) - np.mean(SECOND)) / pooled)
     assert (test.df, test.n) == (12, (4, 10))
     assert (test.statistic, test.p) == pytest.approx(tuple(stats.ttest_ind(FIRST[:4], SECOND)))
-    against = student_t_against(FIRST, 2.0)
+    against = student_t(FIRST, 2.0)
     assert against.difference == pytest.approx(0.75 - 2.0)
     assert against.effect_size == pytest.approx(-1.25 / np.std(FIRST, ddof=1))
     assert "drug 1 is 1.58 h lower than drug 2" in student_t(FIRST, SECOND).sentence("drug 1", "drug 2", "h")
@@ -78,9 +78,9 @@ def test_samples_of_different_sizes_are_pooled_by_their_degrees_of_freedom() -> 
 
 def test_numbers_without_spread_are_not_tested() -> None:
     for test in (
-        student_t_against([2.0, 2.0], 1.0),
-        student_t_against([2.0, 2.0], 2.0),
-        student_t_against([0.3, 0.1 + 0.2], 1.0),  # the same but for rounding
+        student_t([2.0, 2.0], 1.0),
+        student_t([2.0, 2.0], 2.0),
+        student_t([0.3, 0.1 + 0.2], 1.0),  # the same but for rounding
         student_t([1.0, 1.0], [2.0, 2.0, 2.0]),
     ):
         assert (test.no_spread, test.p, test.stars) == (True, 1.0, "")
@@ -98,4 +98,4 @@ def test_of_two_numbers_there_is_an_interval_and_marks_follow_the_corrected_p() 
     assert found.high - found.mean == pytest.approx(stats.t.ppf(0.975, 1))
     test = student_t([1.0, 1.1, 0.9, 1.0], [2.0, 2.1, 1.9, 2.0])
     assert (test.stars, replace(test, p_corrected=0.04).stars) == ("***", "*")
-    assert test.as_dict()["n"] == (4, 4)
+    assert asdict(test)["n"] == (4, 4)

@@ -53,7 +53,7 @@ def test_needs_are_computed_first_and_each_task_once(work: Work) -> None:
         assert finish(sums, FUNCTIONS, work, processes=1, on_task=ignore) == 0
     assert computed == 4
     assert seen == [one.key, two.key, sums[0].key, sums[1].key]
-    stored = work.load(sums[1].key)
+    stored = work.load(sums[1])
     assert stored.arrays["value"] == 3
     assert stored.meta["params"] == {"name": "b"}
     assert stored.meta["made"]["seconds"] >= 0
@@ -73,7 +73,7 @@ def test_two_processes_give_the_same(work: Work, tmp_path: Path) -> None:
     tasks = [Task("total", {}, tuple(Task("number", {"value": k}) for k in range(3)))]
     with work.claimed():
         assert finish(tasks, FUNCTIONS, work, processes=2, on_task=ignore) == 4
-    assert work.load(tasks[0].key).arrays["value"] == 3
+    assert work.load(tasks[0]).arrays["value"] == 3
 
 
 def test_a_task_that_fails_leaves_the_finished_ones(work: Work) -> None:

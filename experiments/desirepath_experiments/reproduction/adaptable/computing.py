@@ -31,7 +31,7 @@ from desirepath.simulation.trajectory import Trajectory
 from desirepath_experiments.reproduction.adaptable.adaptable_scenes import intersection, walking_scenes
 from desirepath_experiments.reproduction.adaptable.drawn_rollouts import augmented_all, scenes_beside
 from desirepath_experiments.reproduction.adaptable.ranked_judging import judged as judge_reward
-from desirepath_experiments.reproduction.tasks import Function, TaskResult
+from desirepath_experiments.reproduction.tasks import Function, TaskResult, as_bytes
 from desirepath_experiments.training.adaptable.demonstrator import demonstrate_in, demonstrate_paths
 from desirepath_experiments.training.adaptable.rollouts import PreferenceAct, PreferenceRollouts, roll_out_preferences
 from desirepath_experiments.training.adaptable.training import (
@@ -48,10 +48,6 @@ RANKED_IN, HELD_OUT = 300, 100  # scenes of the noise-ranked rollouts, and of th
 SHOWN = 2  # scenes of each kind that figures show
 DISTURBED = 0.15
 HELD_OUT_SEED = 1_000  # added to the seed for what judges
-
-
-def stored(content: bytes) -> NDArray[np.uint8]:
-    return np.frombuffer(content, dtype=np.uint8)
 
 
 def demonstration(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
@@ -95,7 +91,7 @@ def demonstration(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRe
             "frechet_median_m": float(np.median(apart)),
         },
     }
-    return TaskResult(meta, {"clone": stored(clone.to_bytes()), "reward": stored(reward.to_bytes())})
+    return TaskResult(meta, {"clone": as_bytes(clone.to_bytes()), "reward": as_bytes(reward.to_bytes())})
 
 
 def _hidden(trajectories: Sequence[Trajectory], hide: Callable[[Floats], Floats]) -> list[Trajectory]:
@@ -103,7 +99,7 @@ def _hidden(trajectories: Sequence[Trajectory], hide: Callable[[Floats], Floats]
 
 
 def reward_of(made: TaskResult) -> RankedRewardModel:
-    model = RewardModel.from_bytes(made.arrays["reward"].tobytes())
+    model = RewardModel.from_bytes(made.content("reward"))
     if not isinstance(model, RankedRewardModel):
         raise ValueError(f"reward of kind {model.kind!r}: a demonstration task stores ranked_rollouts")
     return model
@@ -112,7 +108,7 @@ def reward_of(made: TaskResult) -> RankedRewardModel:
 def adaptable(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """Train MO-TD3-HER on the demonstration's reward."""
     config = AdaptableConfig(**params["config"])
-    model, clone = reward_of(needs[0]), Policy.from_bytes(needs[0].arrays["clone"].tobytes())
+    model, clone = reward_of(needs[0]), Policy.from_bytes(needs[0].content("clone"))
     hide = without_person if config.without_person else (lambda seen: seen)
     trained = train_adaptable(config, lambda seen, actions: model.rewards(hide(seen), actions), clone.act)
     meta = {
@@ -121,7 +117,7 @@ def adaptable(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult
         "selection_success": trained.selection_success,
         "config": config.as_dict(),
     }
-    return TaskResult(meta, {"policy": stored(trained.policy.to_bytes()), "solutions": trained.solutions})
+    return TaskResult(meta, {"policy": as_bytes(trained.policy.to_bytes()), "solutions": trained.solutions})
 
 
 def sac(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
@@ -153,7 +149,7 @@ def sac(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
 def acting(made: TaskResult) -> PreferenceAct:
     """How a trained policy of either kind acts."""
     if "policy" in made.arrays:
-        return AdaptablePolicy.from_bytes(made.arrays["policy"].tobytes()).act
+        return AdaptablePolicy.from_bytes(made.content("policy")).act
     layers = [made.arrays[name] for name in sorted(made.arrays)]  # bias before weight, as their names sort
     pairs = [(layers[k + 1], layers[k]) for k in range(0, len(layers), 2)]
 
@@ -234,10 +230,4 @@ def _padded(name: str, paths: Sequence[NDArray[np.float64]]) -> dict[str, NDArra
     return {name: found}
 
 
-FUNCTIONS: dict[str, Function] = {
-    "demonstration": demonstration,
-    "adaptable": adaptable,
-    "sac": sac,
-    "judged": judged,
-    "alone": alone,
-}
+FUNCTIONS: dict[str, Function] = {one.__name__: one for one in (demonstration, adaptable, sac, judged, alone)}

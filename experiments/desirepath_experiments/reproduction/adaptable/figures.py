@@ -1,23 +1,20 @@
-"""Chapter 5 in pictures, each beside a CSV with exactly what is drawn.
-
-Importing this loads matplotlib, which is slow.
-"""
+"""Figures of chapter 5: rollouts over the edges of the preference triangle, and what they measure."""
 
 from __future__ import annotations
 
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from numpy.typing import NDArray
 
-from desirepath.explain.pictures import Picture, Rows, blank, quiet
-from desirepath.explain.scene_plots import DATA, INK, STYLE, draw_person, draw_solids
+from desirepath.explain.pictures import Rows, quiet
+from desirepath.explain.scene_plots import DATA, INK, draw_person, draw_solids
 from desirepath.learning.adaptable.objectives import EDGES, NAMES, thesis_vectors
 from desirepath.simulation.scene import Scene
 from desirepath_experiments.reproduction.adaptable.plan import OURS, AdaptablePlan
-from desirepath_experiments.reproduction.adaptable.results import Load
+from desirepath_experiments.reproduction.figures import Drawn, curve, draw_lines, panels
+from desirepath_experiments.reproduction.tasks import Load, TaskResult
 
 COLOURS = dict(zip(NAMES, (DATA[1], DATA[2], DATA[4]), strict=True))
 MEASURED = {
@@ -29,79 +26,62 @@ MEASURED = {
 PER_EDGE = 11
 
 
-def pictures(plan: AdaptablePlan, load: Load) -> list[Picture]:
-    """All figures of the report, in its order: of the first seed of ours."""
-    made = load(plan.judged[OURS, plan.budget.seeds[0]].key)
-    kinds = ("static", "walking", "intersection")
-    return [*(edges_picture(made.meta, made.arrays, kind) for kind in kinds), measures_picture(plan, load)]
+def draw(plan: AdaptablePlan, load: Load) -> list[Drawn]:
+    """All figures of the report: rollouts of the first seed of ours, measures of all seeds."""
+    made = load(plan.judged[OURS, plan.budget.seeds[0]])
+    runs = [load(task).arrays for (variant, _), task in plan.judged.items() if variant == OURS]
+    return [*(draw_edges(made, kind) for kind in ("static", "walking", "intersection")), draw_measures(runs)]
 
 
-def edges_picture(meta: dict[str, Any], arrays: dict[str, NDArray[Any]], kind: str) -> Picture:
+def draw_edges(made: TaskResult, kind: str) -> Drawn:
     """Figure 5.3: rollouts over the three edges of the preference triangle, in scenes of one kind."""
-    scenes = [Scene.from_dict(one) for one in meta[kind]["shown"]]
-    paths = arrays[f"{kind}_path"].reshape(len(thesis_vectors()), len(scenes), -1, 2)
+    scenes = [Scene.from_dict(one) for one in made.meta[kind]["shown"]]
+    paths = made.arrays[f"{kind}_path"].reshape(len(thesis_vectors()), len(scenes), -1, 2)
+    ways: Any = made.arrays["way"] if kind == "static" else ()
+    shares = [step / (PER_EDGE - 1) for step in range(PER_EDGE)]
     rows: Rows = []
-    with mpl.rc_context(STYLE):
-        figure, axes = blank(len(scenes), 3.4 * len(scenes), 8.6, rows=len(EDGES))
+    with panels(len(scenes), 3.4 * len(scenes), 8.6, rows=len(EDGES)) as (figure, axes):
         for number, ax in enumerate(axes):
             edge, shown = number // len(scenes), number % len(scenes)
             rising, falling = (NAMES[k] for k in EDGES[edge])
-            colours = LinearSegmentedColormap.from_list("edge", [COLOURS[falling], COLOURS[rising]])
-            scene = scenes[shown]
+            colours = LinearSegmentedColormap.from_list("edge", [COLOURS[falling], COLOURS[rising]])(shares)
+            scene, of_edge = scenes[shown], paths[edge * PER_EDGE :][:PER_EDGE, shown]
             draw_solids(ax, scene)
             draw_person(ax, scene)
-            if kind == "static" and shown < len(arrays["way"]):
-                ax.plot(*arrays["way"][shown].T, color=INK, linewidth=1.0, linestyle=":", zorder=4)
-            for step in range(PER_EDGE):
-                path = paths[edge * PER_EDGE + step, shown]
-                path = path[np.isfinite(path[:, 0])]
-                ax.plot(*path.T, color=colours(step / (PER_EDGE - 1)), linewidth=0.9, zorder=5)
-                rows += [
-                    {
-                        "from": falling,
-                        "to": rising,
-                        "share": step / (PER_EDGE - 1),
-                        "scene": scene.seed,
-                        "x_m": float(x),
-                        "y_m": float(y),
-                    }
-                    for x, y in path
-                ]
+            if shown < len(ways):
+                ax.plot(*ways[shown].T, color=INK, linewidth=1.0, linestyle=":", zorder=4)
+            drawn = draw_lines(ax, list(of_edge), colours.__getitem__, linewidth=0.9)
+            about = {"from": falling, "to": rising}
+            rows += [
+                {**about, "share": share, "scene": scene.seed, "x_m": float(x), "y_m": float(y)}
+                for share, path in zip(shares, drawn, strict=True)
+                for x, y in path
+            ]
             ax.plot(scene.start.x, scene.start.y, "o", color=INK, markersize=3, zorder=7)
             ax.plot(scene.goal.x, scene.goal.y, "*", color=INK, markersize=6, zorder=7)
-            ax.set_title(f"{falling} to {rising}")
-            ax.set_aspect("equal")
+            ax.set(title=f"{falling} to {rising}", aspect="equal")
             ax.autoscale_view()
-    caption = (
-        "Rollouts under eleven preferences along each edge of the triangle, the third weight 0; colours go from "
-        f"{', '.join(f'{name} {COLOURS[name]}' for name in NAMES)}. Dot: start, star: goal, dotted: the demonstration."
-    )
-    return Picture(f"edges_{kind}", f"Rollouts over the edges, {kind}", caption, figure, rows)
+    return Drawn("edges", f"edges_{kind}", figure, rows, {"kind": kind, "colours": COLOURS})
 
 
-def measures_picture(plan: AdaptablePlan, load: Load) -> Picture:
+def draw_measures(runs: list[dict[str, NDArray[Any]]]) -> Drawn:
     """Figure 5.4: time, Frechet, obstacle and human distance against the vector; a band over seeds."""
-    vectors, rows = thesis_vectors(), Rows()
-    runs = [load(task.key).arrays for (variant, _), task in plan.judged.items() if variant == OURS]
-    with mpl.rc_context(STYLE):
-        figure, axes = blank(2, 7.2, 5.4, rows=2)
+    rows: Rows = []
+    with panels(2, 7.2, 5.4, rows=2) as (figure, axes):
         for ax, (measure, title) in zip(axes, MEASURED.items(), strict=True):
             means = np.array([_means(arrays, measure) for arrays in runs])
+            low, middle, high = means.min(axis=0), means.mean(axis=0), means.max(axis=0)
             for edge in range(len(EDGES)):
                 at = np.arange(edge * PER_EDGE, (edge + 1) * PER_EDGE)
-                ax.plot(at, means[:, at].mean(axis=0), color=DATA[0], linewidth=1.2)
-                ax.fill_between(at, means[:, at].min(axis=0), means[:, at].max(axis=0), color=DATA[0], alpha=0.2)
-            for k, vector in enumerate(vectors):
-                of = {name: float(weight) for name, weight in zip(NAMES, vector, strict=True)}
-                low, middle, high = means[:, k].min(), means[:, k].mean(), means[:, k].max()
-                rows.append({"measure": measure, **of, "mean": float(middle), "least": float(low), "most": float(high)})
+                curve(ax, at, middle[at], colour=DATA[0], band=(low[at], high[at]), linewidth=1.2)
+            for k, vector in enumerate(thesis_vectors().tolist()):
+                found = {"mean": float(middle[k]), "least": float(low[k]), "most": float(high[k])}
+                rows.append({"measure": measure, **dict(zip(NAMES, vector, strict=True)), **found})
+            names = [f"{NAMES[falling]}\nto {NAMES[rising]}" for rising, falling in EDGES]
             ax.set_ylabel(title)
-            ax.set_xticks(
-                [5, 16, 27], [f"{NAMES[falling]}\nto {NAMES[rising]}" for rising, falling in EDGES], fontsize=6
-            )
+            ax.set_xticks([5, 16, 27], names, fontsize=6)
             quiet(ax)
-    caption = "Means over the rollouts that arrived, along the three edges; the band spans the seeds."
-    return Picture("measures", "Measures against the preference", caption, figure, rows)
+    return Drawn("measures", "measures", figure, rows)
 
 
 def _means(arrays: dict[str, NDArray[Any]], measure: str) -> NDArray[Any]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from desirepath.learning.adaptable.objectives import NAMES
+from desirepath_experiments.reproduction.driver import read_budgets
 from desirepath_experiments.reproduction.tasks import Task
 
 OURS, NO_PERSON, SAC, SAC_DISCOUNTED = "ours", "no_person", "sac", "sac_0.98"
@@ -35,14 +36,7 @@ class AdaptableBudget:
     alone: bool = False
 
 
-BUDGETS = {
-    budget.name: budget
-    for budget in (
-        AdaptableBudget("small", (0,), 300, 2_000, 600, 6_000, 25, 25, ()),
-        AdaptableBudget("medium", (0,), 1_000, 6_000, 2_500, 20_000, 100, 100, ()),
-        AdaptableBudget("full", (0, 1, 2), 1_000, 6_000, 2_500, 20_000, 100, 100, alone=True),
-    )
-}
+BUDGETS = read_budgets("adaptable", AdaptableBudget)
 
 
 @dataclass(frozen=True)
@@ -54,18 +48,12 @@ class AdaptablePlan:
     learned: dict[tuple[str, int], Task]
     trained: dict[tuple[str, int], Task]
     judged: dict[tuple[str, int], Task]
-    alone: dict[str, Task] = field(default_factory=dict)
-
-    def tasks(self) -> Iterator[Task]:
-        """All of them; needs come along."""
-        yield from self.judged.values()
-        yield from self.learned.values()
-        yield from self.alone.values()
+    alone: dict[str, Task]
 
 
 def make_plan(budget: AdaptableBudget, seeds: Sequence[int] | None = None) -> AdaptablePlan:
     """Which tasks a budget has. seeds: of ours, others than the budget's."""
-    plan = AdaptablePlan(budget, {}, {}, {})
+    plan = AdaptablePlan(budget, {}, {}, {}, {})
     for seed in budget.seeds if seeds is None else seeds:
         for source in (PROGRAMMED, DRAWN):
             plan.learned[source, seed] = _learned(budget, source, seed)
@@ -88,16 +76,10 @@ def make_plan(budget: AdaptableBudget, seeds: Sequence[int] | None = None) -> Ad
 
 
 def _learned(budget: AdaptableBudget, source: str, seed: int, *, without_person: bool = False) -> Task:
-    params: dict[str, Any] = {
-        "source": source,
-        "seed": seed,
-        "cloning_updates": budget.cloning_updates,
-        "reward_updates": budget.reward_updates,
-        "without_person": without_person,
-    }
+    params: dict[str, Any] = {"source": source, "seed": seed, "without_person": without_person}
+    fewer = 3 if source == DRAWN else 1  # a few hundred steps are cloned, of 16 paths
+    params |= {count: getattr(budget, count) // fewer for count in ("cloning_updates", "reward_updates")}
     if source == DRAWN:
-        for count in ("cloning_updates", "reward_updates"):
-            params[count] //= 3  # a few hundred steps are cloned, of 16 paths
         params |= {"environment": "room", "style": "field_of_view", "per_pair": budget.per_pair}
     else:
         params |= {"layouts": budget.layouts}

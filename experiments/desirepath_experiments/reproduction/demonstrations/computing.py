@@ -21,7 +21,7 @@ from desirepath.learning.policies.policy import Policy
 from desirepath.learning.scene_sets import Purpose
 from desirepath.simulation.demonstration_scenes import demonstration_scenes
 from desirepath.simulation.trajectory import Trajectory
-from desirepath_experiments.reproduction.tasks import Function, TaskResult
+from desirepath_experiments.reproduction.tasks import Function, TaskResult, as_bytes
 
 
 def demonstrations_of(params: Mapping[str, Any]) -> list[Demonstration]:
@@ -51,12 +51,12 @@ def controller(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResul
 
     trained = train_with_demonstrations(demonstrations_of(params), config_of(params), note)
     curve = [{**point, "cpu_s": spent} for point, spent in zip(trained.history, seconds, strict=True)]
-    content = trained.policy.without_critic().to_bytes()
-    return TaskResult({"curve": curve, "chosen": trained.chosen}, {"policy": np.frombuffer(content, dtype=np.uint8)})
+    content = as_bytes(trained.policy.without_critic().to_bytes())
+    return TaskResult({"curve": curve, "chosen": trained.chosen}, {"policy": content})
 
 
 def _acting(params: Mapping[str, Any], needs: Sequence[TaskResult]) -> str | Policy:
-    return Policy.from_bytes(needs[0].arrays["policy"].tobytes()) if needs else str(params["controller"])
+    return Policy.from_bytes(needs[0].content("policy")) if needs else str(params["controller"])
 
 
 def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:

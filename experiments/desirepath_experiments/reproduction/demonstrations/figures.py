@@ -1,24 +1,19 @@
-"""Chapter 2 in pictures, each beside a CSV with exactly what is drawn.
-
-Importing this loads matplotlib, which is slow.
-"""
+"""Figures of chapter 2: paths, measures and success of every controller, speed profiles, learning curves."""
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from desirepath.demonstrations.judging import KINDS, PROFILE_POINTS
-from desirepath.explain.pictures import Picture, Rows, blank, quiet
-from desirepath.explain.scene_plots import DATA, INK, STYLE, draw_person, draw_solids
+from desirepath.explain.pictures import Rows, quiet
+from desirepath.explain.scene_plots import DATA, INK, draw_person, draw_solids
 from desirepath.simulation.demonstration_scenes import demonstration_scenes
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
+from desirepath_experiments.reproduction.demonstrations.chapter import DEMONSTRATED, MEASURES, NAMES, SHOWN, rollouts_of
 from desirepath_experiments.reproduction.demonstrations.plan import (
     CONTROLLERS,
     OURS,
@@ -26,69 +21,50 @@ from desirepath_experiments.reproduction.demonstrations.plan import (
     WITHOUT,
     DemonstrationsPlan,
 )
-from desirepath_experiments.reproduction.demonstrations.results import (
-    DEMONSTRATED,
-    MEASURES,
-    NAMES,
-    SHOWN,
-    Load,
-    curves_of,
-    first_cell,
-    measured,
-)
+from desirepath_experiments.reproduction.figures import Drawn, curve, draw_lines, grouped_bars, legend_below, panels
+from desirepath_experiments.reproduction.tasks import Load
 
 COLOURS = {DEMONSTRATED: DATA[4], OURS: DATA[0], "social_cost": DATA[2], "dwa": DATA[1]}
-VARIANT_COLOURS = dict(zip(VARIANTS, DATA, strict=False))
 CURVES = {
     "frechet_m": "Frechet distance f(t*) (m)",
     "followed_rate": "rollouts that follow",
     "success_rate": "success, demonstrated starts",
     "unseen_success_rate": "success, unseen scenes",
 }
+RATES = ("success_rate", "collision_rate", "timeout_rate", "min_human_distance_m")
 
 
-def pictures(plan: DemonstrationsPlan, load: Load) -> list[Picture]:
+def draw(plan: DemonstrationsPlan, load: Load) -> list[Drawn]:
     """All figures of the report, in its order."""
-    found = []
-    for environment in plan.budget.environments:
-        found += [paths_picture(plan, load, environment), measures_picture(plan, load, environment)]
-        found.append(unseen_picture(plan, load, environment))
-    found += [speeds_picture(plan, load, environment) for environment in plan.budget.environments]
-    first = plan.budget.environments[0]
-    return [*found, curves_picture(plan, load, first, plan.budget.ablated)]
+    environments = plan.budget.environments
+    of_each = (draw_paths, draw_measures, draw_unseen)
+    found = [one(plan, load, environment) for environment in environments for one in of_each]
+    found += [draw_speeds(plan, load, environment) for environment in environments]
+    return [*found, draw_curves(plan, load, environments[0], plan.budget.ablated)]
 
 
-def _poses(plan: DemonstrationsPlan, load: Load, environment: str, style: str, controller: str) -> NDArray[Any]:
-    """(rollouts, steps, 3) of the first seed."""
-    source = OURS if controller == DEMONSTRATED else controller
-    arrays = load(plan.judged[first_cell(plan, environment, style, source)].key).arrays
-    return arrays["demonstrated_poses" if controller == DEMONSTRATED else "driven_poses"]
-
-
-def paths_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
+def draw_paths(plan: DemonstrationsPlan, load: Load, environment: str) -> Drawn:
     """Figure 2.3 a-d: demonstrations and rollouts from their starts, a colour per position-orientation pair."""
-    scenes, styles = demonstration_scenes(environment), plan.budget.styles
+    scenes, styles, per_pair = demonstration_scenes(environment), plan.budget.styles, plan.budget.per_pair
     room = scenes[0].room
     shape = room.width / room.length if room is not None else 1.0
+    columns = (*SHOWN, WITHOUT) if plan.budget.controls else SHOWN
+    height = len(styles) * (8.8 / len(columns) * shape + 0.35) + 0.3
     rows: Rows = []
-    with mpl.rc_context(STYLE):
-        columns = (*SHOWN, WITHOUT) if plan.budget.controls else SHOWN
-        height = len(styles) * (8.8 / len(columns) * shape + 0.35) + 0.3
-        figure, axes = blank(len(columns), 9.6, height, rows=len(styles))
-        for number, ax in enumerate(axes):
-            style, controller = styles[number // len(columns)], columns[number % len(columns)]
+    with panels(len(columns), 9.6, height, rows=len(styles)) as (figure, axes):
+        for ax, (style, controller) in zip(axes, product(styles, columns), strict=True):
+            poses = rollouts_of(plan, load, environment, style, controller)[0]["poses"]
             draw_solids(ax, scenes[0])
             for pair, scene in enumerate(scenes):
                 draw_person(ax, scene, DATA[pair])
-            for number, poses in enumerate(_poses(plan, load, environment, style, controller)):
-                pair, path = number // plan.budget.per_pair, poses[np.isfinite(poses[:, 0])]
-                ax.plot(path[:, 0], path[:, 1], color=DATA[pair], linewidth=0.8, alpha=0.8, zorder=5)
+            paths = draw_lines(ax, list(poses), lambda k: DATA[k // per_pair], linewidth=0.8, alpha=0.8)
+            for number, path in enumerate(paths):
                 speeds = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1) / CONTROL_DT_S
                 rows += [
                     {
                         "style": style,
                         "controller": controller,
-                        "pair": pair,
+                        "pair": number // per_pair,
                         "rollout": number,
                         "time_s": round(step * CONTROL_DT_S, 1),
                         "x_m": round(float(path[step, 0]), 4),
@@ -99,203 +75,106 @@ def paths_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Pic
                 ]
             ax.set(aspect="equal", xticks=[], yticks=[])
             ax.spines[:].set_visible(False)
-            if number < len(columns):
+            if style == styles[0]:
                 ax.set_title(NAMES[controller].replace(" without", "\nwithout"))
-            if number % len(columns) == 0:
+            if controller == columns[0]:
                 ax.set_ylabel(style.replace("_", " "))
-    return Picture(
-        f"paths_{environment}",
-        f"Demonstrations and rollouts in the {environment}",
-        "Rows: programmed demonstrators. Columns: what they demonstrated, and what the controllers do from the same "
-        "starts; TD3 without demonstrations is the same controller in every row. A colour per position-orientation "
-        "pair; noses show where the person looks. After figure 2.3 a-d.",
-        figure,
-        rows,
-    )
+    return Drawn("paths", f"paths_{environment}", figure, rows, {"environment": environment})
 
 
-def measures_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
+def draw_measures(plan: DemonstrationsPlan, load: Load, environment: str) -> Drawn:
     """Figure 2.3 e-g: path length, distance and area by controller, median and quartiles over rollouts."""
-    styles = plan.budget.styles
     rows: Rows = []
-    width = 0.8 / len(SHOWN)
-    with mpl.rc_context(STYLE):
-        figure, axes = blank(len(MEASURES), 9.6, 2.9)
+    for name, controller, style in product(MEASURES, SHOWN, plan.budget.styles):
+        found = np.concatenate([of[name] for of in rollouts_of(plan, load, environment, style, controller)])
+        low, middle, high = np.quantile(found, [0.25, 0.5, 0.75]).tolist()
+        about = {"measure": name, "style": style, "controller": controller, "rollouts": len(found)}
+        rows.append({**about, "lower_quartile": low, "median": middle, "upper_quartile": high})
+    series = {controller: (NAMES[controller], COLOURS[controller]) for controller in SHOWN}
+    values = ("median", "lower_quartile", "upper_quartile")
+    with panels(len(MEASURES), 9.6, 2.9) as (figure, axes):
         for ax, (name, words) in zip(axes, MEASURES.items(), strict=True):
-            for k, controller in enumerate(SHOWN):
-                values = [measured(plan, load, environment, style, controller, name) for style in styles]
-                quartiles = np.array([np.quantile(found, [0.25, 0.5, 0.75]) for found in values])
-                places = np.arange(len(styles)) + (k - (len(SHOWN) - 1) / 2) * width
-                spread = np.abs(quartiles[:, [0, 2]].T - quartiles[:, 1])
-                ax.bar(places, quartiles[:, 1], width * 0.92, color=COLOURS[controller], label=NAMES[controller])
-                ax.errorbar(places, quartiles[:, 1], spread, fmt="none", ecolor=INK, elinewidth=0.7)
-                rows += [
-                    {
-                        "measure": name,
-                        "style": style,
-                        "controller": controller,
-                        "rollouts": len(found),
-                        "lower_quartile": low,
-                        "median": middle,
-                        "upper_quartile": high,
-                    }
-                    for style, found, (low, middle, high) in zip(styles, values, quartiles.tolist(), strict=True)
-                ]
+            of_measure = [row for row in rows if row["measure"] == name]
+            grouped_bars(ax, of_measure, place="style", series=series, of="controller", values=values)
             ax.set_title(words)
-            ax.set_xticks(range(len(styles)), [style.replace("_", "\n") for style in styles])
-            quiet(ax)
-        _legend_below(figure, axes[0])
-    return Picture(
-        f"measures_{environment}",
-        f"Path length, distance and area in the {environment}",
-        "Medians over all rollouts from demonstrated starts, lines from the lower to the upper quartile. Relative path "
-        "length: driven over straight; path area: between the path and the straight line. After figure 2.3 e-g.",
-        figure,
-        rows,
-    )
+        legend_below(figure, axes[0], fontsize=7)
+    return Drawn("measures", f"measures_{environment}", figure, rows, {"environment": environment})
 
 
-def unseen_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
+def draw_unseen(plan: DemonstrationsPlan, load: Load, environment: str) -> Drawn:
     """What figure 2.5 b-d shows in examples, counted: success where nothing was demonstrated."""
-    styles = plan.budget.styles
     rows: Rows = []
-    width = 0.8 / len(CONTROLLERS)
-    with mpl.rc_context(STYLE):
-        figure, axes = blank(len(KINDS), 9.6, 2.6)
+    for kind, controller, style in product(KINDS, CONTROLLERS, plan.budget.styles):
+        cells = plan.cells(environment, style, controller)
+        found = [load(plan.unseen[cell]).meta["unseen"][kind] for cell in cells]
+        seeds = [one["success_rate"] for one in found]
+        about = {"drawn": kind, "style": style, "controller": controller, "scenes": sum(one["n"] for one in found)}
+        rates = {name: float(np.mean([one[name] for one in found])) for name in RATES}
+        rows.append({**about, **rates, "worst_seed": min(seeds), "best_seed": max(seeds)})
+    series = {controller: (NAMES[controller], COLOURS[controller]) for controller in CONTROLLERS}
+    values = ("success_rate", "worst_seed", "best_seed")
+    with panels(len(KINDS), 9.6, 2.6) as (figure, axes):
         for ax, kind in zip(axes, KINDS, strict=True):
-            for k, controller in enumerate(CONTROLLERS):
-                rates, spread = [], []
-                for style in styles:
-                    cells = [
-                        c
-                        for c in plan.judged
-                        if (c.environment, c.style, c.controller) == (environment, style, controller)
-                    ]
-                    found = [load(plan.unseen[cell].key).meta["unseen"][kind] for cell in cells]
-                    of_seeds = [one["success_rate"] for one in found]
-                    rates.append(float(np.mean(of_seeds)))
-                    spread.append((rates[-1] - min(of_seeds), max(of_seeds) - rates[-1]))
-                    rows.append(
-                        {
-                            "drawn": kind,
-                            "style": style,
-                            "controller": controller,
-                            "scenes": sum(one["n"] for one in found),
-                            **{
-                                name: float(np.mean([one[name] for one in found]))
-                                for name in ("success_rate", "collision_rate", "timeout_rate", "min_human_distance_m")
-                            },
-                        }
-                    )
-                places = np.arange(len(styles)) + (k - (len(CONTROLLERS) - 1) / 2) * width
-                ax.bar(places, rates, width * 0.92, color=COLOURS[controller], label=NAMES[controller])
-                spreads = np.maximum(np.transpose(spread), 0)  # equal seeds' mean may lie beyond them by a rounding
-                ax.errorbar(places, rates, spreads, fmt="none", ecolor=INK, elinewidth=0.7)
+            of_kind = [row for row in rows if row["drawn"] == kind]
+            grouped_bars(ax, of_kind, place="style", series=series, of="controller", values=values, fontsize=6)
             ax.axhline(0.9, color=INK, linewidth=0.6, linestyle=":")
             ax.set(title=f"random {kind}" if kind != "anywhere" else "everything random", ylim=(0, 1.02))
-            ax.set_xticks(range(len(styles)), [style.replace("_", "\n") for style in styles], fontsize=6)
-            quiet(ax)
         axes[0].set_ylabel("success rate")
-        _legend_below(figure, axes[0])
-    return Picture(
-        f"unseen_{environment}",
-        f"Success where nothing was demonstrated, {environment}",
-        "Share of scenes in which the goal was reached, with robot start, goal, or person drawn at random, or all "
-        "three; lines: worst and best seed. Dotted: 90 %. The scenes are reporting scenes; no checkpoint was chosen on "
-        "them.",
-        figure,
-        rows,
-    )
+        legend_below(figure, axes[0], fontsize=7)
+    return Drawn("unseen", f"unseen_{environment}", figure, rows, {"environment": environment})
 
 
-def speeds_picture(plan: DemonstrationsPlan, load: Load, environment: str) -> Picture:
+def draw_speeds(plan: DemonstrationsPlan, load: Load, environment: str) -> Drawn:
     """Figure 2.5a: the speeds demonstrated near the person, and those executed."""
-    limits = get_setup(environment).robot.limits
-    style = "slow_near_person" if "slow_near_person" in plan.budget.styles else plan.budget.styles[0]
-    arrays = load(plan.judged[first_cell(plan, environment, style, OURS)].key).arrays
+    per_pair, styles = plan.budget.per_pair, plan.budget.styles
+    style = "slow_near_person" if "slow_near_person" in styles else styles[0]
     share = np.linspace(0, 1, PROFILE_POINTS)
     rows: Rows = []
-    with mpl.rc_context(STYLE):
-        figure, axes = blank(4, 9.6, 2.2)
+    with panels(4, 9.6, 2.2) as (figure, axes):
         for pair, ax in enumerate(axes):
-            of_pair = slice(pair * plan.budget.per_pair, (pair + 1) * plan.budget.per_pair)
             for whose, controller in (("demonstrated", DEMONSTRATED), ("driven", OURS)):
-                for number, profile in enumerate(arrays[f"{whose}_speeds"][of_pair]):
-                    _profile(ax, share, profile, COLOURS[controller])
+                speeds = rollouts_of(plan, load, environment, style, controller)[0]["speeds"]
+                for number, profile in enumerate(speeds[pair * per_pair : (pair + 1) * per_pair]):
+                    curve(ax, share, profile, colour=COLOURS[controller], linewidth=0.8, alpha=0.8)
+                    about = {"pair": pair, "whose": whose, "rollout": number}
                     rows += [
-                        {
-                            "pair": pair,
-                            "whose": whose,
-                            "rollout": number,
-                            "share": round(float(s), 4),
-                            "speed_m_s": float(v),
-                        }
+                        {**about, "share": round(float(s), 4), "speed_m_s": float(v)}
                         for s, v in zip(share, profile, strict=True)
                     ]
-            ax.set(title=f"pair {pair + 1}", xlabel="share of the path", ylim=(0, limits.v_max * 1.15))
+            top = get_setup(environment).robot.limits.v_max * 1.15
+            ax.set(title=f"pair {pair + 1}", xlabel="share of the path", ylim=(0, top))
             quiet(ax)
         axes[0].set_ylabel("speed (m/s)")
         lines = [Line2D([], [], color=COLOURS[name], label=NAMES[name]) for name in (DEMONSTRATED, OURS)]
         figure.legend(handles=lines, frameon=False, fontsize=7, ncols=2, loc="outside lower center")
-    return Picture(
-        f"speeds_{environment}",
-        f"Speed profiles in the {environment}, {style.replace('_', ' ')}",
-        "Forward speed along the path, of every demonstration and of the rollout from its start. After figure 2.5 a.",
-        figure,
-        rows,
-    )
+    return Drawn("speeds", f"speeds_{environment}", figure, rows, {"environment": environment, "style": style})
 
 
-def _profile(ax: Axes, share: NDArray[Any], profile: NDArray[Any], colour: str) -> None:
-    ax.plot(share, profile, color=colour, linewidth=0.8, alpha=0.8)
-
-
-def _legend_below(figure: Figure, ax: Axes) -> None:
-    handles, labels = ax.get_legend_handles_labels()
-    figure.legend(handles, labels, frameon=False, fontsize=7, ncols=len(labels), loc="outside lower center")
-
-
-def curves_picture(plan: DemonstrationsPlan, load: Load, environment: str, style: str) -> Picture:
+def draw_curves(plan: DemonstrationsPlan, load: Load, environment: str, style: str) -> Drawn:
     """What a controller can do after how much computing, with and without each part of the training."""
-    curves = curves_of(plan, load, environment, style)
     rows: Rows = []
-    with mpl.rc_context(STYLE):
-        figure, axes = blank(len(CURVES), 9.6, 2.5)
-        for variant, whole in curves.items():
-            colour, label = VARIANT_COLOURS[variant], NAMES[variant]
-            averaged = [[point for point in curve if point["averaged"]] for curve in whole]
+    variants = [cell.controller for cell in plan.trained if cell[:2] == (environment, style)]
+    with panels(len(CURVES), 9.6, 2.5) as (figure, axes):
+        for variant in dict.fromkeys(variants):
+            colour = DATA[list(VARIANTS).index(variant)]
+            histories = [load(plan.trained[cell]).meta["curve"] for cell in plan.cells(environment, style, variant)]
+            averaged: list[list[dict[str, Any]]] = [[p for p in curve if p["averaged"]] for curve in histories]
             seconds = np.array([[point["cpu_s"] for point in curve] for curve in averaged])
             for ax, name in zip(axes, CURVES, strict=True):
                 values = np.array([[point[name] for point in curve] for curve in averaged])
-                ax.plot(seconds.T, values.T, linewidth=0.5, color=colour, alpha=0.5)
-                ax.plot(
-                    seconds.mean(axis=0),
-                    values.mean(axis=0),
-                    ".-",
-                    markersize=3,
-                    linewidth=1.3,
-                    color=colour,
-                    label=label,
-                )
+                curve(ax, seconds.T, values.T, colour=colour, linewidth=0.5, alpha=0.5)
+                thick: dict[str, Any] = {"markersize": 3, "linewidth": 1.3, "label": NAMES[variant], "marker": "."}
+                curve(ax, seconds.mean(axis=0), values.mean(axis=0), colour=colour, **thick)
             rows += [
                 {"variant": variant, "seed": seed, "cpu_s": p["cpu_s"], "updates": p["updates"]}
                 | {name: p[name] for name in CURVES}
-                for seed, curve in zip(plan.budget.seeds, averaged, strict=True)
-                for p in curve
+                for seed, points in zip(plan.budget.seeds, averaged, strict=True)
+                for p in points
             ]
         for ax, (name, words) in zip(axes, CURVES.items(), strict=True):
             ax.set(title=words, xlabel="CPU seconds", ylim=(0, None if name == "frechet_m" else 1.02))
             quiet(ax)
         axes[0].axhline(0.25, color=INK, linewidth=0.6, linestyle=":")
-        _legend_below(figure, axes[0])
-    return Picture(
-        f"curves_{environment}_{style}",
-        f"Learning curves, {style.replace('_', ' ')} in the {environment}",
-        "From demonstrated starts: the median deviation-aware Frechet distance (dotted: the bar, which means nothing "
-        "where rollouts leave their demonstration early), the share of rollouts that follow one to the goal (arrived, "
-        " f at most 0.25 m, t* at least 0.8), success; then success in unseen selection scenes. Thin: each "
-        "seed, with averaged weights; thick: their mean. "
-        "Seconds of one core, the measuring at every point included.",
-        figure,
-        rows,
-    )
+        legend_below(figure, axes[0], fontsize=7)
+    about = {"environment": environment, "style": style}
+    return Drawn("curves", f"curves_{environment}_{style}", figure, rows, about)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 from desirepath.demonstrations.controllers import BASELINES
 from desirepath.demonstrations.demonstrators import STYLES
 from desirepath.demonstrations.judging import KINDS
 from desirepath.demonstrations.td3_bc.configuration import DemonstrationConfig
+from desirepath_experiments.reproduction.driver import read_budgets
 from desirepath_experiments.reproduction.tasks import Task
 
 OURS = "ours"
@@ -53,22 +55,10 @@ class DemonstrationsBudget:
     controls: bool = True
 
 
-BUDGETS = {
-    budget.name: budget
-    for budget in (
-        DemonstrationsBudget("small", ("room",), (0,), 8_000, "field_of_view", 100),
-        # As many updates as a study gives while the participant waits.
-        DemonstrationsBudget("full", ("room", "corridor"), (0, 1, 2), 16_000, "field_of_view", 100),
-        # As many as training has by default.
-        DemonstrationsBudget(
-            "long", ("room", "corridor"), (0, 1, 2), DemonstrationConfig().updates, "field_of_view", 100, controls=False
-        ),
-    )
-}
+BUDGETS = read_budgets("demonstrations", DemonstrationsBudget)
 
 
-@dataclass(frozen=True)
-class ControllerCell:
+class ControllerCell(NamedTuple):
     """One controller of one demonstrator's: environment, style, variant or baseline, seed."""
 
     environment: str
@@ -88,43 +78,34 @@ class DemonstrationsPlan:
     judged: dict[ControllerCell, Task]
     unseen: dict[ControllerCell, Task]
 
-    def tasks(self) -> list[Task]:
-        """All of them; needs come along."""
-        return [*self.judged.values(), *self.unseen.values()]
+    def cells(self, environment: str, style: str, controller: str) -> list[ControllerCell]:
+        """Of every seed."""
+        return [ControllerCell(environment, style, controller, seed) for seed in self.budget.seeds]
 
 
 def make_plan(budget: DemonstrationsBudget) -> DemonstrationsPlan:
     """Which tasks a budget has."""
-    trained: dict[ControllerCell, Task] = {}
-    judged: dict[ControllerCell, Task] = {}
-    unseen: dict[ControllerCell, Task] = {}
-    for environment in budget.environments:
-        for style in budget.styles:
-            variants: Sequence[str] = (OURS, WITHOUT)
-            if not budget.controls:
-                variants = (OURS,)
-            elif environment == budget.environments[0] and style == budget.ablated:
-                variants = tuple(VARIANTS)
-            for seed in budget.seeds:
-                shown = {"environment": environment, "style": style, "per_pair": budget.per_pair, "seed": seed}
-                elsewhere = {"environment": environment, "seed": seed, "scenes": budget.unseen}
-                for variant in variants:
-                    cell = ControllerCell(environment, style, variant, seed)
-                    config = {"seed": seed, "updates": budget.updates, **VARIANTS[variant]}
-                    # Who learns without demonstrations is one controller for all styles; the style only tells beside
-                    # which demonstrations its curve is measured.
-                    beside = budget.ablated if variant == WITHOUT else style
-                    training = Task(
-                        "controller",
-                        {**shown, "style": beside, "config": config},
-                        seconds=budget.updates * SECONDS_PER_UPDATE,
-                    )
-                    trained[cell] = training
-                    judged[cell] = Task("judged", {**shown, "controller": OURS}, (training,), JUDGED_S)
-                    unseen[cell] = Task("unseen", {**elsewhere, "controller": OURS}, (training,), JUDGED_S)
-                for baseline in BASELINES:
-                    cell = ControllerCell(environment, style, baseline, seed)
-                    judged[cell] = Task("judged", {**shown, "controller": baseline}, seconds=JUDGED_S)
-                    seconds = SECONDS_PER_BASELINE_SCENE * len(KINDS) * budget.unseen
-                    unseen[cell] = Task("unseen", {**elsewhere, "controller": baseline}, seconds=seconds)
-    return DemonstrationsPlan(budget, trained, judged, unseen)
+    plan = DemonstrationsPlan(budget, {}, {}, {})
+    for environment, style, seed in product(budget.environments, budget.styles, budget.seeds):
+        variants: Sequence[str] = (OURS, WITHOUT) if budget.controls else (OURS,)
+        if budget.controls and (environment, style) == (budget.environments[0], budget.ablated):
+            variants = tuple(VARIANTS)
+        shown = {"environment": environment, "style": style, "per_pair": budget.per_pair, "seed": seed}
+        elsewhere = {"environment": environment, "seed": seed, "scenes": budget.unseen}
+        for variant in variants:
+            cell = ControllerCell(environment, style, variant, seed)
+            config = {"seed": seed, "updates": budget.updates, **VARIANTS[variant]}
+            # Who learns without demonstrations is one controller for all styles; the style only tells beside which
+            # demonstrations its curve is measured.
+            beside = budget.ablated if variant == WITHOUT else style
+            learned = {**shown, "style": beside, "config": config}
+            training = Task("controller", learned, seconds=budget.updates * SECONDS_PER_UPDATE)
+            plan.trained[cell] = training
+            plan.judged[cell] = Task("judged", {**shown, "controller": OURS}, (training,), JUDGED_S)
+            plan.unseen[cell] = Task("unseen", {**elsewhere, "controller": OURS}, (training,), JUDGED_S)
+        for baseline in BASELINES:
+            cell = ControllerCell(environment, style, baseline, seed)
+            seconds = SECONDS_PER_BASELINE_SCENE * len(KINDS) * budget.unseen
+            plan.judged[cell] = Task("judged", {**shown, "controller": baseline}, seconds=JUDGED_S)
+            plan.unseen[cell] = Task("unseen", {**elsewhere, "controller": baseline}, seconds=seconds)
+    return plan

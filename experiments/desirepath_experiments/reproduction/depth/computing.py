@@ -36,7 +36,7 @@ from desirepath_experiments.reproduction.depth.recording_measures import (
     reconstruction,
     shown_frames,
 )
-from desirepath_experiments.reproduction.tasks import Function, TaskResult
+from desirepath_experiments.reproduction.tasks import Function, TaskResult, as_bytes
 
 HOME = get_setup("home")
 
@@ -45,10 +45,6 @@ RECORDED_SEED, EXPLORED_SEED = (
     2**32 + 50_000,
 )  # homes of recordings and of exploration: each other's, too, unseen
 HELD_OUT_HOMES, HELD_OUT_STEPS, ROBOTS = 16, 60, 64
-
-
-def _bytes(data: bytes) -> NDArray[np.uint8]:
-    return np.frombuffer(data, dtype=np.uint8)
 
 
 def avoider(params: dict[str, Any], _: Sequence[TaskResult]) -> TaskResult:
@@ -65,7 +61,7 @@ def avoider(params: dict[str, Any], _: Sequence[TaskResult]) -> TaskResult:
     )
     result = train_base(config)
     policy = result.policy.without_critic()
-    return TaskResult({"selection_success": result.selection_success}, {"policy": _bytes(policy.to_bytes())})
+    return TaskResult({"selection_success": result.selection_success}, {"policy": as_bytes(policy.to_bytes())})
 
 
 @cache
@@ -75,7 +71,7 @@ def _recording(policy: bytes, homes: int, steps: int) -> Recording:
 
 
 def _recorded(params: dict[str, Any], avoided: TaskResult) -> Recording:
-    return _recording(avoided.arrays["policy"].tobytes(), params["homes"], params["steps"])
+    return _recording(avoided.content("policy"), params["homes"], params["steps"])
 
 
 def encoder(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
@@ -91,14 +87,14 @@ def encoder(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     # What is stored is what is used, rounding included.
     return TaskResult(
         {"last_training_rms_m": float(np.mean(training.curve[-50:]))},
-        {"encoder": _bytes(training.encoder().to_bytes()), **training.state()},
+        {"encoder": as_bytes(training.encoder().to_bytes()), **training.state()},
     )
 
 
 def perception(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """The predictor, and how well encoder and predictor do in homes that neither has seen."""
-    policy, recording = Policy.from_bytes(needs[0].arrays["policy"].tobytes()), _recorded(params, needs[0])
-    encoder = DepthEncoder.from_bytes(needs[1].arrays["encoder"].tobytes())
+    policy, recording = Policy.from_bytes(needs[0].content("policy")), _recorded(params, needs[0])
+    encoder = DepthEncoder.from_bytes(needs[1].content("encoder"))
     fitted = fit_predictor(*prediction_set(recording, encoder), PredictorConfig(batches=params["predictor_batches"]))
     predictor = PersonPredictor(fitted)
     judged_in = scene_set("home", HELD_OUT_HOMES, purpose=Purpose.REPORT, seed=1)
@@ -110,7 +106,7 @@ def perception(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResul
         "prediction": prediction_errors(held_out, encoder, predictor),
         "last_training_rms_m": needs[1].meta["last_training_rms_m"],
     }
-    arrays = {"encoder": _bytes(encoder.to_bytes()), "predictor": _bytes(predictor.to_bytes())}
+    arrays = {"encoder": as_bytes(encoder.to_bytes()), "predictor": as_bytes(predictor.to_bytes())}
     return TaskResult(measured, arrays | shown_frames(held_out, encoder))
 
 
@@ -120,8 +116,8 @@ def _demonstrated(scenes: int, per_scene: int) -> list[list[Demonstration]]:
 
 
 def _senses(name: str, found: TaskResult, seed: int) -> Any:
-    encoder = DepthEncoder.from_bytes(found.arrays["encoder"].tobytes())
-    predictor = PersonPredictor.from_bytes(found.arrays["predictor"].tobytes())
+    encoder = DepthEncoder.from_bytes(found.content("encoder"))
+    predictor = PersonPredictor.from_bytes(found.content("predictor"))
     return senses_of(CONFIGURATIONS[name], encoder, predictor, seed)
 
 
@@ -141,13 +137,13 @@ def controller(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResul
         flat(_demonstrated(params["scenes"], params["per_scene"])),
         DepthTrainingConfig(seed=seed, updates=params["updates"]),
     )
-    return TaskResult({}, {"policy": _bytes(policy.to_bytes())})
+    return TaskResult({}, {"policy": as_bytes(policy.to_bytes())})
 
 
 def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """A configuration in unseen homes by person mode, and where something was demonstrated, with things taken away."""
     make = _senses(params["configuration"], needs[0], 1_000 + params["seed"])
-    policy = DepthController.from_bytes(needs[1].arrays["policy"].tobytes())
+    policy = DepthController.from_bytes(needs[1].content("policy"))
     modes = MODES[:4]
     unseen = scene_set("home", params["unseen"], purpose=Purpose.REPORT, seed=2)
     # The same homes for every mode and every configuration.
@@ -196,10 +192,4 @@ def _around(
     return Episodes(tuple(scenes), ("replayed",) * len(scenes)), paths
 
 
-FUNCTIONS: dict[str, Function] = {
-    "avoider": avoider,
-    "encoder": encoder,
-    "perception": perception,
-    "controller": controller,
-    "judged": judged,
-}
+FUNCTIONS: dict[str, Function] = {one.__name__: one for one in (avoider, encoder, perception, controller, judged)}

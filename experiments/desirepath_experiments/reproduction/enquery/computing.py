@@ -30,8 +30,7 @@ from desirepath.learning.td3.ensemble import PolicyEnsembleConfig, train_ensembl
 from desirepath.learning.td3.replay import collect
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.trajectory import Outcome
-from desirepath_experiments.reproduction.enquery.alignment_settings import read_alignment
-from desirepath_experiments.reproduction.enquery.budgets import MODELS, ORACLE, SETUP, SOURCES, Source
+from desirepath_experiments.reproduction.enquery.plan import MODELS, ORACLE, SETUP, SOURCES, Source, read_alignment
 from desirepath_experiments.reproduction.tasks import Function, TaskResult
 
 

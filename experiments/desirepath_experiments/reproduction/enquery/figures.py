@@ -1,86 +1,51 @@
-"""Chapter 6 in pictures, each beside a CSV with exactly what is drawn.
-
-Scenes with trajectories and flow fields are drawn by `explain/scene_plots.py`, whose colours and type
-are used here, too. Importing this loads matplotlib, which is slow.
-"""
+"""Figures of chapter 6: heat maps over kappa and steps, accuracies, distances, trajectories and flow fields."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.colors import LinearSegmentedColormap
 
 from desirepath.explain.flow_field import COLUMNS, difference, flow_field, rollouts_from, spread_starts
-from desirepath.explain.pictures import Picture, Rows, blank, quiet
-from desirepath.explain.scene_plots import DATA, INK, PAPER, SOFT, STYLE, pair_figure, starts_figure
+from desirepath.explain.pictures import Rows, quiet
+from desirepath.explain.scene_plots import DATA, PAPER, SOFT, pair_figure, starts_figure
 from desirepath.learning.policies.policy import Policy
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
-from desirepath_experiments.reproduction.enquery import published_numbers as thesis
-from desirepath_experiments.reproduction.enquery.budgets import CONDITIONS, MODELS, RECIPES, SETUP, TEST_SETS
+from desirepath_experiments.reproduction.enquery.chapter import FIRST, RAW, EnqueryResults, SweepCell
 from desirepath_experiments.reproduction.enquery.computing import stored_policies, table_scenes
-from desirepath_experiments.reproduction.enquery.plan import EnqueryPlan
-from desirepath_experiments.reproduction.enquery.results import (
-    FIRST,
-    RAW,
-    CurvePoint,
-    EnqueryResults,
-    Load,
-    SweepCell,
-    TableRow,
-)
+from desirepath_experiments.reproduction.enquery.plan import MODELS, RECIPES, SETUP, TEST_SETS, EnqueryPlan
+from desirepath_experiments.reproduction.figures import Drawn, curve, dots, heat_map, legend_below, panels
+from desirepath_experiments.reproduction.tasks import Load
 
 GOOD = LinearSegmentedColormap.from_list("good", ["#f2e3c9", "#dfeadb", "#8fbf95"])
 APART = LinearSegmentedColormap.from_list("apart", [PAPER, "#e4d5e9", "#b795c4"])
 SOURCE_COLOURS = {"EnQ": DATA[0], "BL": DATA[1]}
+DASHES = dict(zip(MODELS, ("-", (0, (1, 1.5)), (0, (4, 1.5))), strict=True))
 LONG_WAY_M = 6.0  # scenes shown have at least this far from start to goal: little can differ on a short way
 
 
-def pictures(plan: EnqueryPlan, load: Load, results: EnqueryResults) -> list[Picture]:
+def draw(plan: EnqueryPlan, load: Load, results: EnqueryResults) -> list[Drawn]:
     """All figures of the report, in its order."""
-    seen = drawn_scenes(plan)
-    base = stored_policies(load(plan.base.key))[0]
-    members = stored_policies(load(plan.ensemble.key))
-    first_runs = {
-        (recipe, name): stored_policies(load(plan.alignments[recipe, name][0].key))[0]
-        for recipe in plan.recipes
-        for name in CONDITIONS
-    }
-    members_shown = [
-        trajectories_picture(
-            f"members_{letter}",
-            f"All members of the ensemble, scene {letter}",
-            {f"member {k}": member for k, member in enumerate(members)},
-            spread_starts(scene, plan.budget.starts),
-        )
-        for letter, scene in zip("ab", seen, strict=False)
-    ]
-    compared = [
-        trajectories_picture(
-            f"aligned_{recipe}",
-            f"RAW and {FIRST} by {words}",
-            {RAW: base, FIRST: first_runs[recipe, FIRST]},
-            spread_starts(seen[0], plan.budget.starts),
-        )
+    seen, budget = drawn_scenes(plan), plan.budget
+    starts = [spread_starts(scene, budget.starts) for scene in seen]
+    base, members = stored_policies(load(plan.base))[0], stored_policies(load(plan.ensemble))
+    first = {key: stored_policies(load(runs[0]))[0] for key, runs in plan.alignments.items()}
+    found = [draw_sweep(results.sweep), draw_accuracy(results), draw_distances(results)]
+    for letter, from_starts in zip("ab", starts, strict=False):
+        policies = {f"member {k}": member for k, member in enumerate(members)}
+        title = f"All members of the ensemble, scene {letter}"
+        found.append(draw_trajectories(f"members_{letter}", title, policies, from_starts))
+    for recipe, words in plan.recipes.items():
+        policies = {RAW: base, FIRST: first[recipe, FIRST]}
+        found.append(draw_trajectories(f"aligned_{recipe}", f"{RAW} and {FIRST} by {words}", policies, starts[0]))
+    return found + [
+        draw_flow(f"flow_{recipe}_{name.lower()}", words, name, base, first[recipe, name], seen[0])
         for recipe, words in plan.recipes.items()
-    ]
-    fields = [
-        flow_picture(f"flow_{recipe}_{name.lower()}", words, name, base, first_runs[recipe, name], seen[0])
-        for recipe, words in plan.recipes.items()
-        for name in plan.budget.flow_fields
+        for name in budget.flow_fields
         if recipe == "thesis" or name == FIRST
-    ]
-    return [
-        sweep_picture(results.sweep),
-        accuracy_picture(results),
-        table_picture(results),
-        *members_shown,
-        *compared,
-        *fields,
     ]
 
 
@@ -91,26 +56,22 @@ def drawn_scenes(plan: EnqueryPlan) -> list[Scene]:
     return (far or scenes)[:2]
 
 
-def sweep_picture(cells: Sequence[SweepCell]) -> Picture:
+def draw_sweep(cells: Sequence[SweepCell]) -> Drawn:
     """Figure 6.2: action diversity and success over kappa and training steps."""
     kappas, marks = sorted({cell.kappa for cell in cells}), sorted({cell.steps for cell in cells})
     found = {(cell.kappa, cell.steps): cell for cell in cells}
-
-    def panel(ax: Axes, title: str, value: Callable[[SweepCell], float], number_format: str, colours: Colormap) -> None:
-        values = np.array([[value(found[kappa, steps]) for kappa in kappas] for steps in marks])
-        image = ax.imshow(values, origin="lower", aspect="auto", cmap=colours)
-        for (row, column), number in np.ndenumerate(values):
-            ax.text(column, row, format(number, number_format), ha="center", va="center", fontsize=7, color=INK)
-        ax.set_xticks(range(len(kappas)), [f"{kappa:.3g}" for kappa in kappas])
-        ax.set_yticks(range(len(marks)), [f"{steps:,}" for steps in marks])
-        ax.set(title=title, xlabel="kappa", ylabel="training steps per member")
-        bar = figure.colorbar(image, ax=ax, pad=0.02, aspect=28)
-        bar.outline.set_linewidth(0.5)
-
-    with mpl.rc_context(STYLE):
-        figure, axes = blank(2, max(6.4, 1.6 + 1.1 * len(kappas)), 0.9 + 0.42 * max(4, len(marks)))
-        panel(axes[0], "a  action diversity", lambda cell: cell.diversity, ".2f", APART)
-        panel(axes[1], "b  success rate, mean of the members", lambda cell: cell.success_rate, ".0%", GOOD)
+    maps = (
+        ("a  action diversity", "diversity", ".2f", APART),
+        ("b  success rate, mean of the members", "success_rate", ".0%", GOOD),
+    )
+    width, height = max(6.4, 1.6 + 1.1 * len(kappas)), 0.9 + 0.42 * max(4, len(marks))
+    with panels(2, width, height) as (figure, axes):
+        for ax, (title, name, number_format, colours) in zip(axes, maps, strict=True):
+            values = np.array([[getattr(found[kappa, steps], name) for kappa in kappas] for steps in marks])
+            heat_map(figure, ax, values, title, number_format, colours)
+            ax.set_xticks(range(len(kappas)), [f"{kappa:.3g}" for kappa in kappas])
+            ax.set_yticks(range(len(marks)), [f"{steps:,}" for steps in marks])
+            ax.set(xlabel="kappa", ylabel="training steps per member")
     rows: Rows = [
         {
             "kappa": cell.kappa,
@@ -121,40 +82,29 @@ def sweep_picture(cells: Sequence[SweepCell]) -> Picture:
         }
         for cell in cells
     ]
-    caption = (
-        "Action diversity (mean over states and members of the summed squared distances to the other members' actions) "
-        "and success rate over the weight kappa of the diversity term and the training steps. kappa = 0 is the control "
-        f"without the term. The thesis's figure 6.2; it settled on kappa = {thesis.KAPPA} and "
-        f"{thesis.ENSEMBLE_STEPS:,} steps."
-    )
-    return Picture("sweep", "Ensembles over kappa and training steps", caption, figure, rows)
+    return Drawn("sweep", "sweep", figure, rows)
 
 
-def accuracy_picture(results: EnqueryResults) -> Picture:
+def draw_accuracy(results: EnqueryResults) -> Drawn:
     """Figure 6.4: accuracy on both test sets against the number of answers."""
     points = results.curves
-    with mpl.rc_context(STYLE):
-        figure, axes = blank(len(TEST_SETS), 7.2, 3.3)
+    lowest = min(0.4, *(p.accuracy - 0.02 for p in points))
+    with panels(len(TEST_SETS), 7.2, 3.3) as (figure, axes):
         for ax, test_set in zip(axes, TEST_SETS, strict=True):
             for source, colour in SOURCE_COLOURS.items():
-                for (model, label), dashes in zip(MODELS.items(), ("-", (0, (1, 1.5)), (0, (4, 1.5))), strict=True):
+                for model, label in MODELS.items():
                     line = [p for p in points if (p.model, p.source, p.test_set) == (model, source, test_set)]
-                    _curve(ax, line, colour, dashes, f"{source}, {label}")
+                    # a band for every line would hide all of them
+                    band = ([p.low for p in line], [p.high for p in line]) if model == "mlp" else None
+                    curve(
+                        ax, [p.answers for p in line], [p.accuracy for p in line], colour=colour, band=band, shade=0.13,
+                        linestyle=DASHES[model], linewidth=1.4, label=f"{source}, {label}", marker=".", markersize=3.5,
+                    )  # fmt: skip
             quiet(ax)
             ax.axhline(0.5, color=SOFT, linewidth=0.6, linestyle=(0, (1, 2)))
-            lowest = min(0.4, *(p.accuracy - 0.02 for p in points))
             ax.set(title=f"tested on {test_set}", xlabel="answers", ylim=(lowest, 1.02))
         axes[0].set_ylabel("share of test pairs predicted")
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False)
-    repetitions = max(point.repetitions for point in points)
-    caption = (
-        f"Accuracy of reward models learned from pairs of ensemble trajectories (EnQ) and of 20-step segments (BL), "
-        f"mean of {repetitions} repetitions. Bands: 95 % intervals (Student's t) of the neural model, which the "
-        "thesis's figure 6.4 shows; those of our two are in the CSV. Dotted line: guessing. Our two models are given "
-        "measures of a trajectory, the smallest human distance among them, by which this oracle judges; the neural one "
-        "has to find it in the observations."
-    )
+        legend_below(figure, axes[0], 6)
     rows: Rows = [
         {
             "model": p.model,
@@ -169,27 +119,28 @@ def accuracy_picture(results: EnqueryResults) -> Picture:
         }
         for p in points
     ]
-    return Picture("accuracy", "Accuracy of reward models", caption, figure, rows)
+    return Drawn("accuracy", "accuracy", figure, rows)
 
 
-def _curve(ax: Axes, line: Sequence[CurvePoint], colour: str, dashes: object, label: str) -> None:
-    x = [point.answers for point in line]
-    ax.plot(
-        x, [point.accuracy for point in line], color=colour, linestyle=dashes, linewidth=1.4, label=label, marker=".",
-        markersize=3.5,
-    )  # fmt: skip
-    if line and line[0].model == "mlp":  # a band for every line would hide all of them
-        bounds = [point.low for point in line], [point.high for point in line]
-        ax.fill_between(x, *bounds, color=colour, alpha=0.13, linewidth=0)
-
-
-def table_picture(results: EnqueryResults) -> Picture:
+def draw_distances(results: EnqueryResults) -> Drawn:
     """Table 6.2 as dots: one per alignment, with what was published beside."""
-    with mpl.rc_context(STYLE):
-        lines = math.ceil(len(results.tables) / 2)
-        figure, axes = blank(2, 7.0, 0.5 + 2.7 * lines, rows=lines)
-        for ax, (recipe, rows_of_recipe) in zip(axes, results.tables.items(), strict=False):
-            _dots(ax, rows_of_recipe)
+    lines = math.ceil(len(results.tables) / 2)
+    with panels(2, 7.0, 0.5 + 2.7 * lines, rows=lines) as (figure, axes):
+        for ax, (recipe, of_recipe) in zip(axes, results.tables.items(), strict=False):
+            colours = [SOURCE_COLOURS.get(row.name.partition("-")[0], SOFT) for row in of_recipe]
+            dots(
+                ax,
+                [
+                    (
+                        row.name,
+                        colour,
+                        row.per_alignment,
+                        row.min_human_distance_m,
+                        row.published["min_human_distance_m"],
+                    )
+                    for row, colour in zip(of_recipe, colours, strict=True)
+                ],
+            )
             ax.axhline(results.ceiling_m, color=SOFT, linewidth=1, linestyle=(0, (4, 2)), label="ceiling of the scenes")
             ax.set(title=f"by {RECIPES[recipe]}", ylim=(0, None))
             quiet(ax)
@@ -200,8 +151,7 @@ def table_picture(results: EnqueryResults) -> Picture:
         top = max(ax.get_ylim()[1] for ax in axes)
         for ax in axes:
             ax.set_ylim(0, top)
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+        legend_below(figure, axes[0], 4)
     rows: Rows = [
         {
             "recipe": row.recipe,
@@ -209,40 +159,17 @@ def table_picture(results: EnqueryResults) -> Picture:
             "alignment": run,
             "min_human_distance_m": value,
             "mean_of_condition_m": row.min_human_distance_m,
-            "published_m": row.published.min_human_distance_m,
+            "published_m": row.published["min_human_distance_m"],
             "ceiling_m": results.ceiling_m,
         }
         for of_recipe in results.tables.values()
         for row in of_recipe
         for run, value in enumerate(row.per_alignment)
     ]
-    episodes = results.tables[next(iter(results.tables))][0]
-    caption = (
-        "Minimum distance to the person, centre to centre: each dot is the mean of one alignment's trajectories in the "
-        f"same {episodes.episodes // episodes.alignments} scenes, a bar the mean over the alignments, a diamond what "
-        f"the thesis published ({thesis.TABLE_6_2_SOURCE}). No policy can exceed the ceiling in these scenes."
-    )
-    return Picture("distances", "Minimum human distance of every alignment", caption, figure, rows)
+    return Drawn("distances", "distances", figure, rows)
 
 
-def _dots(ax: Axes, rows: Sequence[TableRow]) -> None:
-    for k, row in enumerate(rows):
-        colour = SOURCE_COLOURS.get(row.name.partition("-")[0], SOFT)
-        spread = np.linspace(-0.18, 0.18, len(row.per_alignment)) if len(row.per_alignment) > 1 else np.zeros(1)
-        ax.scatter(
-            k + spread, row.per_alignment, s=14, color=colour, alpha=0.75, linewidths=0, zorder=3,
-            label="one alignment" if k == 0 else None,
-        )  # fmt: skip
-        ax.plot([k - 0.3, k + 0.3], [row.min_human_distance_m] * 2, color=INK, linewidth=1.4, zorder=4,
-                label="mean" if k == 0 else None)  # fmt: skip
-        ax.scatter(
-            k, row.published.min_human_distance_m, marker="D", s=20, facecolor=PAPER, edgecolor=INK, linewidths=0.9,
-            zorder=5, label="thesis" if k == 0 else None,
-        )  # fmt: skip
-    ax.set_xticks(range(len(rows)), [row.name for row in rows])
-
-
-def trajectories_picture(name: str, title: str, policies: Mapping[str, Policy], starts: Sequence[Scene]) -> Picture:
+def draw_trajectories(name: str, title: str, policies: Mapping[str, Policy], starts: Sequence[Scene]) -> Drawn:
     """Figures 6.3 and 6.7: several policies from the same starts."""
     rollouts = rollouts_from(
         {whose: policy.rollout_policy for whose, policy in policies.items()}, get_setup(SETUP), starts
@@ -261,14 +188,11 @@ def trajectories_picture(name: str, title: str, policies: Mapping[str, Policy], 
         for start, trajectory in enumerate(trajectories)
         for time, pose in zip(trajectory.times, trajectory.poses, strict=True)
     ]
-    caption = (
-        f"Scene {starts[0].seed} of the open field, {len(starts)} starts: the scene's own, then each time the free "
-        "place farthest from all others and the goal. A cross marks where a trajectory ended without arriving."
-    )
-    return Picture(name, title, caption, starts_figure(rollouts, title=title), rows)
+    about = {"title": title, "scene": starts[0].seed, "starts": len(starts)}
+    return Drawn("trajectories", name, starts_figure(rollouts, title=title), rows, about)
 
 
-def flow_picture(name: str, recipe: str, condition: str, base: Policy, aligned: Policy, scene: Scene) -> Picture:
+def draw_flow(name: str, recipe: str, condition: str, base: Policy, aligned: Policy, scene: Scene) -> Drawn:
     """Figures 6.5 and 6.6: raw against aligned, as flow fields with their difference."""
     setup = get_setup(SETUP)
     fields = flow_field(base.rollout_policy, setup, scene), flow_field(aligned.rollout_policy, setup, scene)
@@ -278,11 +202,6 @@ def flow_picture(name: str, recipe: str, condition: str, base: Policy, aligned: 
         for whose, field in zip((RAW, condition), fields, strict=True)
         for values in field.rows()
     ]
-    caption = (
-        f"Scene {scene.seed}; A is RAW, B the first alignment of {condition} by {recipe}. Above: settled headings as "
-        "streamlines over the number of trajectories through each cell, one from every free cell. Below: the angle "
-        f"between the headings (mean {apart.mean_angle:.2f} rad) and the difference of the trajectories."
-    )
-    title = f"Flow fields of RAW and {condition} by {recipe}"
     figure = pair_figure(apart, titles=(f"A  {RAW}", f"B  {condition}, {recipe}"))
-    return Picture(name, title, caption, figure, rows)
+    about = {"recipe": recipe, "condition": condition, "scene": scene.seed, "angle": apart.mean_angle}
+    return Drawn("flow", name, figure, rows, about)

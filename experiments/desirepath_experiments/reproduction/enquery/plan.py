@@ -1,42 +1,89 @@
-"""Chapter 6 as tasks: which there are for a budget, with all that their results depend on. No task is computed here."""
+"""Chapter 6 as tasks: how much is compared, and which tasks that takes, with all that their results depend on."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 from desirepath.learning.alignment.conditioning_search import ConditioningSearchConfig
 from desirepath.learning.alignment.fine_tuning import FineTuningConfig
 from desirepath.learning.alignment.gate import GateRule
 from desirepath.learning.alignment.relabelling import RelabellingConfig
-from desirepath.learning.alignment.thesis import thesis_config
+from desirepath.learning.alignment.thesis import ThesisConfig, thesis_config
+from desirepath.learning.cards import read_config
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.policies.shape import FAST_HEADS
+from desirepath.learning.policies.shape import FAST_HEADS, THESIS_HEADS
 from desirepath.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
 from desirepath.learning.shipped_files import shipped_names
 from desirepath.learning.td3.base import BaseConfig
 from desirepath.learning.td3.ensemble import PolicyEnsembleConfig
-from desirepath_experiments.reproduction.enquery.alignment_settings import stored_alignment
-from desirepath_experiments.reproduction.enquery.budgets import (
-    CONDITIONED,
-    CONDITIONS,
-    FIRST_SEED,
-    FROM_CONDITIONED,
-    RECIPES,
-    SEEDS_PER_RUN,
-    SETUP,
-    TEST_SEED,
-    EnqueryBudget,
-    Source,
-)
+from desirepath_experiments.reproduction.driver import read_budgets
+from desirepath_experiments.reproduction.published import published
 from desirepath_experiments.reproduction.tasks import Task
+
+PRINTED = published("enquery").numbers
+SETUP = "open_field"
+CONDITIONED = f"{SETUP}/conditioned"
+ORACLE = "min-human-distance"  # 6.4.2
+Source = Literal["EnQ", "BL"]
+SOURCES: tuple[Source, ...] = ("EnQ", "BL")
+CONDITIONS: dict[str, tuple[Source, int]] = {
+    "EnQ-15": ("EnQ", 15),
+    "EnQ-60": ("EnQ", 60),
+    "BL-15": ("BL", 15),
+    "BL-60": ("BL", 60),
+}
+MODELS = {"mlp": "neural", "linear": "linear", "weights": "weights"}  # the thesis's, then ours
+TEST_SETS = ("ensemble pairs", "segments")
+
+RECIPES = {
+    "thesis": "the thesis's recipe",
+    "fine_tuning": "our recipe from RAW",
+    "instant": "our conditioned policy at once",
+    "conditioning_search": "our conditioned policy, searched on",
+}
+FROM_CONDITIONED = ("instant", "conditioning_search")
+
+SECONDS_PER_UPDATE = {FAST_HEADS: 0.003, THESIS_HEADS: 0.01}
+FIRST_SEED = 20_000  # of query and reporting scenes: beyond those of cards, benchmarks and studies
+SEEDS_PER_RUN = 100
+TEST_SEED = 99  # of the hundred seeds of a run
 
 
 @dataclass(frozen=True)
-class Speed:
-    """Seconds of one TD3 update on this machine, by heads, for the estimate."""
+class EnqueryBudget:
+    """How much is computed."""
 
-    per_update: dict[tuple[int, int], float]
+    name: str
+    heads: tuple[int, int]  # of base, ensemble, reward models and alignments; the sweep starts from the shipped base
+    train: bool  # base and ensemble of these heads; False: the shipped ones
+    kappas: tuple[float, ...]
+    marks: tuple[int, ...]  # training steps at which the sweep looks
+    sweep_scenes: int
+    answers: tuple[int, ...]  # numbers of answers of the learning curve
+    repetitions: int
+    test_pairs: int
+    alignments: int
+    rollouts: int
+    thesis_updates: int  # per epoch
+    thesis_epochs: int
+    fine_tuning_updates: int
+    fine_tuning_checkpoints: int
+    search_tried: int = ConditioningSearchConfig.tried  # candidates of the conditioning search
+    states: int = 1_000  # 6.5.1.1: in which action diversity is measured
+    base_updates: int = BaseConfig(SETUP).updates
+    ensemble_steps: int = int(PRINTED["ensemble_steps"])
+    base_transitions: int = PolicyEnsembleConfig().base_transitions
+    selection_scenes: int = FineTuningConfig().selection_scenes
+    gate_scenes: int = GateRule().scenes
+    replay_transitions: int = FineTuningConfig().replay_transitions
+    starts: int = 6  # per scene with trajectories drawn in it
+    recipes: tuple[str, ...] = tuple(RECIPES)  # those from the conditioned policy only where one is shipped
+    flow_fields: tuple[str, ...] = ("EnQ-15",)  # conditions by the thesis's recipe, against RAW; by ours only EnQ-15
+
+
+BUDGETS = read_budgets("enquery", EnqueryBudget)
 
 
 @dataclass(frozen=True)
@@ -56,10 +103,6 @@ class EnqueryPlan:
     def recipes(self) -> dict[str, str]:
         """The recipes that are compared, with what they are called."""
         return {recipe: RECIPES[recipe] for recipe in dict.fromkeys(recipe for recipe, _ in self.alignments)}
-
-    def tasks(self) -> list[Task]:
-        runs = [task for tasks in self.alignments.values() for task in tasks]
-        return [self.base, self.ensemble, *self.sweep.values(), self.raw, *self.accuracies, *runs]
 
 
 def query_seed(seed: int, run: int) -> int:
@@ -92,34 +135,31 @@ def search_config(budget: EnqueryBudget, run: int) -> ConditioningSearchConfig:
     return replace(usual, selection_scenes=min(budget.selection_scenes, usual.selection_scenes))
 
 
-def make_plan(budget: EnqueryBudget, seed: int, speed: Speed) -> EnqueryPlan:
+def make_plan(budget: EnqueryBudget, seed: int) -> EnqueryPlan:
     """The tasks. Raises ValueError for a seed without scenes of its own."""
     if not 0 <= seed < SEEDS_PER_RUN:
         raise ValueError(f"seed = {seed}: between 0 and {SEEDS_PER_RUN - 1}")
-    fast, own = speed.per_update[FAST_HEADS], speed.per_update[budget.heads]
+    fast, own = SECONDS_PER_UPDATE[FAST_HEADS], SECONDS_PER_UPDATE[budget.heads]
     shipped = _shipped("base", f"{SETUP}/base", [load_policy(f"{SETUP}/base")])
     base, ensemble = shipped, _shipped("ensemble", f"{SETUP}/ensemble", load_ensemble(SETUP))
     if budget.train:
-        config = BaseConfig(SETUP, seed=seed, heads=budget.heads, updates=budget.base_updates)
-        base = Task("train_base", config.as_dict(), seconds=60 + own * config.updates)
+        trained = BaseConfig(SETUP, seed=seed, heads=budget.heads, updates=budget.base_updates)
+        base = Task("train_base", trained.as_dict(), seconds=60 + own * trained.updates)
         members = PolicyEnsembleConfig(seed=seed, steps=budget.ensemble_steps, base_transitions=budget.base_transitions)
         ensemble = Task("train_ensemble", members.as_dict(), (base,), seconds=10 + own * 4 * members.steps)
-    sweep = {
-        kappa: Task(
-            "sweep",
-            {
-                "config": PolicyEnsembleConfig(
-                    seed=seed, kappa=kappa, steps=max(budget.marks), base_transitions=budget.base_transitions
-                ).as_dict(),
-                "marks": list(budget.marks),
-                "states": budget.states,
-                "scenes": {"seed": FIRST_SEED + seed, "n": budget.sweep_scenes},
-            },
-            (shipped,),
-            seconds=2 + fast * 4 * max(budget.marks) + 0.01 * len(budget.marks) * budget.sweep_scenes,
+    sweep = {}
+    looking = 0.01 * len(budget.marks) * budget.sweep_scenes
+    for kappa in budget.kappas:
+        config = PolicyEnsembleConfig(
+            seed=seed, kappa=kappa, steps=max(budget.marks), base_transitions=budget.base_transitions
         )
-        for kappa in budget.kappas
-    }
+        swept = {
+            "config": config.as_dict(),
+            "marks": list(budget.marks),
+            "states": budget.states,
+            "scenes": {"seed": FIRST_SEED + seed, "n": budget.sweep_scenes},
+        }
+        sweep[kappa] = Task("sweep", swept, (shipped,), 2 + fast * 4 * max(budget.marks) + looking)
     accuracies = [
         Task(
             "accuracy",
@@ -184,3 +224,22 @@ def _alignment(
 
 def _shipped(kind: str, name: str, policies: Sequence[Policy]) -> Task:
     return Task(f"shipped_{kind}", {"name": name, "sha256": [policy.digest() for policy in policies]}, seconds=1)
+
+
+def stored_alignment(config: RelabellingConfig) -> dict[str, Any]:
+    """The settings as tasks are named by: flat, with the keys of the first release, so that what was computed before
+    the algorithms had settings of their own is found again; those of the other algorithm stand beside at their
+    defaults."""
+    flat = {**FineTuningConfig().as_dict(), **config.as_dict()}
+    flat["preference_weight"] = flat.pop("reward_weight")
+    return {**flat, "recipe": "thesis" if isinstance(config, ThesisConfig) else "refine"}
+
+
+def read_alignment(stored: Mapping[str, Any]) -> RelabellingConfig:
+    """Back from `stored_alignment`."""
+    algorithm: type[FineTuningConfig] | type[ThesisConfig] = (
+        ThesisConfig if stored["recipe"] == "thesis" else FineTuningConfig
+    )
+    given = read_config({**stored, "reward_weight": stored["preference_weight"]})
+    own = {one.name: given[one.name] for one in fields(algorithm) if one.name in given}
+    return algorithm(**own, gate=GateRule.of(stored))

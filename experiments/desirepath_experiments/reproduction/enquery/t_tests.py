@@ -6,8 +6,7 @@ scipy computes the tests; what is compared with what is decided by the reports.
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,9 +33,6 @@ class TTest:
     n: tuple[int, int]
     no_spread: bool = False
 
-    def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
-
     @property
     def stars(self) -> str:
         """The thesis's marks (table 6.2) of the corrected p: * up to 0.05, ** up to 0.01, *** up to 0.001."""
@@ -54,34 +50,23 @@ class TTest:
         )
 
 
-def _sample(name: str, values: ArrayLike) -> tuple[float, float, int]:
-    data = np.asarray(values, dtype=float)
-    if data.ndim != 1 or len(data) < 2 or not np.isfinite(data).all():
-        raise ValueError(f"{name}: shape {data.shape}; a t-test needs at least 2 finite numbers in one row")
-    return float(data.mean()), float(data.var(ddof=1)), len(data)
-
-
 def student_t(first: ArrayLike, second: ArrayLike) -> TTest:
-    """Student's t-test of two independent samples (n,) and (m,), equal variances assumed, as in the thesis's table 6.2.
+    """Student's t-test of two independent samples (n,) and (m,), equal variances assumed, as in the thesis's table 6.2;
+    or of one sample against a fixed value.
 
     Raises ValueError for fewer than two numbers in a sample or numbers that are not finite.
     """
-    (mean_a, var_a, n_a), (mean_b, var_b, n_b) = _sample("first", first), _sample("second", second)
-    difference, df = mean_a - mean_b, n_a + n_b - 2
-    if not (has_spread(first) or has_spread(second)):
-        return TTest(math.nan, df, 1.0, 1.0, math.nan, difference, (n_a, n_b), no_spread=True)
-    result = stats.ttest_ind(first, second, equal_var=True)
-    pooled = math.sqrt(((n_a - 1) * var_a + (n_b - 1) * var_b) / df)
+    samples = [np.asarray(values, dtype=float) for values in (first, second)]
+    fixed = samples[1].ndim == 0
+    for name, data in zip(("first", "second"), samples[: 1 if fixed else 2], strict=False):
+        if data.ndim != 1 or len(data) < 2 or not np.isfinite(data).all():
+            raise ValueError(f"{name}: shape {data.shape}; a t-test needs at least 2 finite numbers in one row")
+    difference = float(samples[0].mean() - samples[1].mean())
+    n = len(samples[0]), samples[1].size
+    df = n[0] - 1 if fixed else sum(n) - 2
+    if not any(has_spread(data) for data in samples):
+        return TTest(math.nan, df, 1.0, 1.0, math.nan, difference, n, no_spread=True)
+    result = stats.ttest_1samp(samples[0], samples[1]) if fixed else stats.ttest_ind(*samples, equal_var=True)
+    deviation = math.sqrt(sum(float(np.square(data - data.mean()).sum()) for data in samples) / df)
     p = float(result.pvalue)
-    return TTest(float(result.statistic), df, p, p, difference / pooled, difference, (n_a, n_b))
-
-
-def student_t_against(values: ArrayLike, fixed: float) -> TTest:
-    """Student's t-test of one sample (n,) against a fixed value. Raises ValueError as `student_t` does."""
-    mean, variance, n = _sample("values", values)
-    difference = mean - fixed
-    if not has_spread(values):
-        return TTest(math.nan, n - 1, 1.0, 1.0, math.nan, difference, (n, 1), no_spread=True)
-    result = stats.ttest_1samp(values, fixed)
-    p = float(result.pvalue)
-    return TTest(float(result.statistic), n - 1, p, p, difference / math.sqrt(variance), difference, (n, 1))
+    return TTest(float(result.statistic), df, p, p, difference / deviation, difference, n)

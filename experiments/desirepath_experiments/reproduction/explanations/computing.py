@@ -1,7 +1,7 @@
 """What each task of chapter 8 computes: the policy, what it explains in the 48 scenarios, simulated people who rank.
 
 Rankers see what a person would: with outlines the scores, through their own noise, and in any case what lies near and
-ahead. How far they go by either is put in (`published_numbers.py`); what comes of it is the study's own analysis.
+ahead. How far they go by either is put in, below; what comes of it is the study's own analysis.
 """
 
 from __future__ import annotations
@@ -23,14 +23,13 @@ from desirepath.learning.td3.base import base_config, train_base
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.explanation_findings import Explained, analyse_rankings
 from desirepath.report.rating_findings import measures
-from desirepath.report.simulated_rankers import RankerCohort, condition_name, item_texts, simulate_ratings
+from desirepath.report.simulated_rankers import Effect, RankerCohort, condition_name, item_texts, simulate_ratings
 from desirepath.report.study_data import ImportanceRanking, ParticipantRow, StudyData
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
-from desirepath_experiments.reproduction.explanations.published_numbers import NOISE_PLACES, RATED, TRUST
 from desirepath_experiments.reproduction.explanations.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
 from desirepath_experiments.reproduction.explanations.slowing import slowing
-from desirepath_experiments.reproduction.tasks import Function, TaskResult
+from desirepath_experiments.reproduction.tasks import Function, TaskResult, as_bytes
 
 EXPLAINED_ROOM = get_setup("explained_room")
 
@@ -38,6 +37,12 @@ SHIPPED = f"{EXPLAINED_ROOM.name}/base"
 CELLS = tuple(product((False, True), repeat=2))  # outline, lidar
 ORDERS = tuple(permutations(range(len(CELLS))))  # all 24
 SLOWING_SCENES = 100
+NOISE_PLACES = (0.6, 2.2)
+"""Ours: how unsure a ranker is, in places; each one's own, drawn evenly in between."""
+TRUST = (0.0, 0.6)
+"""Ours: how far a ranker who has outlines goes by them rather than by what lies near and ahead; drawn evenly."""
+RATED: dict[str, Effect] = {"awareness": (0.55, 0.55, -0.5), "plausibility": (0.0, 0.9, 0.0)}
+"""Ours: what outlines, lidar and both beyond their sum add to opinions (standard deviations), near what was printed."""
 
 
 def policy(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
@@ -59,13 +64,13 @@ def policy(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
         "selection_success": selection,
         "slowing": slowing(actor_of(chosen), rolled_out[:SLOWING_SCENES]),
     }
-    return TaskResult(meta, {"content": np.frombuffer(chosen.to_bytes(), dtype=np.uint8)})
+    return TaskResult(meta, {"content": as_bytes(chosen.to_bytes())})
 
 
 def explained_scenarios(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """What the policy is explained by in the 48 scenarios and in practice, up to the halt. arrays: content, a ranking
     set. meta: scores of 0 and ties."""
-    chosen = Policy.from_bytes(needs[0].arrays["content"].tobytes())
+    chosen = Policy.from_bytes(needs[0].content("content"))
     made = ranking_set(
         actor_of(chosen), chosen.rollout_policy, rooms(), practice_rooms(), count=SCENARIOS, practised=PRACTICE,
         policy=SHIPPED, method=params["method"], command="speed",
@@ -76,13 +81,13 @@ def explained_scenarios(params: dict[str, Any], needs: Sequence[TaskResult]) -> 
         "with_tied_scores": sum(len(set(scores.values())) < len(scores) for scores in regular),
         "objects_without_score": sum(score == 0 for scores in regular for score in scores.values()),
     }
-    return TaskResult(meta, {"content": np.frombuffer(made.to_bytes(), dtype=np.uint8)})
+    return TaskResult(meta, {"content": as_bytes(made.to_bytes())})
 
 
 def rankers(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """Studies of `participants` simulated people; the first one's tables, and how often each effect is found in all of
     them. meta: tau, tables, found (effect -> share of `studies`)."""
-    shown = RankingSet.from_bytes(needs[0].arrays["content"].tobytes())
+    shown = RankingSet.from_bytes(needs[0].content("content"))
     plan = AnalysisPlan()
     studies = [
         analysed(simulated_study(shown, params["participants"], params["seed"], k), plan)
@@ -153,8 +158,4 @@ def _tau(study: Explained, outline: bool) -> list[float]:
     return [float(np.mean(means)), float(np.std(means, ddof=1))]
 
 
-FUNCTIONS: dict[str, Function] = {
-    "policy": policy,
-    "explained_scenarios": explained_scenarios,
-    "rankers": rankers,
-}
+FUNCTIONS: dict[str, Function] = {one.__name__: one for one in (policy, explained_scenarios, rankers)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from desirepath.learning.alignment.thesis import ThesisConfig
 from desirepath.learning.people.card import people_card
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_policy, load_queries
-from desirepath.learning.preferences.oracles import Oracle
+from desirepath.learning.preferences.oracles import Oracle, ResponseModel
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.queries.queries import Query
 from desirepath.learning.rewards.held_out import accuracy
@@ -24,14 +25,7 @@ from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.report.simulated_cohorts import Cohort
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
-from desirepath_experiments.reproduction.interface.published_numbers import (
-    FIRST_CHOICE,
-    PAIRS,
-    RANKINGS,
-    RESPONSE_MODELS,
-    VIEWS,
-)
-from desirepath_experiments.reproduction.tasks import Function, TaskResult
+from desirepath_experiments.reproduction.tasks import Function, TaskResult, as_bytes
 
 SETUP = "study_room"
 QUERY_SET = "study_room/queries_500"
@@ -39,6 +33,22 @@ PER_VIEW = 25
 REPEATED = 5
 FIRST_MEMBER = 3_000  # numbers that nobody else is measured with
 LAMBDA = 0.2  # 7.4.5
+VIEWS = {"immersive": "VR", "top_down": "2D-TD", "first_person": "2D-FPV"}
+"""View -> as the tables print it."""
+PAIRS = tuple(combinations(VIEWS, 2))
+RANKINGS = {"usefulness": "R1 usefulness", "ease_of_use": "R2 ease of use", "intention": "R3 intention to use"}
+"""Table 7.1: what people rank the three views by."""
+RESPONSE_MODELS = {
+    "immersive": ResponseModel(lapse_rate=0.05),
+    "top_down": ResponseModel(lapse_rate=0.10, indifference=0.10),
+    "first_person": ResponseModel(lapse_rate=0.15, indifference=0.25),
+}
+"""Ours: how answers stray in each view. The preference itself is the same in all three."""
+FIRST_CHOICE = {
+    "usefulness": {"immersive": 0.8, "first_person": 0.05},
+    "intention": {"immersive": 0.9, "first_person": 0.01},
+}
+"""Ours: what is put into rankings, near what was printed."""
 
 
 @lru_cache(maxsize=1)
@@ -78,7 +88,10 @@ def answers(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
         "/".join(pair): [float(share) for share in (chosen[pair[0]] == chosen[pair[1]]).mean(1)] for pair in PAIRS
     }
     cohort = Cohort(first_choice=FIRST_CHOICE, seed=params["seed"])
-    first = {ranking: [cohort.person(row).rank(ranking, VIEWS)[0] for row in range(len(names))] for ranking in RANKINGS}
+    first = {
+        ranking: [cohort.person(row).rank(ranking, tuple(VIEWS))[0] for row in range(len(names))]
+        for ranking in RANKINGS
+    }
     return TaskResult(
         {"people": names, "agreement": agreement, "consistency": steady, "first_choice": first},
         {"asked": asked, **{f"chosen_{view}": of for view, of in chosen.items()}},
@@ -104,13 +117,13 @@ def aligned(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     result = align(load_policy(f"{SETUP}/base"), model, config)
     return TaskResult(
         {"answers": len(preferences), "training_accuracy": accuracy(model, preferences), "history": result.history},
-        {"policy": np.frombuffer(result.policy.to_bytes(), dtype=np.uint8)},
+        {"policy": as_bytes(result.policy.to_bytes())},
     )
 
 
 def rolled_out(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """Table 7.3's numbers of a policy, or of the base policy, in fresh scenes; with standard errors."""
-    policy = Policy.from_bytes(needs[0].arrays["policy"].tobytes()) if needs else load_policy(f"{SETUP}/base")
+    policy = Policy.from_bytes(needs[0].content("policy")) if needs else load_policy(f"{SETUP}/base")
     scenes = scene_set(SETUP, params["scenes"], purpose=Purpose.REPORT, seed=params["seed"])
     found = measure(rollout(get_setup(SETUP), policy.rollout_policy, scenes))
     means = {

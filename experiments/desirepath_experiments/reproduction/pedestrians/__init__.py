@@ -1,4 +1,1 @@
-"""Chapter 4 reproduced: attention networks, ablations, baselines and planners among pedestrians; table 4.1.
-
-`desirepath reproduce pedestrians` runs it.
-"""
+"""Chapter 4 reproduced: attention networks, ablations, baselines and planners among pedestrians; table 4.1."""

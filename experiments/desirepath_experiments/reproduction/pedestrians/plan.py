@@ -5,14 +5,15 @@ Constants of the simulator and the planners are the commit's, which stands with 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from itertools import product
 from typing import Any
 
 from desirepath.learning.pedestrians.crowd_networks import FIRST_NUMBERS, GAP_TIMES, VARIANTS
 from desirepath.learning.pedestrians.foresight import SEARCH_BY_VELOCITY
 from desirepath.simulation.crowds.crowd_kernels import HELD_UP_S, HELD_UP_SHARE
 from desirepath.simulation.crowds.crowd_scenes import UNSEEN_HOMES
+from desirepath_experiments.reproduction.driver import read_budgets
 from desirepath_experiments.reproduction.tasks import Task
 from desirepath_experiments.training.imitation import ImitationConfig
 
@@ -60,17 +61,8 @@ class PedestrianBudget:
     selection_scenes: int = ImitationConfig.evaluation_episodes
 
 
-SPEEDS, NUMBERS = (0.2, 0.4, 0.8, 1.0), (1, 4, 6, 8)
+BUDGETS = read_budgets("pedestrians", PedestrianBudget)
 BY_REWARD = (*(variant + TD3 for variant in VARIANTS), "ours" + DDPG)
-BUDGETS = {
-    budget.name: budget
-    for budget in (
-        PedestrianBudget("small", (0, 1, 2), tuple(VARIANTS), 250_000, 1_000, 300, (1.0,), (4,)),
-        PedestrianBudget(
-            "full", (0, 1, 2), (*VARIANTS, *BY_REWARD), 1_000_000, 1_000, 1_000, SPEEDS, NUMBERS, ByReward()
-        ),
-    )
-}
 
 
 @dataclass(frozen=True)
@@ -79,10 +71,6 @@ class PedestrianPlan:
 
     budget: PedestrianBudget
     judged: dict[tuple[str, int], Task]
-
-    def tasks(self) -> Iterator[Task]:
-        """All of them; needs come along."""
-        yield from self.judged.values()
 
 
 def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
@@ -95,7 +83,7 @@ def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
         "homes": {**asdict(UNSEEN_HOMES), "held_up": [HELD_UP_S, HELD_UP_SHARE]},
     }  # fmt: skip
     judged = 2 * budget.episodes + (2 + len(budget.speeds) + len(budget.numbers)) * budget.episodes_more
-    for name, seed in learned(budget):
+    for seed, name in product(budget.seeds, budget.learned):
         made = _trained(budget, name, seed, device) if learner_of(name) else imitated(budget, name, seed)
         robustness = name == "ours"
         params: dict[str, Any] = {"variant": network_of(name), "robustness": robustness, **asked}
@@ -103,16 +91,11 @@ def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
         seconds = (GROUPS_JUDGED_SECONDS if groups else JUDGED_SECONDS) * (judged + 2 * robustness * budget.episodes)
         plan.judged[name, seed] = Task("judged", params, (made,), seconds)
     for planner in PLANNED:
-        search: dict[str, Any] = {"search": SEARCH_BY_VELOCITY} if planner == "constant_velocity" else {}
-        plan.judged[planner, -1] = Task(
-            "planned", {"planner": planner, **asked, **search}, seconds=JUDGED_SECONDS * judged
-        )
+        params = {"planner": planner, **asked}
+        if planner == "constant_velocity":
+            params["search"] = SEARCH_BY_VELOCITY
+        plan.judged[planner, -1] = Task("planned", params, seconds=JUDGED_SECONDS * judged)
     return plan
-
-
-def learned(budget: PedestrianBudget) -> Iterator[tuple[str, int]]:
-    """What is learned, each with its seed."""
-    yield from ((name, seed) for seed in budget.seeds for name in budget.learned)
 
 
 def network_of(name: str) -> str:
@@ -143,18 +126,9 @@ def _trained(budget: PedestrianBudget, name: str, seed: int, device: str) -> Tas
     variant, settings = network_of(name), budget.by_reward
     if settings is None:
         raise ValueError(f"budget {budget.name}: {name} needs settings by reward")
-    config = {
-        "variant": variant,
-        "learner": learner_of(name),
-        "seed": seed,
-        "updates": settings.updates,
-        "batch_size": settings.batch_size,
-        "random_transitions": settings.random_transitions,
-        "learning_rate": settings.learning_rate,
-        "progress": settings.progress,
-        "buffer_size": 400_000,  # ours: all that is seen; the published 2 million would be 4 GB of mostly nothing
-        "device": device,
-    }
+    config = {"variant": variant, "learner": learner_of(name), "seed": seed, "device": device, **asdict(settings)}
+    del config["part"]
+    config["buffer_size"] = 400_000  # ours: all that is seen; the published 2 million would be 4 GB of mostly nothing
     seconds = SECONDS.get(variant, ATTENTION_SECONDS) * settings.part * settings.batch_size / 128
     needs: tuple[Task, ...] = ()
     for until in range(settings.part, settings.updates + settings.part, settings.part):
