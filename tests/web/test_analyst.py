@@ -21,20 +21,16 @@ from sqlalchemy import select
 from stable_baselines3 import TD3
 
 from desirepath.learning.policies.policy import Policy
-from desirepath.recordings.importing import import_recordings
 from desirepath.settings import Settings
 from desirepath.simulation.fast import make_engine
 from desirepath.simulation.setups import get_setup
 from desirepath.store.artefacts import ArtefactStore
-from desirepath.store.imported_answers import ImportedAnswer, save_imported_answers
 from desirepath.store.models import Artefact, Job, Response, Study, utc_now
-from desirepath.store.query_sets import save_query_set
 from desirepath.store.shipped_policies import policy_artefact
 from desirepath.web.analyst.compared_scenes import rollouts_in
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
 from tests.answered_study import add_answered_study
-from tests.recordings.walks import csv_of, robot_at, times
 from tests.running import served
 from tests.s3 import s3_store
 from tests.web.lab_services import PASSWORD, csrf, sign_in
@@ -228,34 +224,6 @@ def test_curves_are_there_as_data_csv_and_svg(analyst, known):
 
 def test_a_reward_models_accuracy_per_person_is_no_curve(analyst, known):
     assert analyst.get(f"/api/lab/jobs/{known.jobs['reward_model']}").json()["curves"] == {}
-
-
-def test_recordings_and_answers_from_elsewhere_have_pages_and_say_so(analyst, worked, tmp_path):
-    lines = [("r0", 0.0), ("r1", 1.2), ("r2", -1.5)]
-    poses = [(run, t, *robot_at(t, aside)) for run, aside in lines for t in map(float, times())]
-    (tmp_path / "mine.csv").write_text(csv_of("run,time_s,x_m,y_m,yaw_rad", poses))
-    (tmp_path / "answers.csv").write_text("a,b,choice,person\nr0,r1,a,p1\nr1,r2,r2,p1\n")
-    found = import_recordings(tmp_path / "mine.csv", "study_room", answers=tmp_path / "answers.csv")
-    with worked.database.transaction() as s:
-        queries = save_query_set(
-            s, worked.files, found.query_set, name="Mine", card={"imported": found.recorded_card()}
-        )
-        given = [ImportedAnswer(one.line, query, one.choice, one.person) for query, one in found.answers]
-        source = found.lineage[-1]
-        snapshot = save_imported_answers(s, worked.files, queries, given, name="Mine", source=source).id
-        query_set = queries.id
-    for path in (f"/lab/snapshots/{snapshot}", f"/lab/artefacts/{query_set}"):
-        page = analyst.get(path)
-        assert page.status_code == 200
-        assert "recorded elsewhere" in page.text
-        assert "comes with the product" not in page.text
-    page = analyst.get(f"/lab/snapshots/{snapshot}").text
-    assert "people, imported from a file" in page
-    answer = re.search(rf"/lab/snapshots/{snapshot}/answers/[^\"]+", page).group()
-    shown = analyst.get(answer)
-    assert shown.status_code == 200
-    assert "<svg" in shown.text
-    assert analyst.get("/lab/snapshots").status_code == 200
 
 
 def test_snapshot_of_one_participant_is_taken_and_too_few_answers_are_told(analyst, worked, known):
