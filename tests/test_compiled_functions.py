@@ -24,7 +24,7 @@ def twice(x):
 
 def our_modules(root: Path) -> dict[str, ast.Module]:
     found = {}
-    for folder in ("backend", "app"):
+    for folder in ("backend", "app", "experiments"):
         for file in (root / folder).rglob("*.py"):
             parts = file.relative_to(root / folder).with_suffix("").parts
             found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = ast.parse(file.read_text())

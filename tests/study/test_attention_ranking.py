@@ -15,8 +15,7 @@ from sqlalchemy import select
 
 from desirepath.explain.ranking_sets import RankingSet
 from desirepath.learning.errors import LearningError
-from desirepath.learning.pedestrians.crowd_networks import Actor
-from desirepath.learning.pedestrians.crowd_training import actor_to_arrays
+from desirepath.learning.pedestrians.crowd_networks import Actor, actor_to_arrays
 from desirepath.learning.policies.attention import AttentionPolicy
 from desirepath.report.study_report import write_study_report
 from desirepath.report.tidy_tables import read_folder

@@ -11,15 +11,14 @@ import torch
 from fastapi.testclient import TestClient
 
 from desirepath.learning.errors import LearningError
-from desirepath.learning.pedestrians.crowd_networks import Actor
-from desirepath.learning.pedestrians.crowd_training import actor_to_arrays
+from desirepath.learning.pedestrians.crowd_networks import Actor, actor_to_arrays
 from desirepath.learning.policies.attention import VARIANT, AttentionPolicy
 from desirepath.store.artefacts import save_artefact
 from desirepath.web.application import create_application
 from desirepath.web.core.dependencies import Services
 from desirepath.web.stage.replay_stages import Replay
 from desirepath_experiments.shipping.attention import in_half_precision
-from desirepath_experiments.training.imitation import ImitationConfig, imitate
+from desirepath_experiments.training.pedestrians.imitation import ImitationConfig, imitate
 from tests.web.lab_services import sign_in
 
 PAGE = "/lab/attention"

@@ -1,6 +1,6 @@
 """The shipped policy with attention: `ours` of `reproduce pedestrians --budget small`.
 
-Its training is `training/imitation.py`'s.
+Its training is `training/pedestrians/imitation.py`'s.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ import numpy as np
 from desirepath.learning.cards import Card
 from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
 from desirepath.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
-from desirepath.learning.pedestrians.crowd_planners import PLANNERS
 from desirepath.learning.policies.attention import VARIANT, AttentionPolicy
 from desirepath.learning.scene_sets import Purpose, describe
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
@@ -19,7 +18,8 @@ from desirepath_experiments.reproduction.pedestrians.computing import FUNCTIONS,
 from desirepath_experiments.reproduction.pedestrians.plan import BUDGETS, imitated
 from desirepath_experiments.reproduction.tasks import results_of
 from desirepath_experiments.shipping.storing import Request
-from desirepath_experiments.training.imitation import ImitationConfig
+from desirepath_experiments.training.pedestrians.crowd_planners import PLANNERS
+from desirepath_experiments.training.pedestrians.imitation import ImitationConfig
 
 REPORT_SCENES = 1_000
 NAME = "attention"

@@ -1,6 +1,6 @@
 """Rollouts among pedestrians and their rates, on scene sets that are kept apart by purpose.
 
-How a policy was trained lives in `crowd_training.py`, planners that need no training in `crowd_planners.py`.
+How a policy is trained, and planners that need no training, are the laboratory's.
 """
 
 from __future__ import annotations

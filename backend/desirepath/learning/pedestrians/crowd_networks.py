@@ -1,7 +1,7 @@
 """The networks of chapter 4: spatial and temporal attention (section 4.4.5), ablations A1 to A3, baselines B1 to B3.
 
 All turn states (`crowd_states.py`) into one feature vector and, for the critic with the action, into heads of
-128-64-64. Training by reward lives in `crowd_training.py`.
+128-64-64. Training is the laboratory's (`training/pedestrians`).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from desirepath.learning.pedestrians.crowd_states import PATH_POINTS, SECTORS, SIZES, Given
-from desirepath.learning.pedestrians.foresight import COMMANDS, actions_of_commands
 from desirepath.simulation.crowds.crowd_engine import COARSE_RANGES, GROUPS
-from desirepath.simulation.setups import get_setup
+from desirepath.simulation.setups import Limits, get_setup
+
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
 
 CROWD_CORRIDOR = get_setup("crowd_corridor")
 
@@ -184,8 +186,31 @@ class Actor(nn.Module):
         return torch.tanh(self.head(self.read(states)))
 
 
+TURN_GAIN = 2.5  # rad/s per rad off the wished direction
+_TURNS_RAD, _ABOUT_RAD = (0.0, 0.13, -0.13, 0.3, -0.3, 0.55, -0.55, 0.9, -0.9), (1.4, -1.4, 2.1, -2.1, 3.1)
+COMMANDS = np.array(
+    [(turn, speed) for speed in (1.0, 0.5) for turn in _TURNS_RAD] + [(turn, 0.5) for turn in _ABOUT_RAD] + [(0, 0)]
+)
+"""(24, 2): directions off the robot's own, rad, and speeds, m/s; the last stands."""
+
+
+def actions_of_commands(limits: Limits) -> Floats:
+    """(24, 2) actions in [-1, 1] of COMMANDS."""
+    turn, speed = COMMANDS.T
+    v = speed * np.clip(np.cos(turn), 0.0, None) ** 2
+    w = np.clip(TURN_GAIN * turn, -limits.w_max, limits.w_max)
+    return scale_commands(v, w, limits)
+
+
+def scale_commands(v: Doubles, w: Doubles, limits: Limits) -> Floats:
+    """(..., 2) actions in [-1, 1] of speeds m/s and turns rad/s."""
+    scaled: Doubles = np.stack([2 * (v - limits.v_min) / (limits.v_max - limits.v_min) - 1, w / limits.w_max], axis=-1)
+    single: Floats = scaled.astype(np.float32)
+    return single
+
+
 class Chooser(Actor):
-    """What every command of `foresight.COMMANDS` is predicted to cost; its action is the cheapest one's. Ours, for
+    """What every one of COMMANDS is predicted to cost; its action is the cheapest one's. Ours, for
     imitation: two ways around somebody do not average to a way between them.
 
     tables: costs are predicted that many times, in different units; which: by whose it acts.
@@ -254,3 +279,16 @@ def actor_acts(actor: Actor) -> Callable[[NDArray[np.float32]], NDArray[np.float
         return found
 
     return act
+
+
+def actor_to_arrays(actor: Actor) -> dict[str, NDArray[np.float32]]:
+    """The actor's numbers by name, for a file without pickled objects."""
+    return {name: value.detach().cpu().numpy() for name, value in actor.state_dict().items()}
+
+
+def actor_from_arrays(variant: str, arrays: dict[str, NDArray[Any]]) -> Actor:
+    """Read `actor_to_arrays` back: an actor, or a chooser by its outputs. Raises KeyError for an unknown variant."""
+    outputs = len(arrays[LAST_LAYER[1]])
+    actor = Actor(variant) if outputs == 2 else Chooser(variant)
+    actor.load_state_dict({name: torch.as_tensor(np.array(value)) for name, value in arrays.items()})
+    return actor

@@ -31,7 +31,7 @@ AT_ONCE = 500  # states through the network, whose features are a hundred times 
 @dataclass(frozen=True)
 class AttentionPolicy(StoredArrays, DrivingPolicy):
     """An actor with attention of `VARIANT`. setup: one of those that it was trained in, whose robot is the same in all.
-    arrays: its numbers by name, as in `crowd_training.actor_to_arrays`."""
+    arrays: its numbers by name, as in `crowd_networks.actor_to_arrays`."""
 
     setup: str
     arrays: dict[str, NDArray[Any]] = field(repr=False)
@@ -42,7 +42,7 @@ class AttentionPolicy(StoredArrays, DrivingPolicy):
 
     def actor(self) -> Actor:
         """The network."""
-        from desirepath.learning.pedestrians.crowd_training import actor_from_arrays  # torch comes with it
+        from desirepath.learning.pedestrians.crowd_networks import actor_from_arrays  # torch comes with it
 
         return actor_from_arrays(VARIANT, {name: value.astype(np.float32) for name, value in self.arrays.items()})
 

@@ -1,7 +1,7 @@
 """D-REX (Brown et al. 2020; section 5.3.3): demonstrations have no ranking, so a clone of them rolls out with noise.
 
 The less noise, the better: pairs of these rollouts train a reward network R(s, a) in [0, 1] by Bradley-Terry. What is
-cloned, and how, lives in `policies/cloning.py`.
+cloned, and how, is the laboratory's (`training/adaptable/cloning.py`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from desirepath.learning.policies.cloning import DEMONSTRATED_HEADS
 from desirepath.learning.policies.networks import Parameters
 from desirepath.learning.rewards.reward_model import Reduction, RewardModel
 from desirepath.learning.td3.backprop import Adam, head, head_backward
@@ -26,6 +25,7 @@ from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
+DEMONSTRATED_HEADS = (256, 256, 256, 256)  # section 5.3.2.2: four layers of 256, of every network
 LEVELS = (0.0, 0.05, 0.1, 0.15, 0.2)  # section 5.3.3: 0 ... 0.2
 HELD_STEPS = 5  # ours, 1 s: single random steps average out, and a clone that finds back never loses the way's shape
 

@@ -14,7 +14,6 @@ from desirepath.analysis.metrics import collision_rate, success_rate, timeout_ra
 from desirepath.demonstrations.demonstrators import demonstrate
 from desirepath.learning.adaptable.objectives import NAMES, thesis_vectors
 from desirepath.learning.policies.adaptable import AdaptablePolicy
-from desirepath.learning.policies.cloning import CloningConfig, clone_policy
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.rewards.ranked_rollouts import (
     RankedConfig,
@@ -32,6 +31,7 @@ from desirepath_experiments.reproduction.adaptable.adaptable_scenes import inter
 from desirepath_experiments.reproduction.adaptable.drawn_rollouts import augmented_all, scenes_beside
 from desirepath_experiments.reproduction.adaptable.ranked_judging import judged as judge_reward
 from desirepath_experiments.reproduction.tasks import Function, TaskResult, as_bytes
+from desirepath_experiments.training.adaptable.cloning import CloningConfig, clone_policy
 from desirepath_experiments.training.adaptable.demonstrator import demonstrate_in, demonstrate_paths
 from desirepath_experiments.training.adaptable.rollouts import PreferenceAct, PreferenceRollouts, roll_out_preferences
 from desirepath_experiments.training.adaptable.training import (

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.pedestrians.crowd_evaluation import CrowdTable, crowd_scene_set, evaluate_crowds
-from desirepath.learning.pedestrians.crowd_networks import VARIANTS, Actor, actor_acts
-from desirepath.learning.pedestrians.crowd_planners import PLANNERS
-from desirepath.learning.pedestrians.crowd_training import (
-    CrowdTrainingConfig,
+from desirepath.learning.pedestrians.crowd_networks import (
+    VARIANTS,
+    Actor,
+    actor_acts,
     actor_from_arrays,
     actor_to_arrays,
-    train_crowd,
 )
 from desirepath.learning.scene_sets import Purpose
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES
@@ -25,7 +24,9 @@ from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath_experiments.reproduction.tasks import Function, TaskResult
-from desirepath_experiments.training.imitation import ImitationConfig, imitate
+from desirepath_experiments.training.pedestrians.crowd_planners import PLANNERS
+from desirepath_experiments.training.pedestrians.crowd_training import CrowdTrainingConfig, train_crowd
+from desirepath_experiments.training.pedestrians.imitation import ImitationConfig, imitate
 
 CROWD_HOME = get_setup("crowd_home")
 

@@ -10,12 +10,12 @@ from itertools import product
 from typing import Any
 
 from desirepath.learning.pedestrians.crowd_networks import FIRST_NUMBERS, GAP_TIMES, VARIANTS
-from desirepath.learning.pedestrians.foresight import SEARCH_BY_VELOCITY
 from desirepath.simulation.crowds.crowd_kernels import HELD_UP_S, HELD_UP_SHARE
 from desirepath.simulation.crowds.crowd_scenes import UNSEEN_HOMES
 from desirepath_experiments.reproduction.driver import read_budgets
 from desirepath_experiments.reproduction.tasks import Task
-from desirepath_experiments.training.imitation import ImitationConfig
+from desirepath_experiments.training.pedestrians.foresight import SEARCH_BY_VELOCITY
+from desirepath_experiments.training.pedestrians.imitation import ImitationConfig
 
 PLANNED = ("follow", "dwa", "orca", "social_force", "constant_velocity", "foresight")
 SOCIAL_IN = ("published", "homes")  # where social metrics are taken

@@ -28,9 +28,9 @@ from desirepath.learning.adaptable.objectives import (
 from desirepath.learning.cards import stored_config
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.adaptable import AdaptablePolicy
-from desirepath.learning.policies.cloning import DEMONSTRATED_HEADS
 from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.policies.shape import NetworkShape
+from desirepath.learning.rewards.ranked_rollouts import DEMONSTRATED_HEADS
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.learning.td3.checkpoints import checkpoints

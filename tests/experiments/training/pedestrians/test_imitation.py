@@ -4,13 +4,24 @@ import numpy as np
 import pytest
 import torch
 
-from desirepath.learning.pedestrians import foresight
 from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
-from desirepath.learning.pedestrians.crowd_networks import VARIANTS, Chooser, actor_acts, attention_weights
-from desirepath.learning.pedestrians.crowd_planners import PLANNERS
+from desirepath.learning.pedestrians.crowd_networks import (
+    VARIANTS,
+    Chooser,
+    actor_acts,
+    actor_from_arrays,
+    actor_to_arrays,
+    attention_weights,
+)
 from desirepath.learning.pedestrians.crowd_states import SIZES, mirror_of_state, states
-from desirepath.learning.pedestrians.crowd_training import actor_from_arrays, actor_to_arrays
-from desirepath.learning.pedestrians.foresight import (
+from desirepath.learning.policies.mirroring import ACTION_SIGNS
+from desirepath.learning.scene_sets import Purpose
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine
+from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
+from desirepath.simulation.pedestrians import CrowdConditions
+from desirepath_experiments.training.pedestrians import foresight
+from desirepath_experiments.training.pedestrians.crowd_planners import PLANNERS
+from desirepath_experiments.training.pedestrians.foresight import (
     COMMANDS,
     MIRRORED,
     MOST_M,
@@ -18,13 +29,8 @@ from desirepath.learning.pedestrians.foresight import (
     costs_by_velocity,
     ground_of,
 )
-from desirepath.learning.policies.mirroring import ACTION_SIGNS
-from desirepath.learning.scene_sets import Purpose
-from desirepath.simulation.crowds.crowd_engine import CrowdEngine
-from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
-from desirepath.simulation.crowds.foresight_kernels import Ground
-from desirepath.simulation.pedestrians import CrowdConditions
-from desirepath_experiments.training.imitation import ImitationConfig, imitate, learn_from, mirror_batch
+from desirepath_experiments.training.pedestrians.foresight_kernels import Ground
+from desirepath_experiments.training.pedestrians.imitation import ImitationConfig, imitate, learn_from, mirror_batch
 
 
 def begun(n: int, **settings: float) -> CrowdEngine:

@@ -3,7 +3,7 @@
 Both are told the building, too. Where nobody avoids anybody the first says what can be reached at most, nearly; people
 who avoid others do not walk as it foresees. The second is imitated by who learns: the robot senses much of what that
 is told, not who is hidden or far. The search itself is
-`simulation/crowds/foresight_kernels.py`'s; planners that look less far ahead are in `crowd_planners.py`.
+`foresight_kernels.py`'s; planners that look less far ahead are in `crowd_planners.py`.
 """
 
 from __future__ import annotations
@@ -14,12 +14,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.simulation.crowds import foresight_kernels as search
+from desirepath.learning.pedestrians.crowd_networks import COMMANDS, actions_of_commands, scale_commands
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine
 from desirepath.simulation.crowds.crowd_maps import boxes_of
 from desirepath.simulation.crowds.crowd_setups import PED_DEPTH_M, PED_WIDTH_M
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.setups import CONTROL_DT_S, Limits, get_setup
+from desirepath.simulation.setups import CONTROL_DT_S, get_setup
+from desirepath_experiments.training.pedestrians import foresight_kernels as search
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -30,11 +31,6 @@ BERTH_M = 0.3  # from whom it is told where they will be
 BERTH_BY_VELOCITY_M, STEPS_BY_VELOCITY = 0.6, 8  # ours; after so many steps only who stands is foreseen
 BERTH_STANDING_M = 0.45  # with 0.6 it times out more often; docs/numbers.md
 STANDS_M_S = 0.05  # who is slower than this now, stands
-_TURNS_RAD, _ABOUT_RAD = (0.0, 0.13, -0.13, 0.3, -0.3, 0.55, -0.55, 0.9, -0.9), (1.4, -1.4, 2.1, -2.1, 3.1)
-COMMANDS = np.array(
-    [(turn, speed) for speed in (1.0, 0.5) for turn in _TURNS_RAD] + [(turn, 0.5) for turn in _ABOUT_RAD] + [(0, 0)]
-)
-"""(24, 2): directions off the robot's own, rad, and speeds, m/s; the last stands."""
 _PLACE = {(turn, speed): k for k, (turn, speed) in enumerate(COMMANDS.tolist())}
 MIRRORED = np.array([_PLACE.get((-turn, speed), -1) for turn, speed in COMMANDS.tolist()])
 """(24,): which of them each becomes if left and right are exchanged; -1: none, of turning about to the left."""
@@ -48,14 +44,6 @@ SEARCH_BY_VELOCITY = {
 MOST_M = 4.0  # what a command costs above the best, at most
 
 
-def actions_of_commands(limits: Limits) -> Floats:
-    """(24, 2) actions in [-1, 1] of the `COMMANDS`."""
-    turn, speed = COMMANDS.T
-    v = speed * np.clip(np.cos(turn), 0.0, None) ** 2
-    w = np.clip(search.TURN_GAIN * turn, -limits.w_max, limits.w_max)
-    return _scaled(v, w, limits)
-
-
 def foresight(engine: CrowdEngine) -> Floats:
     """(n, 2) actions in [-1, 1]. Who avoids others is foreseen as if they walked their routes straight on."""
     limits, bodies = engine.setup.robot.limits, _bodies(engine)
@@ -64,7 +52,7 @@ def foresight(engine: CrowdEngine) -> Floats:
         v, w = search.best_first_command(
             engine.world.robots[i], ground, bodies, _on_their_routes(engine, i), DIRECTIONS
         )
-        actions[i] = _scaled(np.array(v), np.array(w), limits)
+        actions[i] = scale_commands(np.array(v), np.array(w), limits)
     return actions
 
 
@@ -98,12 +86,6 @@ def _bodies(engine: CrowdEngine) -> search.Bodies:
     half = PED_DEPTH_M / 2, PED_WIDTH_M / 2
     robot = engine.setup.robot
     return search.Bodies(robot.radius_m, *half, robot.limits.w_max, CONTROL_DT_S, STEPS_AHEAD)
-
-
-def _scaled(v: Doubles, w: Doubles, limits: Limits) -> Floats:
-    scaled: Doubles = np.stack([2 * (v - limits.v_min) / (limits.v_max - limits.v_min) - 1, w / limits.w_max], axis=-1)
-    single: Floats = scaled.astype(np.float32)
-    return single
 
 
 def _on_their_routes(engine: CrowdEngine, i: int) -> search.Foreseen:

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from desirepath.learning.policies.networks import Parameters
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shape import NetworkShape
+from desirepath.learning.rewards.ranked_rollouts import DEMONSTRATED_HEADS
 from desirepath.learning.td3.backprop import Adam, head, head_backward
 from desirepath.simulation.setups import get_setup, require_same
 from desirepath.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
-DEMONSTRATED_HEADS = (256, 256, 256, 256)  # section 5.3.2.2: four layers of 256, of every network
 
 
 @dataclass(frozen=True)

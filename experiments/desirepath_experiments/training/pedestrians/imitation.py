@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
-from desirepath.learning.pedestrians.crowd_networks import VARIANTS, Chooser, actor_acts
+from desirepath.learning.pedestrians.crowd_networks import COMMANDS, VARIANTS, Chooser, actor_acts
 from desirepath.learning.pedestrians.crowd_states import SIZES, mirror_of_state, states
-from desirepath.learning.pedestrians.foresight import COMMANDS, MIRRORED, MOST_M, costs_by_velocity
 from desirepath.learning.policies.mirroring import Mirror
 from desirepath.learning.scene_sets import Purpose
 from desirepath.learning.td3.base import OnProgress, no_progress
@@ -28,6 +27,7 @@ from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from desirepath.simulation.pedestrians import CrowdConditions
+from desirepath_experiments.training.pedestrians.foresight import MIRRORED, MOST_M, costs_by_velocity
 
 Floats = NDArray[np.float32]
 

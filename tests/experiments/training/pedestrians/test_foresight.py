@@ -4,14 +4,21 @@ import math
 
 import numpy as np
 
+from desirepath.learning.pedestrians import crowd_networks
 from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
-from desirepath.learning.pedestrians.crowd_planners import PLANNERS
-from desirepath.learning.pedestrians.foresight import ground_of
 from desirepath.learning.scene_sets import Purpose
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, draw_crowd_scene
-from desirepath.simulation.crowds.foresight_kernels import foresee
 from desirepath.simulation.setups import CONTROL_DT_S
+from desirepath_experiments.training.pedestrians import foresight_kernels
+from desirepath_experiments.training.pedestrians.crowd_planners import PLANNERS
+from desirepath_experiments.training.pedestrians.foresight import ground_of
+from desirepath_experiments.training.pedestrians.foresight_kernels import foresee
+
+
+def test_commands_are_searched_and_carried_out_with_the_same_gain():
+    """A compiled function uses nothing of another file, so the number stands twice."""
+    assert foresight_kernels.TURN_GAIN == crowd_networks.TURN_GAIN
 
 
 def test_who_is_told_where_everybody_will_be_arrives_where_the_path_alone_collides():

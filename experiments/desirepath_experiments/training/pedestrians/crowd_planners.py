@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.pedestrians.crowd_evaluation import CrowdPlan
-from desirepath.learning.pedestrians.foresight import constant_velocity, foresight
 from desirepath.simulation.crowds import avoidance_kernels as avoid
 from desirepath.simulation.crowds.crowd_engine import PERSON_RADIUS_M, CrowdEngine
 from desirepath.simulation.kernels import best_command
 from desirepath.simulation.setups import CONTROL_DT_S
+from desirepath_experiments.training.pedestrians.foresight import constant_velocity, foresight
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]

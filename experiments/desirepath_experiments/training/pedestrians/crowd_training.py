@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from desirepath.learning.pedestrians.crowd_evaluation import CrowdTable, evaluate_crowds, selection_scenes
-from desirepath.learning.pedestrians.crowd_networks import LAST_LAYER, VARIANTS, Actor, Chooser, Critic
-from desirepath.learning.pedestrians.crowd_planners import follow
+from desirepath.learning.pedestrians.crowd_networks import VARIANTS, Actor, Critic
 from desirepath.learning.pedestrians.crowd_states import SIZES, Given, states
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
 from desirepath.simulation.crowds.crowd_setups import CURRICULUM, CURRICULUM_SUCCESS, TRAINED_SETUPS
 from desirepath.simulation.pedestrians import CrowdConditions
+from desirepath_experiments.training.pedestrians.crowd_planners import follow
 
 Floats = NDArray[np.float32]
 Tell = Callable[[str], None]
@@ -273,16 +273,3 @@ def _load(state: bytes, learner: CrowdLearner) -> dict[str, Any]:
     learner.updates = stored["updates"]
     kept: dict[str, Any] = stored["kept"]
     return kept
-
-
-def actor_to_arrays(actor: Actor) -> dict[str, NDArray[np.float32]]:
-    """The actor's numbers by name, for a file without pickled objects."""
-    return {name: value.detach().cpu().numpy() for name, value in actor.state_dict().items()}
-
-
-def actor_from_arrays(variant: str, arrays: dict[str, NDArray[Any]]) -> Actor:
-    """Read `actor_to_arrays` back: an actor, or a chooser by its outputs. Raises KeyError for an unknown variant."""
-    outputs = len(arrays[LAST_LAYER[1]])
-    actor = Actor(variant) if outputs == 2 else Chooser(variant)
-    actor.load_state_dict({name: torch.as_tensor(np.array(value)) for name, value in arrays.items()})
-    return actor

@@ -7,20 +7,22 @@ import torch
 from desirepath.analysis.metrics import measure
 from desirepath.learning.pedestrians.attended import as_trajectory
 from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds, roll_out_crowd
-from desirepath.learning.pedestrians.crowd_networks import VARIANTS, Actor, Attention, Critic, attention_weights
-from desirepath.learning.pedestrians.crowd_planners import PLANNERS
-from desirepath.learning.pedestrians.crowd_states import SIZES, states
-from desirepath.learning.pedestrians.crowd_training import (
-    CrowdTrainingConfig,
+from desirepath.learning.pedestrians.crowd_networks import (
+    VARIANTS,
+    Actor,
+    Attention,
+    Critic,
     actor_from_arrays,
     actor_to_arrays,
-    ended_for_good,
-    train_crowd,
+    attention_weights,
 )
+from desirepath.learning.pedestrians.crowd_states import SIZES, states
 from desirepath.learning.scene_sets import Purpose
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, draw_crowd_scene
 from desirepath.simulation.pedestrians import CrowdConditions
+from desirepath_experiments.training.pedestrians.crowd_planners import PLANNERS
+from desirepath_experiments.training.pedestrians.crowd_training import CrowdTrainingConfig, ended_for_good, train_crowd
 
 TINY = {"random_transitions": 64, "n_envs": 8, "batch_size": 16, "evaluation_episodes": 2, "evaluate_every": 8}
 

@@ -1,6 +1,6 @@
 """Choosing a command among pedestrians by who is told where everybody will be, compiled: a search over first moves.
 
-The planner that uses it, on the engine's state: `learning/pedestrians/foresight.py`. Compiled functions of one file
+The planner that uses it, on the engine's state: `foresight.py`. Compiled functions of one file
 only: see `kernels.py`.
 """
 

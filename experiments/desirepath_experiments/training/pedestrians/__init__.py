@@ -1,0 +1,1 @@
+"""Chapter 4: training by reward, and planners that are compared and imitated."""
