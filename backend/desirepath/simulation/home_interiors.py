@@ -247,10 +247,6 @@ def _open_floor(row: k.Row, radius: float) -> tuple[NDArray[np.float64], NDArray
     return places, ndimage.label(free)[0]
 
 
-def _inside(room: Rectangle, x: float, y: float, margin: float) -> bool:
-    return room[0] + margin < x < room[2] - margin and room[1] + margin < y < room[3] - margin
-
-
 def _cell(places: NDArray[np.float64], where: NDArray[np.float64]) -> tuple[int, int]:
     i, j = np.round((where - places[0, 0]) / CELL_M).astype(int)
     return int(i), int(j)

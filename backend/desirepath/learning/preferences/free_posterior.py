@@ -147,16 +147,6 @@ class FreePosterior:
         expected: Doubles = self._masses @ np.stack(means)
         return expected, np.sqrt(np.maximum(self._masses @ np.stack(squares) - np.square(expected), 1e-12))
 
-    def each_better(self, differences: PairDifferences) -> Doubles:
-        """(n,) probability that the first of each pair is the one preferred, whatever would be answered."""
-        advantages = self._of_the_nine(differences)
-        probable = [(advantages > 0).mean(0) + 0.5 * (advantages == 0).mean(0)]
-        for way, seen in self._of(differences):
-            mean, variance = way.process.advantages(seen)
-            probable.append(ndtr(mean / np.sqrt(variance)))
-        found: Doubles = self._masses @ np.stack(probable)
-        return found
-
     def information_bits(self, differences: PairDifferences) -> Doubles:
         """(n,) mutual information (bits) between the answer to each pair and what is not known yet (Houlsby 2011)."""
         few = self._few

@@ -38,31 +38,31 @@ class Steps:
 
     @cached_property
     def person_m(self) -> Floats:
-        found: Floats = self.next_observations[:, 2] * np.float32(self.setup.distance_scale_m)
-        return found
+        person_m: Floats = self.next_observations[:, 2] * np.float32(self.setup.distance_scale_m)
+        return person_m
 
     @cached_property
     def person_on_left(self) -> Floats:
         """Sine of the person's bearing, +1 straight to the left."""
-        found: Floats = np.sin(self.next_observations[:, 3] * np.float32(math.pi))
-        return found
+        person_on_left: Floats = np.sin(self.next_observations[:, 3] * np.float32(math.pi))
+        return person_on_left
 
     @cached_property
     def beside_person(self) -> Floats:
-        found: Floats = np.square(np.clip(1 - self.person_m / SIDE_RANGE_M, 0, 1))
-        return found
+        beside_person: Floats = np.square(np.clip(1 - self.person_m / SIDE_RANGE_M, 0, 1))
+        return beside_person
 
     @cached_property
     def speed(self) -> Floats:
         """Share of full speed, as acted."""
-        found: Floats = (np.clip(self.actions[:, 0], -1, 1) + 1) / 2
-        return found
+        speed: Floats = (np.clip(self.actions[:, 0], -1, 1) + 1) / 2
+        return speed
 
     @cached_property
     def off_course(self) -> Floats:
         """0 straight towards the goal, 1 straight away from it."""
-        found: Floats = (1 - np.cos(self.next_observations[:, 1] * np.float32(math.pi))) / 2
-        return found
+        off_course: Floats = (1 - np.cos(self.next_observations[:, 1] * np.float32(math.pi))) / 2
+        return off_course
 
     @cached_property
     def around(self) -> Surroundings:
@@ -71,56 +71,56 @@ class Steps:
 
 
 def too_near(steps: Steps) -> Floats:
-    found: Floats = -np.square(np.clip(1 - steps.person_m / far_enough_m(steps.setup.name), 0, 1))
-    return found
+    term: Floats = -np.square(np.clip(1 - steps.person_m / far_enough_m(steps.setup.name), 0, 1))
+    return term
 
 
 def too_far(steps: Steps) -> Floats:
     near_by = closeness(steps.setup.name)
     apart = 1 - np.exp(-np.clip(steps.person_m - near_by.enough_m, 0, None) / near_by.range_m)
-    found: Floats = -near_by.least - (1 - near_by.least) * apart
-    return found
+    term: Floats = -near_by.least - (1 - near_by.least) * apart
+    return term
 
 
 def person_on_right(steps: Steps) -> Floats:
-    found: Floats = -steps.beside_person * np.clip(-steps.person_on_left, 0, 1)
-    return found
+    term: Floats = -steps.beside_person * np.clip(-steps.person_on_left, 0, 1)
+    return term
 
 
 def person_on_left(steps: Steps) -> Floats:
-    found: Floats = -steps.beside_person * np.clip(steps.person_on_left, 0, 1)
-    return found
+    term: Floats = -steps.beside_person * np.clip(steps.person_on_left, 0, 1)
+    return term
 
 
 def near_obstacle(steps: Steps) -> Floats:
     clearance_m = obstacle_clearance_m(steps.next_observations, steps.setup)
-    found: Floats = -np.square(np.clip(1 - clearance_m / CLEARANCE_CAP_M, 0, 1))
-    return found
+    term: Floats = -np.square(np.clip(1 - clearance_m / CLEARANCE_CAP_M, 0, 1))
+    return term
 
 
 def detour(steps: Steps) -> Floats:
     """Summed over a trajectory half the excess over the straight way in steps at full speed, which within a scene
     differs as path lengths do."""
-    found: Floats = -steps.speed * steps.off_course
-    return found
+    term: Floats = -steps.speed * steps.off_course
+    return term
 
 
 def turning(steps: Steps) -> Floats:
-    found: Floats = -np.abs(np.clip(steps.actions[:, 1], -1, 1))
-    return found
+    term: Floats = -np.abs(np.clip(steps.actions[:, 1], -1, 1))
+    return term
 
 
 def fast_near_person(steps: Steps) -> Floats:
     """The way around the person is priced too: driving past slowly is what was preferred."""
     near = np.clip((NEAR_PERSON_M + 0.5 - steps.person_m) / 0.5, 0, 1)
     too_fast = np.square(np.clip((steps.speed - SLOW_SHARE) / (1 - SLOW_SHARE), 0, 1))
-    found: Floats = -0.85 * near * too_fast - 0.15 * steps.speed * steps.off_course
-    return found
+    term: Floats = -0.85 * near * too_fast - 0.15 * steps.speed * steps.off_course
+    return term
 
 
 def every_step(steps: Steps) -> Floats:
-    found: Floats = np.full(len(steps.actions), -1.0)
-    return found
+    term: Floats = np.full(len(steps.actions), -1.0)
+    return term
 
 
 def ahead_of_people(steps: Steps) -> Floats:
@@ -135,18 +135,18 @@ def behind_people(steps: Steps) -> Floats:
 
 
 def _out_of_place(steps: Steps, *, worse: Floats, better: Floats) -> Floats:
-    found: Floats = -ELSEWHERE * (1 - better) - (1 - ELSEWHERE) * worse
-    return found
+    term: Floats = -ELSEWHERE * (1 - better) - (1 - ELSEWHERE) * worse
+    return term
 
 
 def after_nobody(steps: Steps) -> Floats:
-    found: Floats = steps.around.followed - 1
-    return found
+    term: Floats = steps.around.followed - 1
+    return term
 
 
 def moving_beside_people(steps: Steps) -> Floats:
     """Not waiting while somebody walks near; the way around them is priced, too, as beside a person."""
     near = np.clip((NEAR_PERSON_M + 0.5 - steps.around.nearest_walking) / 0.5, 0, 1)
     moving = np.clip(steps.speed * steps.setup.robot.limits.v_max / MOVES_M_S, 0, 1)
-    found: Floats = -0.85 * near * moving - 0.15 * steps.speed * steps.off_course
-    return found
+    term: Floats = -0.85 * near * moving - 0.15 * steps.speed * steps.off_course
+    return term
