@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import cache
 
 from desirepath.explain.methods import AttributionError
-from desirepath.explain.ranking_sets import ExplainedRollout, RankingSet, explained_rollout
+from desirepath.explain.ranking_sets import ExplainedRollout, RankingSet, explain_rollout
 from desirepath.learning.policies.shipped import load_policy
 from desirepath.learning.policies.torch_actor import actor_of
 from desirepath.learning.scene_sets import Purpose, scene_set
@@ -30,7 +30,7 @@ def small_ranking_set(count: int = 8, practice: int = 2) -> RankingSet:
         if len(found) == count + practice:
             break
         try:
-            one = explained_rollout(actor_of(policy), policy.rollout_policy, scene)
+            one = explain_rollout(actor_of(policy), policy.rollout_policy, scene)
         except AttributionError:
             continue
         if (one.scores[-1] > 0).sum() >= 3:

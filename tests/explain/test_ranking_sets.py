@@ -12,7 +12,7 @@ import pytest
 from desirepath.explain.attribution import explain
 from desirepath.explain.in_sight import halts_in_sight
 from desirepath.explain.methods import AttributionError
-from desirepath.explain.ranking_sets import RankingSet, explained_rollout, is_ranking_set, ranking_set
+from desirepath.explain.ranking_sets import RankingSet, explain_rollout, is_ranking_set, ranking_set
 from desirepath.explain.sight import sight_of
 from desirepath.learning.policies.shipped import load_policy
 from desirepath.learning.policies.torch_actor import actor_of
@@ -45,7 +45,7 @@ def test_a_robot_at_full_speed_is_explained_too() -> None:
     explained = 0
     for scene in islice(five_things(), 12):
         with suppress(AttributionError):
-            one = explained_rollout(actor_of(fast), fast.rollout_policy, scene, drive_s=1.0)
+            one = explain_rollout(actor_of(fast), fast.rollout_policy, scene, drive_s=1.0)
             assert one.scores.any()
             explained += 1
     assert explained > 3
@@ -69,7 +69,7 @@ def test_a_set_is_read_back_as_it_was_and_tells_itself_from_queries() -> None:
 def test_a_rollout_that_is_over_before_the_halt_is_refused_by_its_scene() -> None:
     policy, scene = load_policy("study_room/base"), next(five_things())
     with pytest.raises(AttributionError, match=f"scene {scene.seed}: the rollout is over"):
-        explained_rollout(actor_of(policy), policy.rollout_policy, scene, drive_s=60.0)
+        explain_rollout(actor_of(policy), policy.rollout_policy, scene, drive_s=60.0)
     with pytest.raises(AttributionError, match="in 0 of them; a ranking set of 1 needs more"):
         ranking_set(actor_of(policy), policy.rollout_policy, [], [], count=1, practised=0, policy="study_room/base")
 

@@ -12,7 +12,7 @@ from desirepath.learning.alignment.conditioning_search import (
     LENGTH_WEIGHT,
     ConditioningSearchConfig,
     compare_policies,
-    conditioned_by_place,
+    condition_by_place,
     length_weight_of,
     search_conditioning,
 )
@@ -81,7 +81,7 @@ def test_what_it_is_conditioned_on_depends_on_where_the_robot_is(setup: str) -> 
     for k in (8, 10):
         x = np.maximum(x @ policy.actor[k] + policy.actor[k + 1], 0)
     expected = np.tanh(x @ policy.actor[12] + policy.actor[13])
-    np.testing.assert_allclose(conditioned_by_place(policy, FARTHER, told).act(states), expected, atol=1e-4)
+    np.testing.assert_allclose(condition_by_place(policy, FARTHER, told).act(states), expected, atol=1e-4)
 
 
 def test_a_search_says_whether_it_takes_over(conditioned: ConditionedPolicy) -> None:
@@ -99,7 +99,7 @@ def test_a_search_says_whether_it_takes_over(conditioned: ConditionedPolicy) -> 
     assert chosen["score"] >= 0  # that of the instant policy
     again = search_conditioning(conditioned, FARTHER, base, TINY)
     assert again.policy.digest() == result.policy.digest()
-    assert conditioned_by_place(conditioned, FARTHER, result.offsets).digest() == result.policy.digest()
+    assert condition_by_place(conditioned, FARTHER, result.offsets).digest() == result.policy.digest()
 
 
 def test_who_wants_short_ways_has_no_other_weight_of_length() -> None:

@@ -12,7 +12,7 @@ from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.preferences.population_prior import (
     EarlierPerson,
     columns_of,
-    fitted_prior,
+    fit_prior,
     prior_of_earlier,
     shipped_priors,
     to_bytes,
@@ -39,7 +39,7 @@ def test_a_prior_knows_what_all_weigh_and_what_they_differ_by(differences: PairD
     random = np.random.default_rng(3)
     columns = columns_of(differences)
     common, own = random.normal(size=columns.shape[1]), random.normal(size=(40, columns.shape[1]))
-    prior = fitted_prior("made up", columns, (2 * common + 0.5 * own) @ columns.T, rank=10)
+    prior = fit_prior("made up", columns, (2 * common + 0.5 * own) @ columns.T, rank=10)
     expected, may_differ = prior.seen(differences)
     assert np.corrcoef(expected, columns @ common)[0, 1] > 0.95
     assert may_differ.shape == (len(differences), 10)

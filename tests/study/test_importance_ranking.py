@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import kendalltau
 from sqlalchemy import select
 
-from desirepath.explain.shown_explanation import simulated_ranking
+from desirepath.explain.shown_explanation import simulate_ranking
 from desirepath.grammar.source import ProtocolError
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.erasure import erase_participant
@@ -158,7 +158,7 @@ def test_whoever_sees_outlines_ranks_nearer_to_the_scores():
     random = np.random.default_rng(0)
 
     def agreement(one, scores):
-        ranking = simulated_ranking(one.trajectory, one.things, scores, random)
+        ranking = simulate_ranking(one.trajectory, one.things, scores, random)
         return kendalltau([-ranking.index(thing) for thing in one.things], one.scores[-1]).statistic
 
     rollouts = small_ranking_set().rollouts

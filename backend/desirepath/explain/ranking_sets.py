@@ -121,7 +121,7 @@ def is_ranking_set(data: bytes) -> bool:
         return False
 
 
-def explained_rollout(
+def explain_rollout(
     actor: Actor,
     act: ActFunction | EpisodicPolicy,
     scene: Scene,
@@ -183,7 +183,7 @@ def _in_sight(
     """Rollouts that halt where the person sees the robot; others say nothing to whoever ranks."""
     for scene in scenes:
         with suppress(AttributionError):  # it was over before
-            one = explained_rollout(actor, act, scene, method=method, command=command)
+            one = explain_rollout(actor, act, scene, method=method, command=command)
             if halts_in_sight(one.trajectory):
                 yield one
 

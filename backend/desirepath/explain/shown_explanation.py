@@ -75,7 +75,7 @@ def solids_of(scene: Scene, things: Sequence[str], at_s: float) -> tuple[Obstacl
     return tuple(Obstacle(thing, poses[thing], PED_DEPTH_M, PED_WIDTH_M, PED_HEIGHT_M) for thing in things)
 
 
-def guessed_weights(trajectory: Trajectory, things: Sequence[str]) -> dict[str, float]:
+def guess_weights(trajectory: Trajectory, things: Sequence[str]) -> dict[str, float]:
     """How much somebody who sees only the room would think that each object matters where the robot stands, above 0:
     near ones more, ahead of it more.
     """
@@ -88,7 +88,7 @@ def guessed_weights(trajectory: Trajectory, things: Sequence[str]) -> dict[str, 
     return found
 
 
-def simulated_ranking(
+def simulate_ranking(
     trajectory: Trajectory,
     things: Sequence[str],
     scores: Mapping[str, float] | None,
@@ -102,7 +102,7 @@ def simulated_ranking(
     scores: what the outlines showed; None: there were none, so the room alone says what matters. trust: how much of a
     place goes by the outlines where there are some. noise: standard deviation of a place, in places.
     """
-    guessed = _places(guessed_weights(trajectory, things))
+    guessed = _places(guess_weights(trajectory, things))
     shown = _places(scores) if scores is not None else guessed
     share = trust if scores is not None else 0.0
     felt = {

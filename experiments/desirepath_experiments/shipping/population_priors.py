@@ -9,7 +9,7 @@ import numpy as np
 
 from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.people.card import member, people_card
-from desirepath.learning.preferences.population_prior import FOLDER, columns_of, fitted_prior, to_bytes
+from desirepath.learning.preferences.population_prior import FOLDER, columns_of, fit_prior, to_bytes
 from desirepath.learning.preferences.setup_settings import longest_shown_s
 from desirepath.learning.queries.manner_queries import MannerConfig, manner_pairs
 from desirepath.learning.queries.queries import QueryConfig
@@ -41,7 +41,7 @@ def ship_population_priors(request: Request) -> Path:
             valued = one.scores(trajectories) / one.unit(setup)
             scores[k] = valued[0::2] - valued[1::2]
             request.on_progress((place + (k + 1) / MEMBERS) / len(FAMILIES), {"people": place * MEMBERS + k + 1})
-        priors.append(fitted_prior(family, columns, scores))
+        priors.append(fit_prior(family, columns, scores))
     made_from = {"families": list(FAMILIES), "members": [FIRST_MEMBER, FIRST_MEMBER + MEMBERS - 1], "pairs": len(pairs)}
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{setup}.npz"

@@ -12,7 +12,7 @@ import torch
 from desirepath.explain.attribution import attribute, baseline, explain
 from desirepath.explain.in_sight import LEAST_IN_SIGHT, share_in_sight
 from desirepath.explain.methods import METHODS
-from desirepath.explain.ranking_sets import DRIVE_S, RankingSet, explained_rollout
+from desirepath.explain.ranking_sets import DRIVE_S, RankingSet, explain_rollout
 from desirepath.explain.sight import sight_of
 from desirepath.learning.cards import file_sha256
 from desirepath.learning.policies.mirroring import mirror_of
@@ -121,7 +121,7 @@ def test_the_shipped_ranking_set_is_the_shipped_policy_in_these_rooms(policy: Po
     assert drawn >= {one.trajectory.scene.seed for one in stored.rollouts}
     assert (stored.policy, stored.method, stored.command) == ("explained_room/base", "saliency", "speed")
     assert load_card("explained_room/scenarios_48").sha256 == file_sha256(resolve("explained_room/scenarios_48"))
-    first = explained_rollout(actor_of(policy), policy.act, stored.rollouts[0].trajectory.scene)
+    first = explain_rollout(actor_of(policy), policy.act, stored.rollouts[0].trajectory.scene)
     np.testing.assert_allclose(first.scores, stored.rollouts[0].scores, atol=1e-4)
 
 

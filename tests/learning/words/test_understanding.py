@@ -12,7 +12,7 @@ import pytest
 from desirepath.learning.preferences.objectives import preference_weights
 from desirepath.learning.words.clauses import clauses_of
 from desirepath.learning.words.lexicon import LANGUAGES, LONGEST, LONGEST_WORD, MOST_WORDS, form_of, lexicon, words_of
-from desirepath.learning.words.second_reader import ENDS, Doubts, hashed_features, second_reader
+from desirepath.learning.words.second_reader import ENDS, Doubts, hash_features, second_reader
 from desirepath.learning.words.understanding import WordsReader, words_reader
 from desirepath_experiments.benchmarks.words import read_sentences
 from tests.learning.words.measure import measure, read_cases
@@ -452,7 +452,7 @@ def test_the_second_reader_takes_linear_time_and_loads_without_the_laboratory(la
 
     def features(text):
         began = time.process_time()
-        hashed_features(text, lexicon(language).tokens(text), language)
+        hash_features(text, lexicon(language).tokens(text), language)
         return time.process_time() - began
 
     word = "a" * LONGEST_WORD + " "

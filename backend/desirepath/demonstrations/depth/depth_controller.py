@@ -14,7 +14,7 @@ from desirepath.learning.policies.policy import (
     PolicyError,
     check_networks,
     network_arrays,
-    stored_networks,
+    read_networks,
 )
 from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.shipped_files import resolve
@@ -84,7 +84,7 @@ class DepthController(StoredArrays, DrivingPolicy):
         if header["configuration"] not in CONFIGURATIONS:
             raise PolicyError(f"configuration {header['configuration']!r}: known are {', '.join(CONFIGURATIONS)}")
         shape = NetworkShape.from_dict(header["shape"])
-        return cls(CONFIGURATIONS[header["configuration"]], shape, stored_networks(arrays).actor)
+        return cls(CONFIGURATIONS[header["configuration"]], shape, read_networks(arrays).actor)
 
 
 class _Looking(SensingPolicy):

@@ -75,7 +75,7 @@ class ConditioningSearchConfig:
 @dataclass(frozen=True)
 class ConditioningSearchResult:
     """policy: the instant policy conditioned otherwise, without critic. offsets: (3, 9) what is added to the preference
-    weights that it is conditioned on, in the order of PLACES (`conditioned_by_place`).
+    weights that it is conditioned on, in the order of PLACES (`condition_by_place`).
 
     beside_instant: its advantage over the instant policy on the gate's scenes (`Compared`). history: the guess after
     each round; chosen: which of them, 0 for the instant policy itself.
@@ -135,7 +135,7 @@ def compare_policies(own: MeasuredRollouts, other: MeasuredRollouts, weights: Fl
     )
 
 
-def conditioned_by_place(conditioned: ConditionedPolicy, weights: Floats, offsets: NDArray[np.floating[Any]]) -> Policy:
+def condition_by_place(conditioned: ConditionedPolicy, weights: Floats, offsets: NDArray[np.floating[Any]]) -> Policy:
     """The policy conditioned on weights + offsets[0] + offsets[1] * g + offsets[2] * p, without critic.
 
     g and p: how far the goal and the person are, from the setup's `middle` on, in its unit. Exact, since weights enter
@@ -170,7 +170,7 @@ def search_conditioning(
     guesses, history = _search(conditioned, weights, config, on_progress)
     # Not worse in what is preferred, as far as the selection scenes tell; the first is the instant policy itself.
     chosen = max(range(len(history)), key=lambda k: (history[k]["preferred"] >= AIM, history[k]["score"]))
-    policy = conditioned_by_place(conditioned, weights, guesses[chosen])
+    policy = condition_by_place(conditioned, weights, guesses[chosen])
     scenes = gate_scenes(setup, config.gate, config.seed)
     course = Course(scenes)
     own = course.rollout(policy)
@@ -193,7 +193,7 @@ def _search(
 
     def tried_out(offsets: Doubles) -> Compared:
         return compare_policies(
-            course.rollout(conditioned_by_place(conditioned, weights, offsets)), instant, weights, setup
+            course.rollout(condition_by_place(conditioned, weights, offsets)), instant, weights, setup
         )
 
     random = np.random.default_rng([config.seed, 71])

@@ -19,7 +19,7 @@ from desirepath.learning.policies.policy import (
     StoredPolicy,
     check_networks,
     network_arrays,
-    stored_networks,
+    read_networks,
 )
 from desirepath.learning.policies.shape import NetworkShape
 from desirepath.simulation.npz import Arrays
@@ -95,7 +95,7 @@ class AdaptablePolicy(StoredArrays, StoredPolicy):
     def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> Self:
         if tuple(header["objectives"]) != NAMES:
             raise PolicyError(f"adaptable policy knows the objectives {header['objectives']}; needed are {list(NAMES)}")
-        return cls(header["setup"], NetworkShape.from_dict(header["shape"]), stored_networks(arrays).actor)
+        return cls(header["setup"], NetworkShape.from_dict(header["shape"]), read_networks(arrays).actor)
 
 
 def parse_preference(text: str) -> Floats:

@@ -20,8 +20,8 @@ from desirepath.learning.policies.policy import (
     StoredPolicy,
     check_networks,
     network_arrays,
-    stored_networks,
-    stored_slowing,
+    read_networks,
+    read_slowing,
 )
 from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.preferences.objectives import (
@@ -161,13 +161,13 @@ class ConditionedPolicy(StoredArrays, StoredPolicy):
             raise PolicyError(
                 f"conditioned policy knows the objectives {header['objectives']}; needed are {list(needed)}"
             )
-        actor, critic, recovery_policies = stored_networks(arrays)
+        actor, critic, recovery_policies = read_networks(arrays)
         if len(recovery_policies) > 1:
             raise PolicyError(
                 f"conditioned policy has {len(recovery_policies)} recovery policies; it can have one, the base policy"
             )
         shape, base = NetworkShape.from_dict(header["shape"]), recovery_policies[0] if recovery_policies else ()
-        added = (stored_slowing(header), header.get("strengths", {}))
+        added = (read_slowing(header), header.get("strengths", {}))
         return cls(header["setup"], shape, actor, critic, tuple(header["scales"]), base, *added)
 
 

@@ -66,7 +66,7 @@ class StoredNetworks(NamedTuple):
     recovery_policies: tuple[tuple[Floats, ...], ...]
 
 
-def stored_networks(arrays: Arrays) -> StoredNetworks:
+def read_networks(arrays: Arrays) -> StoredNetworks:
     """Back from `network_arrays`."""
     layers: dict[str, list[Floats]] = {}
     for name in sorted(arrays):
@@ -75,7 +75,7 @@ def stored_networks(arrays: Arrays) -> StoredNetworks:
     return StoredNetworks(tuple(layers.get("actor", ())), tuple(layers.get("critic", ())), recovery_policies)
 
 
-def stored_slowing(meta: Mapping[str, Any]) -> Slowing | None:
+def read_slowing(meta: Mapping[str, Any]) -> Slowing | None:
     """The rule that a policy's file names, or none. Raises PolicyError where it is not a rule."""
     if "slowing" not in meta:
         return None
@@ -307,7 +307,7 @@ class Policy(StoredArrays, DrivingPolicy):
     @classmethod
     def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> Self:
         shape, made_for = NetworkShape.from_dict(header["shape"]), header.get("made_for", "")
-        return cls(header["setup"], shape, *stored_networks(arrays), made_for, stored_slowing(header))
+        return cls(header["setup"], shape, *read_networks(arrays), made_for, read_slowing(header))
 
 
 STORED = Policy

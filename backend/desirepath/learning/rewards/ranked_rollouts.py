@@ -146,7 +146,7 @@ def fit_ranked(ranked: RankedRollouts, config: RankedConfig) -> RankedRewardMode
     random = np.random.default_rng([config.seed, 53])
     for update in range(config.updates):
         optimiser.learning_rate = config.learning_rate * (1 - 0.9 * update / config.updates)
-        better, worse = drawn_pairs(ranked.levels, config.pairs, random)
+        better, worse = draw_pairs(ranked.levels, config.pairs, random)
         parts = [_snippet(steps[k], config.snippet, random) for pair in zip(better, worse, strict=True) for k in pair]
         of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
         through = head(seen := np.concatenate(parts), network.weights)
@@ -172,7 +172,7 @@ def fit_ranked(ranked: RankedRollouts, config: RankedConfig) -> RankedRewardMode
     return RankedRewardModel(setup.name, raw.layers, low, high)
 
 
-def drawn_pairs(levels: Floats, n: int, random: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def draw_pairs(levels: Floats, n: int, random: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(n,) and (n,) rollouts of which the first had less noise than the second, drawn uniformly among such pairs."""
     first, second = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     while len(first) < n:

@@ -50,7 +50,7 @@ def other_end(wish: Wish) -> Wish:
     return next(ends[1 - ends.index(wish)] for ends in ENDS if wish in ends)
 
 
-def hashed_features(text: str, tokens: Sequence[Token], language: Language) -> dict[int, float]:
+def hash_features(text: str, tokens: Sequence[Token], language: Language) -> dict[int, float]:
     """Bucket -> value: n-grams of words, of letters and of senses, and pairs of senses near each other. Each of the
     four has length 1; linear in the text."""
     words = [word.form for word in words_of(text, language)]
@@ -105,7 +105,7 @@ class SecondReader(StoredArrays):
 
     def log_odds(self, text: str, tokens: Sequence[Token]) -> NDArray[np.float32]:
         """(len(ENDS), 2): of each end of each scale, against nothing being said of it."""
-        features = hashed_features(text, tokens, self.language)
+        features = hash_features(text, tokens, self.language)
         values = np.fromiter(features.values(), np.float32, len(features))
         summed = values @ self.weights[list(features)].astype(np.float32)
         return (summed * self.scales + self.intercepts).reshape(len(ENDS), 2)
@@ -135,5 +135,5 @@ def second_reader(language: Language) -> SecondReader:
 
 
 def features_of(text: str, language: Language) -> dict[int, float]:
-    """As `hashed_features`, of a text whose tokens nobody has yet."""
-    return hashed_features(text, lexicon(language).tokens(text), language)
+    """As `hash_features`, of a text whose tokens nobody has yet."""
+    return hash_features(text, lexicon(language).tokens(text), language)

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from desirepath.explain.shown_explanation import ShownExplanation, is_of_people, simulated_ranking
+from desirepath.explain.shown_explanation import ShownExplanation, is_of_people, simulate_ranking
 from desirepath.grammar.conditions import Condition, Crossed
 from desirepath.grammar.parts import FileName, Slug, an_example
 from desirepath.grammar.source import Path
@@ -256,7 +256,7 @@ class ImportanceRanking(Kind[ImportanceRankingStep, ImportanceRankingAnswer]):
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         trajectory = participant.watch(step, "a")[0]
-        return {"ranking": simulated_ranking(trajectory, step["things"], step.get("scores"), participant.random)}
+        return {"ranking": simulate_ranking(trajectory, step["things"], step.get("scores"), participant.random)}
 
 
 def _scores(step: ImportanceRankingStep, moment: Moment) -> StoredScores:

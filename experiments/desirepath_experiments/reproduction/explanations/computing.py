@@ -14,7 +14,7 @@ import numpy as np
 
 from desirepath.analysis.metrics import collision_rate, success_rate, timeout_rate
 from desirepath.explain.ranking_sets import RankingSet, ranking_set
-from desirepath.explain.shown_explanation import simulated_ranking
+from desirepath.explain.shown_explanation import simulate_ranking
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_policy
 from desirepath.learning.policies.torch_actor import actor_of
@@ -124,7 +124,7 @@ def simulated_study(shown: RankingSet, participants: int, seed: int, number: int
             for scenario in block:
                 one = regular[scenario]
                 seen = one.at_halt if outline else None  # nobody else has access to what outlines say
-                order_given = simulated_ranking(
+                order_given = simulate_ranking(
                     one.trajectory, one.things, seen, random, noise=float(noise), trust=float(trust)
                 )
                 rankings.append(

@@ -14,7 +14,7 @@ from desirepath.learning.rewards.ranked_rollouts import (
     RankedConfig,
     RankedRewardModel,
     RankedRollouts,
-    drawn_pairs,
+    draw_pairs,
     fit_ranked,
     rank_by_noise,
 )
@@ -64,7 +64,7 @@ def test_a_share_of_the_steps_is_noise_and_kept_up(free_scenes: list[Scene]) -> 
 
 def test_less_noise_is_always_ranked_above_more() -> None:
     levels = np.repeat(np.float32(LEVELS), 4)
-    better, worse = drawn_pairs(levels, 500, np.random.default_rng(0))
+    better, worse = draw_pairs(levels, 500, np.random.default_rng(0))
     assert (levels[better] < levels[worse]).all()
 
 
