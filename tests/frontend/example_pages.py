@@ -18,7 +18,7 @@ from starlette.responses import Response
 
 from desirepath.study.kinds.live import CONTROLS, CROWD_CONTROLS
 from desirepath.web.core.catalogues import Texts
-from desirepath.web.core.prose import prose
+from desirepath.web.core.guides import prose
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
 CONTACT = "Dr. Ada Muster, ada@example.org"

@@ -1,6 +1,6 @@
 """Texts of a study become safe HTML: what a protocol's author writes can never act on a participant's page."""
 
-from desirepath.web.core.prose import prose
+from desirepath.web.core.guides import prose
 
 
 def test_headings_stay_below_the_page_s_own() -> None:

@@ -9,7 +9,7 @@ from sqlalchemy import select
 from desirepath.grammar.source import ProtocolError
 from desirepath.store.erasure import erase_participant
 from desirepath.store.models import Event, Job, Participant, Session, utc_now
-from desirepath.study.personalising.earlier import earlier_snapshots
+from desirepath.study.personalising.alignment_jobs import earlier_snapshots
 from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.studies import create_study
 from tests.study.walking import QUICK, Walker

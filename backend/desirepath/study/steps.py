@@ -100,7 +100,7 @@ class Stage(Part):
         return pace.page_s
 
     def numbers(self) -> dict[str, int]:
-        """What it adds to the numbers that texts may name in braces (`protocol/numbers_in_texts.py`); `pairs_per_block`
+        """What it adds to the numbers that texts may name in braces (`protocol/schema.py`); `pairs_per_block`
         is a maximum, all others are sums.
         """
         return {}

@@ -29,10 +29,10 @@ from desirepath.web.core.catalogues import Texts
 from desirepath.web.core.contract import trouble_in
 from desirepath.web.core.dependencies import Application, Services, route_of
 from desirepath.web.core.figure_process import FigureProcess
+from desirepath.web.core.guides import prose
 from desirepath.web.core.heads import BoundedHeads
 from desirepath.web.core.monitoring import Monitoring
 from desirepath.web.core.openid import OpenId
-from desirepath.web.core.prose import prose
 from desirepath.web.core.throttle import TooLarge, limiter_for
 from desirepath.web.lab.power_runs import PowerRuns
 from desirepath.web.lab.whole_reports import Reports
@@ -104,7 +104,19 @@ def _serving(script: Path) -> Callable[[Request], Response]:
 
 def create_application(services: Services) -> Application:
     """The pages and their API. Routes find everything they need in `dependencies.services_of`."""
-    from desirepath.web.analyst import routes
+    from desirepath.web.analyst import (
+        artefact_pages,
+        attention_pages,
+        compare_pages,
+        demonstration_pages,
+        explanation_pages,
+        flow_pages,
+        job_curves,
+        job_pages,
+        live_pages,
+        reward_files,
+        upkeep_pages,
+    )
     from desirepath.web.core import auth, published, server_routes
     from desirepath.web.core.guard import Guard, trouble
     from desirepath.web.lab import account_pages, learnt_pages, openid_pages, sign_in_pages, study_pages
@@ -116,8 +128,10 @@ def create_application(services: Services) -> Application:
     for kind, script in plug_ins.scripts().items():
         application.router.routes.append(Route(f"/static/js/kinds/{kind}.js", _serving(script)))
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
-    lab = (sign_in_pages, openid_pages, account_pages, study_pages, learnt_pages, routes)
-    for module in (session_pages, *lab, published, server_routes):
+    lab = (sign_in_pages, openid_pages, account_pages, study_pages, learnt_pages)
+    policies = (compare_pages, flow_pages, explanation_pages, live_pages, attention_pages)
+    analyst = (job_curves, job_pages, artefact_pages, *policies, demonstration_pages, reward_files, upkeep_pages)
+    for module in (session_pages, *lab, *analyst, published, server_routes):
         application.include_router(module.router)
     application.include_router(openid_pages.behind)
     for exception, handler in (auth.exception_handlers | {Refused: refusal_page}).items():

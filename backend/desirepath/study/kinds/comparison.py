@@ -6,7 +6,7 @@ The trials are made when the policy is there; comparisons without one are passed
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 from pydantic import AliasChoices, Field, field_validator
 
@@ -94,41 +94,54 @@ class ComparisonStage(Stage):
         return {"comparison_pairs": self.pairs}
 
 
-class ComparisonStep(Step):
+class PairStep(Step):
+    """Two robots in one scene. number, of: its place among its like."""
+
+    number: int
+    of: int
+
+
+class ComparisonStep(PairStep):
     """sides_swapped: the own policy's trajectory is shown as A. against: base (also DWA), neutral or other."""
 
     kind: Literal["comparison"]
-    number: int
-    of: int
     sides_swapped: bool = Field(validation_alias=AliasChoices("sides_swapped", "turned"))
     against: Literal["base", "neutral", "other"] = "base"
 
 
-class Comparison(Kind[ComparisonStep, ChoiceAnswer]):
-    name = "comparison"
-    step = ComparisonStep
+S = TypeVar("S", bound=PairStep)
+
+
+class BlindPair(Kind[S, ChoiceAnswer]):
+    """Two robots in one scene, blind."""
+
     answers = ChoiceAnswer
     besides = AboutQuery
-    stored = {"choice": "a or b"}
-    stages = {"comparison": ComparisonStage}
     shows = "trajectories"
     previewed = True
 
-    def payload(self, step: ComparisonStep, page: Page) -> dict[str, Any]:
+    def payload(self, step: S, page: Page) -> dict[str, Any]:
         shown = {"role": "regular", "view": step.view, "number": step.number, "of": step.of}
         return shown | Viewing().model_dump()
 
-    def is_asked(self, step: ComparisonStep, moment: Moment) -> bool:
-        return moment.has_trial(step.key)
-
-    def check(self, step: ComparisonStep, answer: ChoiceAnswer, page: Page) -> dict[str, Any]:
+    def check(self, step: S, answer: ChoiceAnswer, page: Page) -> dict[str, Any]:
         return {"choice": answer.choice}
 
-    def known_to_simulated(self, step: ComparisonStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def known_to_simulated(self, step: S, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"query": None}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         return {"choice": participant.choose(step, *participant.watch(step, "ab"))}
+
+
+class Comparison(BlindPair[ComparisonStep]):
+    name = "comparison"
+    step = ComparisonStep
+    stored = {"choice": "a or b"}
+    stages = {"comparison": ComparisonStage}
+
+    def is_asked(self, step: ComparisonStep, moment: Moment) -> bool:
+        return moment.has_trial(step.key)
 
 
 def make_comparisons(acting: Acting) -> int:

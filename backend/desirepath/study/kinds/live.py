@@ -6,13 +6,14 @@ The rollouts are `personalising/live_rollouts.py`'s; the requests for them `web/
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 from sqlalchemy import select
 
-from desirepath.grammar.parts import Part
+from desirepath.grammar.parts import Localized, Part
+from desirepath.grammar.source import Path
 from desirepath.grammar.words import View
 from desirepath.simulation.setup_parts import PLACES
 from desirepath.simulation.setups import preference_setups, setups_with
@@ -20,12 +21,13 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Event
 from desirepath.study.kind import Kind, Moment, Page, Simulated
 from desirepath.study.personalising.live_rollouts import condition_on
-from desirepath.study.steps import Step
+from desirepath.study.steps import Pace, Stage, Step
 from desirepath.study.wire import Answer, BadValue, Besides
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import Policy
 
+TAKES_S = 120.0  # ours
 MOST_CHANGES = 2_400  # ours: so many fit a request; the page forgets the oldest from 2,300 on
 LONGEST_S = 24 * 3600.0
 ROUNDED = 3  # digits of a stored weight; sliders have two
@@ -110,6 +112,21 @@ class LiveStage(Part):
         """What its step says of it."""
         own = {"setup": self.setup, "scenes": self.scenes, "view": self.view}
         return own | ({"objectives": self.objectives} if self.objectives else {})
+
+
+class AskedLiveStage(LiveStage, Stage):
+    """One that asks something by itself, with a question of the protocol's own where it has one."""
+
+    asks: ClassVar[bool] = True
+
+    question: Localized | None = None
+
+    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
+        return TAKES_S
+
+    def local_texts(self) -> Iterator[tuple[dict[str, str], Path]]:
+        if self.question is not None:
+            yield self.question, ("question",)
 
 
 class LiveStep(Step):

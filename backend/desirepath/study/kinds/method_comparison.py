@@ -6,7 +6,7 @@ Methods are ways to say how the robot should drive (`protocol/methods.py`); what
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from typing import Any, Literal
 
@@ -17,11 +17,10 @@ from desirepath.grammar.words import View
 from desirepath.store.artefacts import save_trajectories
 from desirepath.store.models import Participant
 from desirepath.store.who_counts import lets_us_learn
-from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated, make_trial
-from desirepath.study.kinds.trial import Viewing
+from desirepath.study.kind import Acting, Moment, make_trial
+from desirepath.study.kinds.comparison import BlindPair, PairStep
 from desirepath.study.personalising.method_robots import Method, hard_to_tell, make_robots, noted_robots, rollouts_in
 from desirepath.study.steps import Pace, Planning, Stage, Step
-from desirepath.study.wire import AboutQuery, ChoiceAnswer
 
 
 class TaughtByMethods(Stage):
@@ -80,14 +79,12 @@ class MethodComparisonStage(Stage):
             yield source.problem(here, "needs a methods stage before it: it compares the robots that these result in")
 
 
-class MethodComparisonStep(Step):
+class MethodComparisonStep(PairStep):
     """first, second: methods; sides_swapped: the second one's robot is shown as A. place: which of the `scenes`.
     methods: all that are compared, as their robots drive in the same scenes.
     """
 
     kind: Literal["method_comparison"]
-    number: int
-    of: int
     first: Method
     second: Method
     place: int
@@ -102,11 +99,9 @@ class MethodComparisonStep(Step):
         return (self.second, self.first) if self.sides_swapped else (self.first, self.second)
 
 
-class MethodComparison(Kind[MethodComparisonStep, ChoiceAnswer]):
+class MethodComparison(BlindPair[MethodComparisonStep]):
     name = "method_comparison"
     step = MethodComparisonStep
-    answers = ChoiceAnswer
-    besides = AboutQuery
     stages = {"method_comparison": MethodComparisonStage}
     stored = {
         "choice": "a or b",
@@ -114,12 +109,6 @@ class MethodComparison(Kind[MethodComparisonStep, ChoiceAnswer]):
         "weights": "a, b: objective -> weight that each robot was conditioned on; {}: its method taught nothing",
         "place": "which of the scenes, from 0; all robots drive in the same ones",
     }
-    shows = "trajectories"
-    previewed = True
-
-    def payload(self, step: MethodComparisonStep, page: Page) -> dict[str, Any]:
-        shown = {"role": "regular", "view": step.view, "number": step.number, "of": step.of}
-        return shown | Viewing().model_dump()
 
     def is_asked(self, step: MethodComparisonStep, moment: Moment) -> bool:
         """Not who does not want programs to learn from their answers."""
@@ -137,22 +126,11 @@ class MethodComparison(Kind[MethodComparisonStep, ChoiceAnswer]):
         shown = {"trajectory_a": rows[0].id, "trajectory_b": rows[1].id}
         make_trial(acting, step, kind="method_comparison", block=step.stage, arms=arms, **shown)
 
-    def check(self, step: MethodComparisonStep, answer: ChoiceAnswer, page: Page) -> dict[str, Any]:
-        return {"choice": answer.choice}
-
     def keep(self, step: MethodComparisonStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
         weights = noted_robots(acting, step.stage)["weights"]
         sides = dict(zip("ab", step.sides, strict=True))
         taught = {side: weights[method] for side, method in sides.items()}
         return {"methods": sides, "weights": taught, "place": step.place}
-
-    def known_to_simulated(
-        self, step: MethodComparisonStep, moment: Moment, payload: Mapping[str, Any]
-    ) -> dict[str, Any]:
-        return {"query": None}
-
-    def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
-        return {"choice": participant.choose(step, *participant.watch(step, "ab"))}
 
 
 KIND = MethodComparison()

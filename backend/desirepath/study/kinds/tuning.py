@@ -10,7 +10,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from desirepath.grammar.parts import Localized
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.texts import local
 from desirepath.store.events import log_event
@@ -18,9 +17,9 @@ from desirepath.study.kind import Acting, Moment, Page, Simulated
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.live import (
     AboutLive,
+    AskedLiveStage,
     LiveAnswer,
     LiveKind,
-    LiveStage,
     LiveStep,
     Weights,
     began_with,
@@ -32,22 +31,18 @@ from desirepath.study.kinds.live import (
     startable,
 )
 from desirepath.study.personalising.believed import believed_of
-from desirepath.study.steps import Pace, Planning, Stage
+from desirepath.study.steps import Planning, Stage
 
-TAKES_S = 120.0  # ours
 STARTED_RANDOMLY = 3  # of seven sliders, so that the start differs from neutral to the eye
 BEGAN = "tuning_began"
 
 
-class TuningStage(LiveStage, Stage):
+class TuningStage(AskedLiveStage):
     """The participant sets the preference weights by sliders, or three of them in a triangle. start: none, or the
     triangle's middle (`neutral`), what the answers before it taught (`learned`), or drawn by lot (`random`).
     """
 
-    asks = True
-
     start: Literal["neutral", "learned", "random"] = "neutral"
-    question: Localized | None = None
 
     def plan(self, at: Planning) -> list[TuningStep]:  # type: ignore[override]  # a list of steps
         begins = _by_lot(at.random, self.setup, self.objectives) if self.start == "random" else {}
@@ -55,13 +50,6 @@ class TuningStage(LiveStage, Stage):
             begins = in_triangle({}, self.objectives)
         said = self.said | {"start": self.start} | ({"begins": begins} if begins else {})
         return [TuningStep.model_validate({"kind": "tuning", "key": at.key, "stage": at.key, **said})]
-
-    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
-        return TAKES_S
-
-    def local_texts(self) -> Iterator[tuple[dict[str, str], Path]]:
-        if self.question is not None:
-            yield self.question, ("question",)
 
     def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
         if self.start != "learned":

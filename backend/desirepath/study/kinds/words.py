@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from desirepath.grammar.parts import Localized
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.texts import local
 from desirepath.learning.words.lexicon import LONGEST, Language
@@ -19,9 +18,9 @@ from desirepath.study.kinds.live import (
     OBJECTIVES,
     OPPOSITES,
     SAME,
+    AskedLiveStage,
     LiveAnswer,
     LiveKind,
-    LiveStage,
     LiveStep,
     PersonSetup,
     Weights,
@@ -29,13 +28,12 @@ from desirepath.study.kinds.live import (
     distance,
     slid,
 )
-from desirepath.study.steps import Pace, Planning, Stage
+from desirepath.study.steps import Planning, Stage
 from desirepath.study.wire import BadValue, Besides
 
 if TYPE_CHECKING:  # the objectives bring numba along; a server that starts need not wait for it
     from desirepath.learning.words.understanding import Understood
 
-TAKES_S = 120.0  # ours
 MEANT = 0.8  # weight of what somebody says they meant, asked back; ours
 MOST_QUESTIONS = 10
 Sentence = Annotated[str, StringConstraints(max_length=LONGEST)]
@@ -67,27 +65,18 @@ SPOKEN: Mapping[str, Mapping[str, str]] = {
 NO_WISH = {"en": "I do not mind how it drives", "de": "Mir ist egal, wie er fährt"}
 
 
-class WordsStage(LiveStage, Stage):
+class WordsStage(AskedLiveStage):
     """The participant writes in a sentence how the robot should drive; what was understood is shown and corrected."""
 
-    asks = True
     measures = True
 
     setup: PersonSetup = "study_room"
-    question: Localized | None = None
     correct: bool = Field(True, description="false: the sentence alone, without sliders to correct it")
 
     def plan(self, at: Planning) -> list[WordsStep]:  # type: ignore[override]  # a list of steps
         said = {"setup": self.setup, "scenes": self.scenes, "view": self.view}
         said |= {} if self.correct else {"correct": False}
         return [WordsStep.model_validate({"kind": "words", "key": at.key, "stage": at.key, **said})]
-
-    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
-        return TAKES_S
-
-    def local_texts(self) -> Iterator[tuple[dict[str, str], Path]]:
-        if self.question is not None:
-            yield self.question, ("question",)
 
     def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
         if self.objectives:

@@ -16,12 +16,12 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.store.demonstration_snapshots import StrokeError, take_demonstrations
 from desirepath.store.events import log_event
 from desirepath.store.job_results import AlignResult
-from desirepath.store.models import Job, Participant, Response, Session
+from desirepath.store.models import Artefact, Job, Participant, Response, Session
 from desirepath.store.outbox import ENDED, NOBODY_WAITS, PARTICIPANT_WAITS, REFINES, cancel_job, enqueue_job
 from desirepath.store.snapshots import SnapshotError, take_snapshot
+from desirepath.store.who_counts import not_left_out, same_kind
 from desirepath.study.frozen import Training
 from desirepath.study.personalising.clicking import without_comparing
-from desirepath.study.personalising.earlier import earlier_snapshots
 from desirepath.study.personalising.lending import Lent, lent_policy
 from desirepath.study.personalising.verdicts import verdict
 
@@ -37,6 +37,7 @@ somebody waits for them. What more would buy is unseen goals (docs/numbers.md)."
 EVERY_PAIR = 4  # ch. 2: situations of an environment
 SURELY_BETTER = 0.9
 """With what probability a policy has to be better for this very person before it is shown as theirs."""
+MOST_EARLIER = 100  # people; more would hardly change what all weigh
 LARGEST_JOB_SEED = 9_999  # backend/desirepath/jobs/kinds.py: seeds of a job name scene sets
 
 
@@ -266,3 +267,47 @@ def _together(each: Sequence[str | None]) -> str | None:
     if each[-1] == "not_surely_better":
         return each[-1]
     return None if None in each else each[-1]
+
+
+# ---- by the light of whose answers a participant's own may be read ---------------------------------------------------
+
+
+def earlier_snapshots(s: DatabaseSession, session: Session) -> list[str]:
+    """Snapshots of the newest answers of those who finished learning before, newest first, at most MOST_EARLIER.
+
+    People learn from people, a pilot from its pilot, simulated participants from simulated ones. Never across groups:
+    who was assigned to another group between participants, or met another version of the protocol, teaches nothing
+    here, so that groups stay independent. Who did not consent to training, withdrew, was excluded or erased is not
+    among them.
+    """
+    me = s.get_one(Participant, session.participant_id)
+    rows = s.execute(
+        select(Job, Session, Participant)
+        .join(Session, Session.id == Job.session_id)
+        .join(Participant, Participant.id == Session.participant_id)
+        .where(
+            Session.study_id == session.study_id,
+            Session.participant_id != session.participant_id,
+            Session.protocol_number == session.protocol_number,
+            same_kind(simulated=me.simulated, pilot=me.pilot),
+            not_left_out(),
+            Job.kind == "align",
+            Job.state == "succeeded",
+        )
+        .order_by(Job.finished_at.desc(), Job.id)
+    )
+    found: dict[str, str] = {}
+    for job, other, person in rows:
+        consented = (person.consents or {}).get("training") is True
+        if person.id in found or not consented or _groups(other) != _groups(session):
+            continue
+        kept = s.get(Artefact, job.params["snapshot"])
+        if kept is not None and kept.quarantined_at is None:
+            found[person.id] = kept.id
+        if len(found) == MOST_EARLIER:
+            break
+    return list(found.values())
+
+
+def _groups(session: Session) -> dict[str, str]:
+    return dict((session.assignment or {}).get("groups") or {})

@@ -28,10 +28,8 @@ from desirepath.study.kinds.evaluation import EvaluationStage
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.protocol.analysis_checks import analysis_problems
 from desirepath.study.protocol.checking import problems_across
-from desirepath.study.protocol.naming import all_questionnaires, all_texts
-from desirepath.study.protocol.numbers_in_texts import fill_in
 from desirepath.study.protocol.reading import Read, Reader, check_size, too_long, valid_part
-from desirepath.study.protocol.schema import Protocol
+from desirepath.study.protocol.schema import Protocol, all_questionnaires, all_texts, fill_in
 from desirepath.study.protocol.stages import T, stage_keys
 
 Content = tuple[str, tuple[tuple[str, Any], ...]]

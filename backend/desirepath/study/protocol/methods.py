@@ -19,10 +19,10 @@ from desirepath.grammar.words import View
 from desirepath.simulation.setup_parts import PLACES
 from desirepath.simulation.setups import setups_with
 from desirepath.study.kinds.demonstration import SECONDS_PER_PATH, DemonstrationStep
-from desirepath.study.kinds.live import PersonSetup
+from desirepath.study.kinds.live import TAKES_S, PersonSetup
 from desirepath.study.kinds.method_comparison import TaughtByMethods
 from desirepath.study.kinds.trial import Queries, Trials, Viewing, plan_trials
-from desirepath.study.kinds.tuning import TAKES_S, TuningStep
+from desirepath.study.kinds.tuning import TuningStep
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.kinds.words import WordsStep
 from desirepath.study.personalising.method_robots import METHODS, Method

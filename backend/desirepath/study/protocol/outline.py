@@ -10,9 +10,8 @@ from typing import Any
 from desirepath.grammar.texts import local, variant
 from desirepath.study.plan.counterbalancing import design_of
 from desirepath.study.protocol.freezing import FrozenProtocol
-from desirepath.study.protocol.numbers_in_texts import fill_in
 from desirepath.study.protocol.planning import example_queries, make_plan
-from desirepath.study.protocol.schema import Protocol
+from desirepath.study.protocol.schema import Protocol, fill_in
 from desirepath.study.protocol.stages import StageEntry, stage_keys
 from desirepath.study.steps import PAGE_S, Pace, Step
 

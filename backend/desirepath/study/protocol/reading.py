@@ -23,9 +23,7 @@ from desirepath.grammar.skipping import problems_within
 from desirepath.grammar.source import Problem, ProtocolError, Source
 from desirepath.grammar.text_files import NotUtf8Error
 from desirepath.grammar.texts import variant
-from desirepath.study.protocol.naming import all_texts
-from desirepath.study.protocol.numbers_in_texts import text_numbers
-from desirepath.study.protocol.schema import Protocol
+from desirepath.study.protocol.schema import Protocol, all_texts, text_numbers
 from desirepath.study.protocol.stages import STAGES, StageEntry
 from desirepath.study.steps import Stage
 

@@ -4,11 +4,13 @@ questionnaires may `grammar/questionnaires.py`'s; reading files is `freezing.py`
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any, Literal
 
 from pydantic import Field
 
 from desirepath.grammar.parts import Address, Code, FileName, Language, Localized, Part, Slug
+from desirepath.grammar.source import Path
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.study.frozen import Quota
 from desirepath.study.plan.asked_queries import Needs, Sample
@@ -109,3 +111,54 @@ class Protocol(Part):
 def json_schema(of: type[Part] = Protocol) -> dict[str, Any]:
     """JSON Schema of a protocol, or of a questionnaire's file, for editors."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | of.model_json_schema(by_alias=True)
+
+
+# ---- the files that it names, and its numbers in their texts --------------------------------------------------------
+
+
+def all_texts(protocol: Protocol) -> Iterator[tuple[str, Path]]:
+    """Every text with where it is named in the file."""
+    for index, entry in enumerate(protocol.stages):
+        for name, path in entry.stage.texts():
+            yield name, ("stages", index, entry.kind, *path)
+    if protocol.screen_out:
+        yield protocol.screen_out.text, ("screen_out", "text")
+
+
+def all_questionnaires(protocol: Protocol) -> Iterator[tuple[str, Path]]:
+    """Every questionnaire with where it is named in the file."""
+    for index, entry in enumerate(protocol.stages):
+        for name, path in entry.stage.questionnaires():
+            yield name, ("stages", index, entry.kind, *path)
+
+
+MAXIMA = ("pairs_per_block",)  # of the longest condition; all others add up over what one participant meets
+
+
+def text_numbers(protocol: Protocol) -> dict[str, int]:
+    """What a text may name in braces: name -> number."""
+    numbers = dict.fromkeys(
+        (
+            "pairs",
+            "practice_pairs",
+            "further_pairs",
+            "comparison_pairs",
+            "blocks",
+            "pairs_per_block",
+            "places",
+            "paths",
+        ),
+        0,
+    )
+    for entry in protocol.stages:
+        for name, number in entry.stage.numbers().items():
+            before = numbers.get(name, 0)
+            numbers[name] = max(before, number) if name in MAXIMA else before + number
+    return {"minutes": protocol.minutes, **numbers}
+
+
+def fill_in(text: str, protocol: Protocol) -> str:
+    """The text with `{minutes}`, `{pairs}` and so on as numbers."""
+    for name, number in text_numbers(protocol).items():
+        text = text.replace(f"{{{name}}}", str(number))
+    return text

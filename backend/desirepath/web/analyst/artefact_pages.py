@@ -27,7 +27,6 @@ from desirepath.store.models import Response as Answered
 from desirepath.store.models import Session as SessionRow
 from desirepath.store.snapshots import Snapshot, SnapshotError, TooFewAnswers, check_whose, take_snapshot
 from desirepath.store.who_counts import Whose
-from desirepath.web.analyst.csv_files import csv_response
 from desirepath.web.analyst.job_pages import read_form
 from desirepath.web.core import svg_figures
 from desirepath.web.core.auditing import audit_details
@@ -35,7 +34,7 @@ from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.contract import form_of
 from desirepath.web.core.dependencies import Db, Files, TheServices, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
-from desirepath.web.core.media import answers_with, media_of
+from desirepath.web.core.media import answers_with, csv_response, media_of
 from desirepath.web.core.permits import in_studies, may_with, seen_artefacts
 from desirepath.web.core.roles import Right
 

@@ -30,13 +30,13 @@ from desirepath.web.analyst.compared_scenes import (
     paired,
     rollouts_in,
 )
-from desirepath.web.analyst.csv_files import csv_response
 from desirepath.web.analyst.job_forms import form_fields
 from desirepath.web.core import svg_figures
 from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
+from desirepath.web.core.media import csv_response
 from desirepath.web.core.permits import seen_artefacts
 from desirepath.web.lab.study_rows import slice_page
 from desirepath.web.stage.camera_views import camera_views

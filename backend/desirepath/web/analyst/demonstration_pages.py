@@ -28,7 +28,6 @@ from desirepath.store.demonstration_snapshots import StrokeError, take_demonstra
 from desirepath.store.models import Participant, Session, StrokeRow, Study, utc_now
 from desirepath.store.outbox import enqueue_job
 from desirepath.study.personalising.alignment_jobs import PATHS_JOB
-from desirepath.web.analyst.csv_files import csv_response
 from desirepath.web.analyst.path_rows import (
     Controller,
     KeptPath,
@@ -46,6 +45,7 @@ from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language
+from desirepath.web.core.media import csv_response
 from desirepath.web.lab.study_tabs import study_tab, the_participant, the_study
 from desirepath.web.stage.camera_views import camera_views
 from desirepath.web.stage.replay_stages import Replay

@@ -15,12 +15,12 @@ from starlette.responses import Response
 from desirepath.jobs.curves import Points, curves_of, step_of
 from desirepath.jobs.tensorboard import event_files
 from desirepath.store.models import Job, utc_now
-from desirepath.web.analyst.csv_files import csv_response
 from desirepath.web.core import svg_figures
 from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language
+from desirepath.web.core.media import csv_response
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 SURE_FROM = 0.02  # share done, below which the time to go is a guess

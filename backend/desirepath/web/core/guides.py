@@ -1,6 +1,6 @@
-"""The guides of `docs/` as pages of the lab: which there are, which part of which fits a page, and their HTML.
+"""Markdown as safe HTML: a study's texts, and the guides of `docs/` as pages of the lab with what fits which page.
 
-No route lives here: they are `lab/guide_pages.py`'s.
+Raw HTML in a text is shown as text, images are not fetched. The guides' routes are `lab/guide_pages.py`'s.
 """
 
 from __future__ import annotations
@@ -55,6 +55,25 @@ FITTING = {
 }
 """Route, and all that begin with it -> the part of a guide that says most about it; the longest one counts."""
 _MARKDOWN = MarkdownIt("commonmark", {"html": False, "typographer": True}).enable("table").disable("image")
+
+
+def prose(text: str, shift: int | None = None) -> Markup:
+    """HTML of a study's markdown `text`. Links open in a new tab, so that nobody loses the step they are in. The line
+    `<!-- more -->`, after which participants' pages fold it away (templates/participant/long_text.html), is left out.
+
+    Headings keep their level but never rise above h2, as the page's own heading is the h1; with `shift` they move down
+    by that many levels instead.
+    """
+    tokens = _MARKDOWN.parse(text.replace("<!-- more -->", ""))
+    for token in tokens:
+        if token.type in ("heading_open", "heading_close"):
+            level = int(token.tag[1])
+            token.tag = f"h{max(2, level) if shift is None else min(6, level + shift)}"
+        for child in token.children or ():
+            if child.type == "link_open":
+                child.attrs.update(target="_blank", rel="noopener noreferrer")
+    # Markup: the renderer escapes everything that came from the text (html=False).
+    return Markup(_MARKDOWN.renderer.render(tokens, _MARKDOWN.options, {}))  # noqa: S704
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,8 @@ from typing import Any
 from fastapi import Request
 from starlette.responses import Response
 
+from desirepath.csv_text import csv_text
+
 PAGE = "text/html"
 # Inline styles are how matplotlib colours an SVG; nothing else may happen in a figure that is opened by itself.
 FIGURE_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
@@ -55,3 +57,12 @@ def figure_file(
     if ending not in shown:
         headers["Content-Disposition"] = f'attachment; filename="{name.rpartition("/")[2]}"'
     return Response(content, media_type=MEDIA[ending], headers=headers)
+
+
+def csv_response(header: list[str], rows: Any, filename: str) -> Response:
+    """A CSV file to keep."""
+    return Response(
+        csv_text([header, *rows]),
+        media_type="text/csv",
+        headers={"Content-Disposition": f'attachment; filename="{filename}"'},
+    )

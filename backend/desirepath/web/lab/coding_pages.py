@@ -6,7 +6,8 @@ condition, no time, and nothing of what the other coder said.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Form, Request
@@ -14,6 +15,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
+from desirepath.store.database import Database
 from desirepath.store.dataset.coding_rows import codebook_of, coding_rows
 from desirepath.store.dataset.tables import CODINGS
 from desirepath.store.models import Participant, Study
@@ -22,10 +24,10 @@ from desirepath.store.models import Session as SessionRow
 from desirepath.store.who_counts import GROUPS, Group, left_out_of_study, not_left_out
 from desirepath.study import coding
 from desirepath.study.coding import CodedAnswer, CodingError, OpenQuestion
-from desirepath.web.analyst.csv_files import csv_response
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import Db
 from desirepath.web.core.lab_frame import LabRefusal
+from desirepath.web.core.media import csv_response
 from desirepath.web.lab.study_tabs import study_tab, the_study
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])
@@ -54,6 +56,18 @@ def _refused(problem: CodingError) -> LabRefusal:
     return LabRefusal(
         404 if problem.code in ("no_answer", "no_code") else 409, f"coding_{problem.code}", **problem.values
     )
+
+
+@contextmanager
+def _changing(database: Database, study_id: str, item: str) -> Iterator[tuple[DatabaseSession, Study]]:
+    """A transaction on the codes of a question; what coding refuses is told as the lab's pages do."""
+    with database.transaction() as s:
+        study = the_study(s, study_id)
+        _question(s, study, item)
+        try:
+            yield s, study
+        except CodingError as problem:
+            raise _refused(problem) from None
 
 
 @router.get("/lab/studies/{study_id}/coding")
@@ -128,13 +142,8 @@ def code_answer(
     if bool(codes) == bool(none_fits):
         with database.session() as s:
             return _answer_page(request, s, the_study(s, study_id), item, who, response_id, codes or [])
-    with database.transaction() as s:
-        study = the_study(s, study_id)
-        _question(s, study, item)
-        try:
-            coding.code_answer(s, study, item, response_id, codes or [], by=user.name)
-        except CodingError as problem:
-            raise _refused(problem) from None
+    with _changing(database, study_id, item) as (s, study):
+        coding.code_answer(s, study, item, response_id, codes or [], by=user.name)
     return RedirectResponse(f"/lab/studies/{study_id}/coding/{item}?who={_known(who)}", status_code=303)
 
 
@@ -167,13 +176,8 @@ def settle(
     codes: Annotated[list[str] | None, Form()] = None,
     who: Annotated[str, Form()] = "",
 ) -> Response:
-    with database.transaction() as s:
-        study = the_study(s, study_id)
-        _question(s, study, item)
-        try:
-            coding.settle(s, study, item, response_id, codes or [], by=user.name)
-        except CodingError as problem:
-            raise _refused(problem) from None
+    with _changing(database, study_id, item) as (s, study):
+        coding.settle(s, study, item, response_id, codes or [], by=user.name)
     return RedirectResponse(f"/lab/studies/{study_id}/coding/{item}/differences?who={_known(who)}", status_code=303)
 
 
@@ -187,13 +191,8 @@ def write_code(
     definition: Annotated[str, Form()] = "",
     who: Annotated[str, Form()] = "",
 ) -> Response:
-    with database.transaction() as s:
-        study = the_study(s, study_id)
-        _question(s, study, item)
-        try:
-            coding.write_code(s, study, item, name, definition, by=user.name)
-        except CodingError as problem:
-            raise _refused(problem) from None
+    with _changing(database, study_id, item) as (s, study):
+        coding.write_code(s, study, item, name, definition, by=user.name)
     return RedirectResponse(f"/lab/studies/{study_id}/coding?who={_known(who)}#{item}", status_code=303)
 
 
@@ -201,13 +200,8 @@ def write_code(
 def remove_code(
     study_id: str, item: str, code_id: str, database: Db, user: CheckedCsrf, who: Annotated[str, Form()] = ""
 ) -> Response:
-    with database.transaction() as s:
-        study = the_study(s, study_id)
-        _question(s, study, item)
-        try:
-            coding.remove_code(s, study, item, code_id)
-        except CodingError as problem:
-            raise _refused(problem) from None
+    with _changing(database, study_id, item) as (s, study):
+        coding.remove_code(s, study, item, code_id)
     return RedirectResponse(f"/lab/studies/{study_id}/coding?who={_known(who)}#{item}", status_code=303)
 
 

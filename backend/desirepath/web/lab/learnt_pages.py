@@ -15,11 +15,11 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Artefact, Participant, Session
 from desirepath.study.personalising.learnt import Learnt, learnt_in, takes_long
 from desirepath.study.protocol_rows import row_of
-from desirepath.web.analyst.csv_files import csv_response
 from desirepath.web.core import svg_figures
 from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
+from desirepath.web.core.media import csv_response
 from desirepath.web.lab.study_tabs import TABS, the_participant, the_study
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])

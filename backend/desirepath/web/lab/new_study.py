@@ -64,8 +64,8 @@ def make_draft(
         elif source == "upload":
             if protocol is None or not protocol.filename:
                 raise DraftError("no_file")
-            named = {one.filename: read_upload(one) for one in texts or [] if one.filename}
-            draft = drafts.draft_from_text(data, decode_upload(protocol.filename, read_upload(protocol)), named)
+            yaml = decode_upload(protocol.filename, read_upload(protocol))
+            draft = drafts.draft_from_text(data, yaml, read_texts(texts))
         elif source == "paste":
             draft = drafts.draft_from_text(data, yaml)
         else:
@@ -77,8 +77,13 @@ def make_draft(
 
 def keep_edits(draft: Draft, yaml: str, texts: list[UploadFile] | None) -> None:
     """Raises DraftError before anything is kept that cannot be."""
-    draft.add({one.filename: read_upload(one) for one in texts or [] if one.filename})
+    draft.add(read_texts(texts))
     draft.save(yaml)
+
+
+def read_texts(texts: list[UploadFile] | None) -> dict[str, bytes]:
+    """File name -> content."""
+    return {file.filename: read_upload(file) for file in texts or [] if file.filename}
 
 
 def read_upload(file: UploadFile) -> bytes:

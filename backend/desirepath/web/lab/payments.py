@@ -20,10 +20,10 @@ from starlette.responses import Response
 from desirepath.store.models import Participant, RecruitingId, Session
 from desirepath.store.who_counts import FINISHED
 from desirepath.study.session.platforms import TITLES, is_id
-from desirepath.web.analyst.csv_files import csv_response
 from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.dependencies import Db
 from desirepath.web.core.lab_frame import LabRefusal
+from desirepath.web.core.media import csv_response
 from desirepath.web.lab.study_tabs import study_tab, the_study
 
 LARGEST_BONUS = Decimal(1000)  # of one person (ours), against a slip of the decimal point

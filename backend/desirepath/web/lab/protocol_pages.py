@@ -24,7 +24,7 @@ from desirepath.web.core.dependencies import Db, Files, TheServices
 from desirepath.web.core.roles import Right
 from desirepath.web.lab import drafts
 from desirepath.web.lab.drafts import Draft, DraftError, decode_upload
-from desirepath.web.lab.new_study import TheDraft, keep_edits, read_upload
+from desirepath.web.lab.new_study import TheDraft, keep_edits, read_texts, read_upload
 from desirepath.web.lab.preview import first_steps
 from desirepath.web.lab.study_tabs import study_tab, the_study
 
@@ -114,8 +114,7 @@ def make_change(
         yaml = _VERSION.sub(rf"\g<1>{newest.protocol.version + 1}", newest.yaml, count=1)
         if protocol is not None and protocol.filename:
             yaml = decode_upload(protocol.filename, read_upload(protocol))
-        named = {one.filename: read_upload(one) for one in texts or [] if one.filename}
-        draft = drafts.draft_from_text(services.settings.data, yaml, named, newest.files)
+        draft = drafts.draft_from_text(services.settings.data, yaml, read_texts(texts), newest.files)
     except DraftError as problem:
         return _choose_page(request, study_id, database, problem)
     return RedirectResponse(f"/lab/studies/{study_id}/revise/{draft.id}", status_code=303)

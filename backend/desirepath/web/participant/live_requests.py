@@ -1,28 +1,25 @@
 """The API of weights that are changed by hand: which way the robot would take from where it is, and in which place.
 
 Nothing is changed or stored here: the final weights with their history are the step's answer (`session_pages.py`). The
-rollouts are `study/personalising/live_rollouts.py`'s, what the stage shows `stage/live_scene.py`'s.
+rollouts are `study/personalising/live_rollouts.py`'s, what the stage shows `stage/presenting.py`'s.
 """
 
 from __future__ import annotations
 
 from fastapi import APIRouter, Request
-from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
-from desirepath.store.models import Session, utc_now
+from desirepath.store.models import utc_now
 from desirepath.study.kind import Moment, kind_of
 from desirepath.study.kinds.live import LiveKind, LiveStep, clean_weights
 from desirepath.study.kinds.words import MEANT, MOST_QUESTIONS, WordsStep, language_of, mark_stretches, understood
-from desirepath.study.refusals import Refused
-from desirepath.study.session import machine
 from desirepath.study.session.versions import protocol_of
 from desirepath.study.wire import BadValue
 from desirepath.web.core.contract import reply_of
 from desirepath.web.core.dependencies import TheServices, services_of
 from desirepath.web.participant.replies import LivePaths, PlaceShown, WordsUnderstood
 from desirepath.web.participant.sent import LiveAsked, PlaceChosen, WordsRead
-from desirepath.web.participant.session_view import looking
+from desirepath.web.participant.session_view import current_step, looking
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
 
@@ -35,7 +32,7 @@ def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Respo
     from desirepath.study.personalising import live_rollouts as live
 
     with looking(services, token) as (s, session):
-        step = _step(s, session, key)
+        step = current_step(session, key, LiveStep)
         kind = kind_of(step)
         assert isinstance(kind, LiveKind)  # noqa: S101  its steps are of such kinds
         place = _place(step, body.place)
@@ -78,8 +75,8 @@ def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Respo
 def words(token: str, key: str, services: TheServices, body: WordsRead) -> Response:
     """What a sentence is read as, in the session's language, or in the other one where it clearly is in that.
     Nothing of it is stored or logged here."""
-    with looking(services, token) as (s, session):
-        step = _step(s, session, key)
+    with looking(services, token) as (_, session):
+        step = current_step(session, key, LiveStep)
         language = language_of(session.language)
         if not isinstance(step, WordsStep):
             raise BadValue("key", key[:80], "must be a step at which a wish is written down")
@@ -98,8 +95,8 @@ def words(token: str, key: str, services: TheServices, body: WordsRead) -> Respo
 def place(token: str, key: str, request: Request, body: PlaceChosen) -> Response:
     """Show another of the step's places on the stage."""
     services = services_of(request)
-    with looking(services, token) as (s, session):
-        step = _step(s, session, key)
+    with looking(services, token) as (_, session):
+        step = current_step(session, key, LiveStep)
         chosen = _place(step, body.place)
         session_id = session.id
     services.presenter.show_place(session_id, chosen)
@@ -110,18 +107,3 @@ def _place(step: LiveStep, place: int) -> int:
     if place >= step.scenes:
         raise BadValue("place", place, f"must be below {step.scenes}, the step's number of scenes")
     return place
-
-
-def _step(s: DatabaseSession, session: Session, key: str) -> LiveStep:
-    """The session's current step, if it is that one and weights are changed at it."""
-    step = machine.step_of(session)
-    if session.state != "active" or step.key != key or not isinstance(step, LiveStep):
-        raise Refused(
-            409,
-            "not_current_step",
-            "The session is at another step.",
-            session_id=session.id,
-            study_id=session.study_id,
-            step=key[:80],
-        )
-    return step

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from fastapi import Request
 from sqlalchemy.orm import Session as DatabaseSession
@@ -22,6 +22,7 @@ from desirepath.study.steps import Step
 from desirepath.web.core.dependencies import Services, contact, public_url, stage_origin
 from desirepath.web.stage.admission import stage_token
 
+S = TypeVar("S", bound=Step)
 HELPED = ("words", "tuning", "feedback", "meet_your_robot")
 """Kinds of step with a help of their own."""
 
@@ -73,6 +74,16 @@ def state_of(request: Request, s: DatabaseSession, session: Session, view: machi
     if view.kind in KINDS and KINDS[view.kind].shows != "page":
         state["stage_url"] = f"{stage_origin(request)}/stage/{stage_token(session)}/"
     return state
+
+
+def current_step(session: Session, key: str, kind: type[S]) -> S:
+    """The session's current step, if it is that one and of that kind. Raises Refused."""
+    step = machine.step_of(session)
+    if session.state != "active" or step.key != key or not isinstance(step, kind):
+        message = "The session is at another step."
+        whose = {"session_id": session.id, "study_id": session.study_id}
+        raise Refused(409, "not_current_step", message, **whose, step=key[:80])
+    return step
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from desirepath.web.core.contract import reply_of
 from desirepath.web.core.dependencies import Services, services_of
 from desirepath.web.participant.replies import DrawingReply
 from desirepath.web.participant.sent import Interrupted, RolloutSeen, StrokeSent, WalkAgain
-from desirepath.web.participant.session_view import looking, state_of
+from desirepath.web.participant.session_view import current_step, looking, state_of
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
 changing = partial(router.post, response_model=DrawingReply)
@@ -127,17 +127,7 @@ def redraw(token: str, key: str, request: Request) -> Response:
 
 def _step(session: Session, key: str) -> DemonstrationStep:
     """The session's current step, if it is that one and a path is drawn at it."""
-    step = machine.step_of(session)
-    if session.state != "active" or step.key != key or not isinstance(step, DemonstrationStep):
-        raise Refused(
-            409,
-            "not_current_step",
-            "The session is at another step.",
-            session_id=session.id,
-            study_id=session.study_id,
-            step=key[:80],
-        )
-    return step
+    return current_step(session, key, DemonstrationStep)
 
 
 def _on_drawing(

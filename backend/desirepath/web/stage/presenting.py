@@ -22,12 +22,13 @@ from desirepath.store.models import Session, utc_now
 from desirepath.store.sides import Side
 from desirepath.study.drawing import paths
 from desirepath.study.kind import Moment, kind_of
+from desirepath.study.kinds.live import LiveKind, LiveStep
 from desirepath.study.session import machine
 from desirepath.study.session.versions import protocol_of
 from desirepath.study.session.watching import viewing_of
 from desirepath.web.replicas.claims import Claims
 from desirepath.web.replicas.notices import Notice, Notices
-from desirepath.web.stage import drawing_sheet, live_scene
+from desirepath.web.stage import drawing_sheet
 from desirepath.web.stage.listening import Listeners
 from desirepath.web.stage.replay_stages import PREFIX, Played, ReplayStages
 from desirepath_stage.views import View
@@ -198,7 +199,7 @@ class Presenter:
                     shown = paths.Showing(**order.details)
                     drawing_sheet.play_stroke(self._database, self._files, stage, session_id, shown)
                 case "show_place":
-                    live_scene.present(self._database, stage, session_id, order.details["place"])
+                    _present_live(self._database, stage, session_id, order.details["place"])
         except Exception:
             log.exception("a stage could not be told what to show")
             self._recover(server, session_id)
@@ -249,7 +250,7 @@ class Presenter:
             drawing_sheet.present(self._database, stage, session_id)
             return
         if shows == "live":
-            live_scene.present(self._database, stage, session_id)
+            _present_live(self._database, stage, session_id)
             return
         if trial is None:
             stage.clear()
@@ -274,3 +275,22 @@ def _explained(s: DatabaseSession, session: Session) -> ShownExplanation | None:
     """What the current step shows of a policy's reasons."""
     step = machine.step_of(session)
     return kind_of(step).explains(step, Moment(s, session, protocol_of(s, session), utc_now()))
+
+
+def _present_live(database: Database, stage: Stage, session_id: str, place: int = 0) -> None:
+    """Show one of the places of a step at which weights are changed by hand, with its goal, unless the session went on
+    meanwhile. The paths come from the page itself (`participant/live_requests.py`)."""
+    from desirepath.study.personalising.live_rollouts import scenes_of, typical_rollouts, warm_up
+
+    with database.session() as s:
+        session = s.get_one(Session, session_id)
+        step = machine.step_of(session)
+        light = session.device.get("scene_detail") == "light"
+    kind = kind_of(step)
+    if not isinstance(step, LiveStep) or not isinstance(kind, LiveKind) or place >= step.scenes:
+        return
+    scene = scenes_of(step.setup)[place]
+    beside = typical_rollouts(step.setup, place) if scene.room is None else ()
+    stage.detail = "light" if light else "full"
+    stage.live(scene, step.view, trajectories=beside, robots=kind.robots_in(step))
+    warm_up(step.setup)  # while the browser builds the room, so that the first path is not waited for
