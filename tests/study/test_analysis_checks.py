@@ -9,7 +9,7 @@ import pytest
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import analyse
 from desirepath.report.study_data import ItemText, ParticipantRow, Rating, StudyData
-from desirepath.study.protocol.freezing import freeze_text, shipped_protocols, thaw, validate_protocol_file
+from desirepath.study.protocol.freezing import find_shipped_protocols, freeze_text, thaw, validate_protocol_file
 from tests.study.small_protocol import BLOCK, CROSSED, RATING, VIEWS, protocol_text, write_files
 
 RATED = {"block": {**CROSSED["block"], "after": [{"questionnaire": {"use": "rating"}}]}}
@@ -86,7 +86,8 @@ def test_an_analysis_that_can_be_done_is_valid(tmp_path: Path, stages: list, ana
 
 
 def test_shipped_protocols_declare_what_can_be_done() -> None:
-    assert [validate_protocol_file(file)["errors"] for file in shipped_protocols()] == [[]] * len(shipped_protocols())
+    files = find_shipped_protocols()
+    assert [validate_protocol_file(file)["errors"] for file in files] == [[]] * len(files)
 
 
 def test_a_study_of_before_opens_with_a_plan_that_would_be_refused_now(tmp_path: Path) -> None:

@@ -82,8 +82,8 @@ def test_queries_may_be_chosen_for_what_the_nine_objectives_do_not_say(database,
     with database.session() as s:
         session = s.get_one(Session, walker.session.id)
         study = s.get_one(Study, session.study_id)
-        memory = next_query.remembered(files)
-        measured, pairs = memory.measured(s, files, study), memory.pairs(s, files, study)
+        memory = next_query.recall(files)
+        measured, pairs = memory.measure_queries(s, files, study), memory.pairs(s, files, study)
         posterior = memory.beyond(measured, pairs, next_query.answers_of(s, session))
     assert len(posterior.chosen) == 4
     assert posterior.something_else() > 0
@@ -163,10 +163,10 @@ def test_studies_measure_their_queries_once(database, files, make_walker):
     walker = make_walker("queries: {count: 3, choose: information}")
     with database.session() as s:
         study = s.get_one(Study, walker.session.study_id)
-        memory = next_query.remembered(files)
-        measured = memory.measured(s, files, study)
-        assert memory.measured(s, files, study) is measured
-        assert next_query.remembered(ArtefactStore(files.url)) is not memory
+        memory = next_query.recall(files)
+        measured = memory.measure_queries(s, files, study)
+        assert memory.measure_queries(s, files, study) is measured
+        assert next_query.recall(ArtefactStore(files.url)) is not memory
     assert measured.differences.shape == (20, 3, 7)
     assert len(measured.queries) == 20
 

@@ -10,7 +10,7 @@ from desirepath.report.tidy_tables import read_study
 from desirepath.store.models import Event, Job, Response, Session, Study, TrajectoryRow, Trial
 from desirepath.store.snapshots import load_snapshot
 from desirepath.study.personalising import next_query
-from desirepath.study.protocol.outline import expected_minutes
+from desirepath.study.protocol.outline import estimate_minutes
 from desirepath.study.session import machine
 from desirepath.study.studies import queries_of_study
 from tests.study.small_protocol import small_protocol
@@ -162,7 +162,7 @@ def test_the_plan_its_queries_and_its_minutes_are_of_all_that_may_be_asked(tmp_p
     without = small_protocol(tmp_path, stages, query_set=str(twenty_queries)).protocol
     with_more = small_protocol(tmp_path, [ASKED, training(), COMPARISON], query_set=str(twenty_queries)).protocol
     assert with_more.needs.queries == without.needs.queries + 5
-    assert expected_minutes(with_more) > expected_minutes(without) + 2
+    assert estimate_minutes(with_more) > estimate_minutes(without) + 2
 
 
 @pytest.mark.parametrize(

@@ -120,7 +120,7 @@ def shown_in(walker: Walker, database, study) -> dict[tuple[bool, bool], tuple[b
         for step in moment.plan:
             if step.kind == "importance_ranking":
                 shown = KIND.explains(step, moment)
-                knows = "scores" in KIND.known_to_simulated(step, moment, {})
+                knows = "scores" in KIND.tell_simulated(step, moment, {})
                 found[step.attention, step.lidar] = (shown.attention is not None, shown.outlines, shown.lidar, knows)
     return found
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sqlalchemy import select
 
 from desirepath.store.models import Participant, Session, utc_now
-from desirepath.study.kind import stored
+from desirepath.study.kind import dump_plan
 from desirepath.study.plan.assignment import assignment_table
 from desirepath.study.plan.counterbalancing import design_of, next_row, orders
 from desirepath.study.protocol.freezing import ProtocolError, thaw
@@ -64,7 +64,7 @@ def test_places_stay_even_whoever_comes_and_fill_again_whoever_leaves(rows, seed
 
 def planned(*asked):
     """A plan as it is stored."""
-    return stored(make_plan(*asked))
+    return dump_plan(make_plan(*asked))
 
 
 def test_all_conditions_ask_the_same_queries_with_the_same_sides_in_their_own_order(tmp_path):
@@ -107,7 +107,7 @@ def test_factors_are_crossed_and_one_of_separates_people(tmp_path):
     ]
     texts = {step["text"] for step in plan if step["kind"] == "instruction"}
     assert texts == {"robot_hurried.md", "machine_hurried.md"}
-    assert design.described(design.rows[-1], 7)["groups"] == {"block": "hurried"}
+    assert design.describe(design.rows[-1], 7)["groups"] == {"block": "hurried"}
 
 
 def test_transitivity_asks_all_three_pairs_of_three_drives_beside_the_regular_queries(tmp_path):

@@ -295,7 +295,7 @@ def test_who_walks_beside_the_drive_is_kept_whole_with_it_and_learned_from(datab
 
 def test_a_walk_is_chosen_before_the_path_is_drawn(database: Database, files: ArtefactStore):
     walker = who_walks(database, files, "recorded")
-    offered = walks.offered(_step(walker))
+    offered = walks.offer_walks(_step(walker))
     assert [walk["source"] for walk in offered] == ["planned"] * 3
     assert refusal(lambda: draw(walker, path(0.7))) == "bad_value"
     assert refusal(lambda: draw(walker, path(0.7, walk=3))) == "bad_value"

@@ -15,7 +15,7 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
 from desirepath.study.drawing import paths, strokes
-from desirepath.study.kind import stored
+from desirepath.study.kind import dump_plan
 from desirepath.study.kinds.demonstration import drawing_of
 from desirepath.study.links import next_token
 from desirepath.study.plan.counterbalancing import design_of
@@ -156,7 +156,7 @@ def test_the_six_orders_are_filled_evenly_and_reversed_in_the_second_environment
     orders = []
     for place in design_of(protocol).rows:
         for seed in (0, 1):
-            plan = stored(make_plan(protocol, seed, [], place))
+            plan = dump_plan(make_plan(protocol, seed, [], place))
             asked = [step for step in plan if step.get("questionnaire") == "drawing_rating"]
             met = [step["block"] for step in asked]
             assert len({step["environment"] for step in asked[:3]}) == 1

@@ -174,7 +174,7 @@ def test_simulated_participants_hear_scores_only_where_outlines_tell_them(databa
         moment = Moment(s, s.merge(walker.session, load=False), thaw(ranked), walker.now)
         for step in moment.plan:
             if step.kind == "importance_ranking":
-                told[step.outline] = "scores" in KIND.known_to_simulated(step, moment, {})
+                told[step.outline] = "scores" in KIND.tell_simulated(step, moment, {})
     assert told == {True: True, False: False}
 
 

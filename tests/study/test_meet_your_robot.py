@@ -25,7 +25,7 @@ from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.personalising import believed, next_query
 from desirepath.study.personalising.believed import beyond_nine
 from desirepath.study.personalising.live_rollouts import condition_on, looks_at, roll_out, scenes_of
-from desirepath.study.protocol.freezing import freeze, shipped_protocols
+from desirepath.study.protocol.freezing import find_shipped_protocols, freeze
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
 from desirepath.study.studies import queries_of_study
@@ -149,7 +149,7 @@ def test_something_else_is_told_where_it_is_more_probable_or_was_shown(check, sh
     assert (beyond_nine(check, shown) is not None) == told
 
 
-@pytest.mark.parametrize("protocol", shipped_protocols(), ids=lambda path: path.stem)
+@pytest.mark.parametrize("protocol", find_shipped_protocols(), ids=lambda path: path.stem)
 def test_every_shipped_protocol_that_teaches_a_robot_by_choices_ends_with_meeting_it(protocol: Path):
     frozen = freeze(protocol).protocol
     kinds = [entry.kind for entry in frozen.stages]

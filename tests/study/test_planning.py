@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from desirepath.installed import PROTOCOLS
-from desirepath.study.kind import stored
+from desirepath.study.kind import dump_plan
 from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.protocol.planning import PlanError, make_plan, session_seed
 
@@ -34,7 +34,7 @@ QUERIES = [AQuery(f"q{i}", scene_hash=f"s{i}", trajectory_a=f"q{i}a", trajectory
 
 def planned(*asked):
     """A plan as it is stored."""
-    return stored(make_plan(*asked))
+    return dump_plan(make_plan(*asked))
 
 
 def trials(plan):

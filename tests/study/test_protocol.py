@@ -22,16 +22,16 @@ from desirepath.study.kind import Page, kind_of, read_step
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.protocol.freezing import (
     ProtocolError,
+    find_shipped_protocols,
     freeze,
     freeze_text,
-    shipped_protocols,
     validate_protocol_file,
 )
-from desirepath.study.protocol.outline import describe_stages, expected_minutes
+from desirepath.study.protocol.outline import describe_stages, estimate_minutes
 from desirepath.study.protocol.schema import DeviceGate, Protocol, json_schema
 from desirepath.study.protocol.stages import STAGES, StageEntry
 from desirepath.study.refusals import Refused
-from desirepath.study.session.devices import device_problems, fitted
+from desirepath.study.session.devices import device_problems, fit_device
 from tests.study.small_protocol import BLOCK, protocol_text, write_files
 
 QUICK = PROTOCOLS / "quick_preference_study.yaml"
@@ -76,7 +76,7 @@ def line_of(text: str) -> int:
     return next(n for n, line in enumerate(QUICK.read_text().splitlines(), 1) if text in line)
 
 
-@pytest.mark.parametrize("file", shipped_protocols(), ids=lambda file: file.stem)
+@pytest.mark.parametrize("file", find_shipped_protocols(), ids=lambda file: file.stem)
 def test_every_shipped_protocol_is_valid(file: Path):
     assert validate_protocol_file(file) == {"valid": True, "errors": []}
 
@@ -257,7 +257,7 @@ def test_every_stage_is_readable_in_both_languages():
 
 def test_the_minutes_told_to_participants_fit_the_protocol():
     protocol = freeze(QUICK).protocol
-    assert abs(expected_minutes(protocol) - protocol.minutes) < 3
+    assert abs(estimate_minutes(protocol) - protocol.minutes) < 3
 
 
 def test_schema_and_words_agree():
@@ -442,16 +442,16 @@ def test_a_device_is_measured_against_the_gate(device, problems):
     assert device_problems(None, device) == []
     if problems:
         with pytest.raises(Refused) as no:
-            fitted(gate, device, study_id="s")
+            fit_device(gate, device, study_id="s")
         assert (no.value.code, no.value.details["reasons"]) == ("device", problems)
-    assert fitted(gate, device, study_id="s", simulated=True)["scene_detail"] in ("full", "light")
+    assert fit_device(gate, device, study_id="s", simulated=True)["scene_detail"] in ("full", "light")
 
 
 def test_a_slow_device_gets_a_lighter_scene_before_it_is_refused():
     gate = DeviceGate(min_frame_rate=10, light_below=20)
     rates = {25: "full", 15: "light"}
     for rate, detail in rates.items():
-        assert fitted(gate, {"webgl": True, "frame_rate": rate}, study_id="s")["scene_detail"] == detail
+        assert fit_device(gate, {"webgl": True, "frame_rate": rate}, study_id="s")["scene_detail"] == detail
 
 
 # ---- numbers, texts and files as they are written --------------------------------------------------------------------

@@ -23,7 +23,7 @@ from desirepath.store.models import Job, ProblemReport, Session, Study, StudyRol
 from desirepath.store.outbox import enqueue_job
 from desirepath.store.shipped_policies import policy_artefact, register_shipped
 from desirepath.store.snapshots import take_snapshot
-from desirepath.study.protocol.freezing import freeze, shipped_protocols
+from desirepath.study.protocol.freezing import find_shipped_protocols, freeze
 from desirepath.study.session import machine
 from desirepath.study.session.finding import acting
 from desirepath.study.session.joining import join_study
@@ -35,7 +35,7 @@ from tests.answered_study import add_answered_study
 
 PASSWORD = "seven quiet robots"
 NAME = "Corridor pilot"
-QUICK = next(file for file in shipped_protocols() if file.stem == "quick_preference_study")
+QUICK = next(file for file in find_shipped_protocols() if file.stem == "quick_preference_study")
 ITEMS = (
     *("ease", "confidence", "mental_effort", "clarity", "naturalness"),
     *("spatial_understanding", "realism", "presence", "fun", "boredom"),

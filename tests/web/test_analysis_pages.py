@@ -19,7 +19,7 @@ from desirepath.report.findings import analyse
 from desirepath.report.tidy_tables import read_study
 from desirepath.store.models import Participant, Session, Study, new_id, utc_now
 from desirepath.store.models import Response as Answer
-from desirepath.study.protocol.freezing import freeze, shipped_protocols
+from desirepath.study.protocol.freezing import find_shipped_protocols, freeze
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.studies import create_study
 from desirepath.web.core.dependencies import Services
@@ -126,7 +126,7 @@ def test_a_report_of_pilots_alone_says_where_the_pilot_phase_ends(lab, lab_servi
 def test_counts_of_simulated_people_agree_whatever_the_phase(lab, lab_services, monkeypatch, capsys):
     """Three walk through a study's pilot: pages, tabs, the list and the full report count the same three."""
     services = lab_services
-    drawing = next(file for file in shipped_protocols() if file.stem == "crowd_explanation_study")
+    drawing = next(file for file in find_shipped_protocols() if file.stem == "crowd_explanation_study")
     with services.database.transaction() as s:
         study = create_study(s, services.files, freeze(drawing), name="Simulated", created_by=None)
         study.pilot = True

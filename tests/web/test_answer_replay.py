@@ -74,7 +74,7 @@ def on_stage(services: Services, data: dict[str, Any]) -> StageStub:
     """What the stage is told when it has connected, and then when the page asks for the trajectory."""
     stage = StageStub()
     assert services.replays.show(stage, f"replay:{data['stage_token']}")  # type: ignore[arg-type]
-    services.replays.shown_by(data["stage_token"]).play(stage, "a")  # type: ignore[union-attr]
+    services.replays.find_shown(data["stage_token"]).play(stage, "a")  # type: ignore[union-attr]
     return stage
 
 

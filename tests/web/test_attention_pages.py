@@ -49,7 +49,7 @@ def analyst(lab_services: Services) -> Iterator[TestClient]:
 def shown_on(services: Services, page: str) -> Replay:
     token = re.search(r"/stage/([^/\"]+)/", page)
     assert token is not None
-    shown = services.replays.shown_by(token[1])
+    shown = services.replays.find_shown(token[1])
     assert isinstance(shown, Replay)
     return shown
 

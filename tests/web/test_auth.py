@@ -28,7 +28,7 @@ from desirepath.web.core.auth import (
     safe_next,
     set_role,
 )
-from desirepath.web.core.sign_ins import COOKIE, DEVICE_COOKIE, known_device
+from desirepath.web.core.sign_ins import COOKIE, DEVICE_COOKIE, find_device
 from desirepath.web.core.throttle import limiter_for
 from tests.web.lab_services import PASSWORD, csrf, sign_in
 
@@ -197,9 +197,9 @@ def test_a_device_is_known_until_the_password_changes_and_for_its_account_only(l
     with lab_services.database.session() as s:
         user = s.scalars(select(User)).one()
     asked = SimpleNamespace(cookies={DEVICE_COOKIE: kept})
-    assert known_device(asked, "experimenter", user.password_hash)
-    assert known_device(asked, "someone", user.password_hash) is None
-    assert known_device(asked, "experimenter", user.password_hash + "x") is None
+    assert find_device(asked, "experimenter", user.password_hash)
+    assert find_device(asked, "someone", user.password_hash) is None
+    assert find_device(asked, "experimenter", user.password_hash + "x") is None
 
 
 def test_a_device_is_known_also_where_the_password_was_hashed_anew_at_signing_in(lab_services, visitor):
@@ -211,7 +211,7 @@ def test_a_device_is_known_also_where_the_password_was_hashed_anew_at_signing_in
         renewed = s.scalars(select(User.password_hash)).one()
     assert renewed != older
     asked = SimpleNamespace(cookies={DEVICE_COOKIE: visitor.cookies[DEVICE_COOKIE]})
-    assert known_device(asked, "experimenter", renewed)
+    assert find_device(asked, "experimenter", renewed)
 
 
 def test_cookie_is_kept_from_scripts_and_other_sites_and_only_its_hash_is_stored(visitor, lab_services):

@@ -9,7 +9,7 @@ from urllib.parse import urljoin, urlsplit
 
 import pytest
 
-from desirepath.study.protocol.freezing import freeze, shipped_protocols
+from desirepath.study.protocol.freezing import find_shipped_protocols, freeze
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.studies import create_study
 from tests.web.test_buttons_that_may import ID, LINK
@@ -17,7 +17,7 @@ from tests.web.test_buttons_that_may import ID, LINK
 MADE_IN_THE_BACKGROUND = (".zip", "/analysis/")  # their own tests wait for them
 
 
-@pytest.mark.parametrize("protocol", shipped_protocols(), ids=lambda path: path.stem)
+@pytest.mark.parametrize("protocol", find_shipped_protocols(), ids=lambda path: path.stem)
 def test_every_page_of_a_study_of_every_shipped_protocol_opens(protocol: Path, lab, lab_services) -> None:
     services = lab_services
     with services.database.transaction() as s:

@@ -92,7 +92,7 @@ def test_weights_are_named_only_where_answers_are_predicted_better_than_chance(l
         lab_services.files.derived(Known).clear()
         monkeypatch.setattr("desirepath.learning.preferences.predictive_power.odds_against_chance", lambda _, o=odds: o)
         letters = ["a"] * 8 if one_sided else ["a", "b"] * 4
-        monkeypatch.setattr("desirepath.study.personalising.learnt.chosen_letters", lambda *_, of=letters: of)
+        monkeypatch.setattr("desirepath.study.personalising.learnt.find_letters", lambda *_, of=letters: of)
         page = lab.get(address).text
         assert (told in page) == said
         assert ("not predicted better than chance (odds 1.2 : 1; 5 : 1 are needed)" in page) == (odds < 5)

@@ -57,7 +57,7 @@ def test_any_conditioned_policy_has_the_participants_controls_over_a_stage(analy
     assert "data-start" in page
     assert "&#34;farther&#34;: 0.4" in page
     granted = re.search(r'data-src="[^"]*/stage/([^/"]+)/"', page).group(1)
-    assert services.replays.shown_by(granted).scene.seed == 3500000000
+    assert services.replays.find_shown(granted).scene.seed == 3500000000
     assert "base" not in re.search(r"<select id=.policy_a.*?</select>", page, re.DOTALL).group(0)
 
 

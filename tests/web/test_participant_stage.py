@@ -96,7 +96,7 @@ def test_the_stream_tells_of_changes_and_of_another_window(services, walker):
         listeners, events = services.listeners, await events_of(services, walker.token)
         told = [parsed(await anext(events))]
         await asyncio.to_thread(walker.submit, "information", {})
-        listeners.changed(walker.session.id)
+        listeners.tell_changed(walker.session.id)
         told.append(parsed(await anext(events)))
         listeners.listen(walker.session.id)  # a second window
         told.append(parsed(await anext(events)))

@@ -127,7 +127,7 @@ def test_a_claim_whose_notice_was_lost_is_announced_again(two: Pair, monkeypatch
     with monkeypatch.context() as lossy:
         lossy.setattr(two.first.notices, "tell", lambda *_, **__: None)
         claims[0].claim("key", "first")
-    two.first.notices.missed()
+    two.first.notices.tell_missed()
     until(lambda: heard == [True])
     claims[1].claim("key", "second")
     until(lambda: lost == ["first key"])
@@ -203,9 +203,9 @@ def test_a_stage_is_told_by_whichever_process_is_asked_and_moves_with_its_page(t
     stage = FakeStage()
     serve(two.first, **{session: stage})
     serve(two.second)
-    assert not two.second.presenter.connected(session)
+    assert not two.second.presenter.is_connected(session)
     two.first.presenter.on_connect(cast(Any, stage), session)
-    until(lambda: two.second.presenter.connected(session))
+    until(lambda: two.second.presenter.is_connected(session))
     before = len(stage.told)
     two.second.presenter.show(session, afresh=True)
     until(lambda: len(stage.told) > before)
@@ -219,7 +219,7 @@ def test_a_stage_is_told_by_whichever_process_is_asked_and_moves_with_its_page(t
     until(lambda: len(there.told) > before)
     two.second.presenter.server.stages.clear()  # type: ignore[union-attr]
     two.second.presenter.on_disconnect(cast(Any, there), session)
-    until(lambda: not two.first.presenter.connected(session))
+    until(lambda: not two.first.presenter.is_connected(session))
 
 
 def test_a_replay_is_found_at_the_process_that_keeps_it(two: Pair) -> None:

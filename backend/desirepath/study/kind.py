@@ -50,7 +50,7 @@ class Page:
     completion_code: str | None = None
     earlier: Earlier | None = None
 
-    def titled(self, text: str) -> dict[str, Any]:
+    def show_text(self, text: str) -> dict[str, Any]:
         """Title and text of a markdown file, as pages are given them."""
         title, body = self.frozen.text(text, self.language)
         return {"title": title, "text": body}
@@ -129,7 +129,7 @@ class Moment:
         found = select(Trial.id).where(Trial.session_id == self.session.id, Trial.step_key == step_key)
         return self.s.scalars(found).first() is not None
 
-    def refused(self, code: str, message: str, *, status: int = 409, **details: Any) -> Refused:
+    def refusal(self, code: str, message: str, *, status: int = 409, **details: Any) -> Refused:
         """A refusal that names the session."""
         return Refused(status, code, message, session_id=self.session.id, study_id=self.session.study_id, **details)
 
@@ -179,12 +179,12 @@ class Simulated(Protocol):
         ...
 
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]: ...
-    def preferred_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
+    def choose_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
         """The preference weights that it would set: objective -> weight above 0."""
         ...
 
 
-def timed_out(value: Mapping[str, Any]) -> bool:
+def has_timed_out(value: Mapping[str, Any]) -> bool:
     """Whether the page says that the protocol's time for the step was over."""
     return value.get("timed_out") is True
 
@@ -217,7 +217,7 @@ class Kind(Generic[S, A]):
     progress: ClassVar[type[Progress] | None] = None
     """What `state` tells; trials' is `TrialState`."""
     besides: ClassVar[type[Besides]] = Besides
-    """What `known_to_simulated` says to simulated participants."""
+    """What `tell_simulated` says to simulated participants."""
     stored: ClassVar[Mapping[str, str]] = {}
     """What a stored answer holds (`responses.value` in the export): field -> its meaning."""
     begun: ClassVar[Mapping[str, Callable[[Acting], None]]] = {}
@@ -260,11 +260,11 @@ class Kind(Generic[S, A]):
         """Whether a later step counts as ahead, for the progress."""
         return True
 
-    def passed_over(self, step: S, index: int, acting: Acting) -> int:
+    def pass_over(self, step: S, index: int, acting: Acting) -> int:
         """Index of the step to go on with instead of this one at `index`; the same where it is asked."""
         return index
 
-    def interrupted(self, step: S, s: DatabaseSession, session: Session, reason: str) -> bool | None:
+    def interrupt(self, step: S, s: DatabaseSession, session: Session, reason: str) -> bool | None:
         """What was being shown at it was not seen to its end: whether that changed anything. None: what is shown is a
         trial, whose rule is the session's own (`session/watching.py`).
         """
@@ -301,12 +301,12 @@ class Kind(Generic[S, A]):
 
     # simulated participants
 
-    def known_to_simulated(self, step: S, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: S, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         """What a simulated participant is told beside what pages show, as `besides` says; nobody else is."""
         return {}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
-        """A simulated participant's answer. step: as the API tells it, with what `known_to_simulated` adds."""
+        """A simulated participant's answer. step: as the API tells it, with what `tell_simulated` adds."""
         return {}
 
 
@@ -345,7 +345,7 @@ def read_plan(stored: Sequence[Mapping[str, Any]]) -> list[Step]:
     return _readers()[1].validate_python(stored)
 
 
-def stored(plan: Iterable[Step]) -> list[dict[str, Any]]:
+def dump_plan(plan: Iterable[Step]) -> list[dict[str, Any]]:
     """A plan as sessions hold it."""
     return [step.as_stored() for step in plan]
 

@@ -78,7 +78,7 @@ def plan_power(
     base = Cohort(steady=assumed.consistency, seed=assumed.seed)
     tell(f"{walk} bots walk through the study")
     data, found, walked = _walked(frozen, base, walk)
-    design = planned_design(data, found, frozen)
+    design = measure_design(data, found, frozen)
     _check_same(design, base, data)
     assumed = replace(
         assumed,
@@ -109,7 +109,7 @@ def _walked(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyDat
     return data, found, {name: outcome[name] for name in ("participants", "completed", "responses")}
 
 
-def planned_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> PlannedDesign:
+def measure_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> PlannedDesign:
     """What a walked study asked: its factors, items and scales rated under each condition, rankings, queries,
     comparisons. Of several comparisons the first that something is rated in."""
     comparison = frozen.protocol.stage_of(ComparisonStage)

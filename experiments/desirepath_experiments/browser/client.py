@@ -136,7 +136,7 @@ class BrowserSessionClient:
         start.click()
         return self._until(lambda trial: trial["phase"] in PLAYING, f"{key}: the trajectory to play")
 
-    def seen(self, key: str, side: str, playback_id: str) -> State:
+    def report_seen(self, key: str, side: str, playback_id: str) -> State:
         """Wait while the page plays the trajectory and tells the server itself."""
         phase = f"playing_{side}"
         if side == "a":
@@ -170,7 +170,7 @@ class BrowserSessionClient:
         refused = state["step"]["trial"]["phase"] == "drawing"
         return {**state, "problem": self._page.locator("#draw-hint").inner_text() if refused else None}
 
-    def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
+    def report_walk(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
         """Follow the walk with the keys, as well as they let, until the rollout is over."""
         self._page.locator("#drawing[data-shown=walking]").wait_for()
         BrowserHand(self._page).walk(walk, lambda: self._picture("walking"))

@@ -45,7 +45,7 @@ def latest_stroke(s: DatabaseSession, session_id: str, step_key: str) -> StrokeR
     return s.scalars(mine.order_by(StrokeRow.attempt.desc()).limit(1)).first()
 
 
-def kept_strokes(s: DatabaseSession, session_id: str, step: PathStep) -> Sequence[StrokeRow]:
+def find_kept_strokes(s: DatabaseSession, session_id: str, step: PathStep) -> Sequence[StrokeRow]:
     """What the participant kept in the situation of that step, in order."""
     mine = select(StrokeRow).where(
         StrokeRow.session_id == session_id,
@@ -101,7 +101,7 @@ def state_of(s: DatabaseSession, session: Session, step: PathStep) -> dict[str, 
     }
 
 
-def kept_count(s: DatabaseSession, session_id: str, step: PathStep) -> int:
+def count_kept(s: DatabaseSession, session_id: str, step: PathStep) -> int:
     """How many paths were kept in the situation of that step."""
     counted = select(func.count(StrokeRow.id)).where(
         StrokeRow.session_id == session_id,

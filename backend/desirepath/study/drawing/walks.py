@@ -72,7 +72,7 @@ def scene_with(scene: Scene, walk: Mapping[str, Any] | None) -> Scene:
 
 
 @lru_cache(maxsize=8)  # all situations that there are
-def planned_walks(environment: str, pair: int) -> tuple[dict[str, Any], ...]:
+def plan_walks(environment: str, pair: int) -> tuple[dict[str, Any], ...]:
     """The walks that can be chosen in a situation, as they are stored; the same for everybody."""
     from desirepath.demonstrations.planned_walks import walking_scene  # numba comes with it
     from desirepath.simulation.demonstration_scenes import demonstration_scene
@@ -86,14 +86,14 @@ def planned_walks(environment: str, pair: int) -> tuple[dict[str, Any], ...]:
     return tuple(found)
 
 
-def offered(step: PathStep) -> tuple[dict[str, Any], ...]:
+def offer_walks(step: PathStep) -> tuple[dict[str, Any], ...]:
     """The walks that the participant chooses from before drawing, none where there is no choice."""
-    return planned_walks(step.environment, step.pair) if step.person == "recorded" else ()
+    return plan_walks(step.environment, step.pair) if step.person == "recorded" else ()
 
 
 def choose_walk(step: PathStep, given: Mapping[str, Any]) -> dict[str, Any] | None:
     """The walk that a stroke is drawn for, None where the person stands. Raises Refused for a choice there is not."""
-    walks = offered(step)
+    walks = offer_walks(step)
     if not walks:
         return None
     choice = given.get("walk")

@@ -71,7 +71,7 @@ class Appointment(TextPage[AppointmentStep, Confirmed]):
         return {**window_of(following), "return_code": code, "return_path": f"/p/{code}"}
 
     def check_time(self, step: AppointmentStep, moment: Moment, value: Mapping[str, Any]) -> None:
-        raise moment.refused("finished", "This session is finished.")
+        raise moment.refusal("finished", "This session is finished.")
 
     def arrive(self, step: AppointmentStep, acting: Acting) -> Ending:
         """End this appointment and make the next one, in the same transaction."""

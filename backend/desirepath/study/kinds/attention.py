@@ -37,7 +37,7 @@ class Attention(Kind[AttentionStep, ChoiceAnswer]):
         passed = answer.choice == step.instructed
         return {"choice": answer.choice, "instructed": step.instructed, "passed": passed}
 
-    def known_to_simulated(self, step: AttentionStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: AttentionStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"instructed": step.instructed}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:

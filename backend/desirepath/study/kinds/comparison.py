@@ -127,7 +127,7 @@ class BlindPair(Kind[S, ChoiceAnswer]):
     def check(self, step: S, answer: ChoiceAnswer, page: Page) -> dict[str, Any]:
         return {"choice": answer.choice}
 
-    def known_to_simulated(self, step: S, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: S, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"query": None}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:

@@ -63,7 +63,7 @@ class Comprehension(Asking[ComprehensionStep]):
     stages = {"comprehension": ComprehensionStage}
 
     def payload(self, step: ComprehensionStep, page: Page) -> dict[str, Any]:
-        again = page.titled(step.text)["text"] if step.text and step.attempt > 1 else None
+        again = page.show_text(step.text)["text"] if step.text and step.attempt > 1 else None
         return super().payload(step, page) | {"attempt": step.attempt, "attempts": step.attempts, "again": again}
 
     def marks(self, questionnaire: Questionnaire, answers: dict[str, Any], earlier: Earlier | None) -> dict[str, Any]:

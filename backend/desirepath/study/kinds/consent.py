@@ -110,7 +110,7 @@ class Consent(TextPage[ConsentStep, ConsentAnswer]):
         acting.s.get_one(Participant, acting.session.participant_id).consents = stored.get("purposes", {})
         return {"text_hash": acting.frozen.consent_hash(acting.session.language)}
 
-    def known_to_simulated(self, step: ConsentStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: ConsentStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         # so that what simulated participants answered may be learned from
         return {"purposes": [purpose["key"] for purpose in payload["purposes"]]}
 

@@ -45,7 +45,7 @@ class Debriefing(TextPage[DebriefingStep, Confirmed]):
         return {"about": about} if about else {}
 
     def check_time(self, step: DebriefingStep, moment: Moment, value: Mapping[str, Any]) -> None:
-        raise moment.refused("finished", "This session is finished.")
+        raise moment.refusal("finished", "This session is finished.")
 
     def arrive(self, step: DebriefingStep, acting: Acting) -> Ending:
         return Ending("complete", acting.frozen.stage(DebriefingStage).completion_code)

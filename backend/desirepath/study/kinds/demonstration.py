@@ -168,7 +168,7 @@ class Demonstration(Kind[DemonstrationStep, DemonstrationAnswer]):
         offered = len(walks.PLANNED) if step.person == "recorded" else 0
         return shown | {"person": step.person, "walks": offered}
 
-    def interrupted(self, step: DemonstrationStep, s: DatabaseSession, session: Session, reason: str) -> bool | None:
+    def interrupt(self, step: DemonstrationStep, s: DatabaseSession, session: Session, reason: str) -> bool | None:
         return strokes.interrupt(s, session, step, reason=reason)
 
     def state(self, step: DemonstrationStep, moment: Moment) -> dict[str, Any]:
@@ -176,7 +176,7 @@ class Demonstration(Kind[DemonstrationStep, DemonstrationAnswer]):
 
     def is_asked(self, step: DemonstrationStep, moment: Moment) -> bool:
         """Further paths of a situation only until one of them was skipped."""
-        return not step.optional or step.number - 1 <= paths.kept_count(moment.s, moment.session.id, step)
+        return not step.optional or step.number - 1 <= paths.count_kept(moment.s, moment.session.id, step)
 
     def may_come(self, step: DemonstrationStep, moment: Moment) -> bool:
         return not step.optional
@@ -192,9 +192,9 @@ class Demonstration(Kind[DemonstrationStep, DemonstrationAnswer]):
         strokes.keep(acting.s, acting.session, step, stored)
         return {}
 
-    def known_to_simulated(self, step: DemonstrationStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: DemonstrationStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         scene = paths.scene_of(step)
-        offered: list[Scene] = [walks.scene_with(scene, walk) for walk in walks.offered(step)]
+        offered: list[Scene] = [walks.scene_with(scene, walk) for walk in walks.offer_walks(step)]
         return {"scenes": [one.as_dict() for one in offered or [scene]]}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:

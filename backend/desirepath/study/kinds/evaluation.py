@@ -128,7 +128,7 @@ class Evaluation(Kind[EvaluationStep, Confirmed]):
         shown = {"trajectory_a": found.trajectory, "trajectory_b": found.trajectory}
         make_trial(acting, step, kind="evaluation", block=step.block, arms=arms, **shown)
 
-    def known_to_simulated(self, step: EvaluationStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: EvaluationStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"role": step.role, "query": None}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:

@@ -18,9 +18,9 @@ from desirepath.store.events import log_event
 from desirepath.study.kind import Acting, Moment, Page, Simulated
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.evaluation import EvaluationStage
-from desirepath.study.kinds.live import LiveKind, LiveStep, Setup, Weights, began_with
+from desirepath.study.kinds.live import LiveKind, LiveStep, Setup, Weights, find_arrival_notes
 from desirepath.study.kinds.trial import TrialStep
-from desirepath.study.personalising.believed import believed_of
+from desirepath.study.personalising.believed import find_belief
 from desirepath.study.personalising.live_rollouts import condition_on
 from desirepath.study.steps import Stage, Step
 from desirepath.study.wire import Answer, Flag
@@ -50,7 +50,7 @@ class Feedback(Part):
                 yield FeedbackStep.model_validate({**where, **said, **shown})
 
 
-def mixed_with_blind(stages: Sequence[Stage], here: Path, source: Source) -> Iterator[Problem]:
+def check_beside_blind(stages: Sequence[Stage], here: Path, source: Source) -> Iterator[Problem]:
     """What cannot stand in a protocol of which a block shows what was learned. here: that block's `feedback`."""
     for stage in stages:
         what = None
@@ -94,14 +94,14 @@ class FeedbackKind(LiveKind[FeedbackStep, FeedbackAnswer]):
         self, step: FeedbackStep, moment: Moment, files: ArtefactStore, weights: Mapping[str, float] | None
     ) -> list[Policy]:
         """As it was learned when they came to the step, whatever is asked for."""
-        return [condition_on(step.setup, began_with(moment, step, BEGAN).get("weights", {}))]
+        return [condition_on(step.setup, find_arrival_notes(moment, step, BEGAN).get("weights", {}))]
 
     def payload(self, step: FeedbackStep, page: Page) -> dict[str, Any]:
         said = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": (), "triangle": None}
         return said | {"number": step.number, "of": step.of, "answers": step.number}
 
     def payload_now(self, step: FeedbackStep, moment: Moment) -> dict[str, Any]:
-        noted = began_with(moment, step, BEGAN)
+        noted = find_arrival_notes(moment, step, BEGAN)
         return {"answers": noted["answers"]} if "answers" in noted else {}
 
     def is_asked(self, step: FeedbackStep, moment: Moment) -> bool:
@@ -109,7 +109,7 @@ class FeedbackKind(LiveKind[FeedbackStep, FeedbackAnswer]):
         return moment.has_trial(step.after)
 
     def arrive(self, step: FeedbackStep, acting: Acting) -> None:
-        found = believed_of(acting.s, acting.files, acting.session)
+        found = find_belief(acting.s, acting.files, acting.session)
         weights: Weights = found.weights if found is not None else {}
         answers = found.answers if found is not None else 0
         log_event(acting.s, BEGAN, session_id=acting.session.id, step=step.key, weights=weights, answers=answers)
@@ -118,7 +118,7 @@ class FeedbackKind(LiveKind[FeedbackStep, FeedbackAnswer]):
         return {"watched": answer.watched, "seconds": round(answer.seconds, 3)}
 
     def keep(self, step: FeedbackStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
-        noted = began_with(acting, step, BEGAN)
+        noted = find_arrival_notes(acting, step, BEGAN)
         return {"after": step.after, "weights": noted.get("weights", {}), "answers": noted.get("answers", 0)}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:

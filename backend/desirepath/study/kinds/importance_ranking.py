@@ -242,14 +242,12 @@ class ImportanceRanking(Kind[ImportanceRankingStep, ImportanceRankingAnswer]):
         found = _scores(step, acting)
         if sorted(stored["ranking"]) != sorted(found.things):
             message = f"must have each of {', '.join(found.things)} once"
-            raise acting.refused("bad_value", message, status=422, field="value.ranking", value=stored["ranking"])
+            raise acting.refusal("bad_value", message, status=422, field="value.ranking", value=stored["ranking"])
         outlines, attention = _shows(step, found)
         of_people = {"attention": attention} if found.attention is not None else {}
         return {"scores": found.at_halt, "outline": outlines, "lidar": step.lidar, **of_people}
 
-    def known_to_simulated(
-        self, step: ImportanceRankingStep, moment: Moment, payload: Mapping[str, Any]
-    ) -> dict[str, Any]:
+    def tell_simulated(self, step: ImportanceRankingStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         found = _scores(step, moment)
         about = {"role": step.role, "query": step.query, "things": list(found.things)}
         return about | ({"scores": found.at_halt} if any(_shows(step, found)) else {})

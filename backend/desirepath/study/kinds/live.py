@@ -231,7 +231,7 @@ def distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
     return round(math.sqrt(squares), 4)
 
 
-def began_with(moment: Moment, step: Step, event: str) -> dict[str, Any]:
+def find_arrival_notes(moment: Moment, step: Step, event: str) -> dict[str, Any]:
     """What was noted when the session came to that step; {} in previews and where nothing was."""
     noted = select(Event).where(Event.session_id == moment.session.id, Event.kind == event).order_by(Event.id.desc())
     return next((dict(one.data) for one in moment.s.scalars(noted) if one.data.get("step") == step.key), {})
@@ -294,13 +294,13 @@ def check_history(start: Mapping[str, float], stored: Mapping[str, Any]) -> None
             raise BadValue(f"value.weights.{name}", wanted, message)
 
 
-def simulated_weights(step: Mapping[str, Any], participant: Simulated) -> Weights:
+def simulate_weights(step: Mapping[str, Any], participant: Simulated) -> Weights:
     """What a program would set with the controls of that step; {}: it has no preference that they know."""
-    wanted = {name: w for name, w in participant.preferred_weights(step).items() if name in step["named"]}
+    wanted = {name: w for name, w in participant.choose_weights(step).items() if name in step["named"]}
     return in_triangle(wanted, step["objectives"]) if wanted and step.get("objectives") else wanted
 
 
-def slid(start: Mapping[str, float], to: Mapping[str, float]) -> list[dict[str, Any]]:
+def slide(start: Mapping[str, float], to: Mapping[str, float]) -> list[dict[str, Any]]:
     """The changes of a program that moves one slider after the other, a second each."""
     moved = [name for name in {**start, **to} if abs(start.get(name, 0.0) - to.get(name, 0.0)) > SAME]
     moved.sort(key=lambda name: to.get(name, 0.0))  # first to 0 what is not wanted, so that no opposite is in the way

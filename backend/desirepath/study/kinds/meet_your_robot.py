@@ -28,17 +28,17 @@ from desirepath.study.kinds.live import (
     LiveStage,
     LiveStep,
     Weights,
-    began_with,
     check_history,
     distance,
-    simulated_weights,
-    slid,
+    find_arrival_notes,
+    simulate_weights,
+    slide,
     startable,
 )
 from desirepath.study.kinds.questionnaire import within
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.personalising.alignment_jobs import ready_job
-from desirepath.study.personalising.believed import believed_of
+from desirepath.study.personalising.believed import find_belief
 from desirepath.study.personalising.live_rollouts import condition_on, shipped_base
 from desirepath.study.steps import Pace, Planning, Stage
 from desirepath.study.wire import WholeNumber
@@ -141,7 +141,7 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         }
 
     def payload_now(self, step: MeetYourRobotStep, moment: Moment) -> dict[str, Any]:
-        noted = began_with(moment, step, BEGAN)
+        noted = find_arrival_notes(moment, step, BEGAN)
         return {name: noted[name] for name in ("start", "believed") if name in noted}
 
     def is_asked(self, step: MeetYourRobotStep, moment: Moment) -> bool:
@@ -151,7 +151,7 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         return moment.session.personalisation in (None, "shown")
 
     def arrive(self, step: MeetYourRobotStep, acting: Acting) -> None:
-        found = believed_of(acting.s, acting.files, acting.session, ready_job(acting.s, acting.session))
+        found = find_belief(acting.s, acting.files, acting.session, ready_job(acting.s, acting.session))
         start = startable(step, found.weights if found is not None else {})
         believed = found.as_dict() if found is not None else None
         said: dict[str, Any] = {"step": step.key, "believed": believed, "start": start}
@@ -163,7 +163,7 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         }
 
     def keep(self, step: MeetYourRobotStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
-        noted = began_with(acting, step, BEGAN)
+        noted = find_arrival_notes(acting, step, BEGAN)
         start, believed = noted.get("start", {}), noted.get("believed") or {}
         check_history(start, stored)
         learned, statement = believed.get("weights", {}), believed.get("statement")
@@ -179,19 +179,19 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
             "distance": apart,
         }
 
-    def known_to_simulated(self, step: MeetYourRobotStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: MeetYourRobotStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         learned = (payload["believed"] or {}).get("weights", {})
         known = {"start": payload["start"], "objectives": step.objectives, "named": step.named}
         return known | {"learned": startable(step, learned)}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         """Who is not met well corrects it."""
-        own = simulated_weights(step, participant)
+        own = simulate_weights(step, participant)
         apart = distance(step["learned"], own)
         agreement = max(1, POINTS - round(4 * min(apart, 1.0)))
         if agreement == POINTS or not own:
             return {"agreement": agreement, "weights": step["start"], "history": []}
-        return {"agreement": agreement, "weights": own, "history": slid(step["start"], own)}
+        return {"agreement": agreement, "weights": own, "history": slide(step["start"], own)}
 
 
 def _own(moment: Moment, files: ArtefactStore) -> Policy | None:

@@ -19,7 +19,7 @@ from desirepath.store.models import Participant
 from desirepath.store.who_counts import lets_us_learn
 from desirepath.study.kind import Acting, Moment, make_trial
 from desirepath.study.kinds.comparison import BlindPair, PairStep
-from desirepath.study.personalising.method_robots import Method, hard_to_tell, make_robots, noted_robots, rollouts_in
+from desirepath.study.personalising.method_robots import Method, find_robots, hard_to_tell, make_robots, rollouts_in
 from desirepath.study.steps import Pace, Planning, Stage, Step
 
 
@@ -127,7 +127,7 @@ class MethodComparison(BlindPair[MethodComparisonStep]):
         make_trial(acting, step, kind="method_comparison", block=step.stage, arms=arms, **shown)
 
     def keep(self, step: MethodComparisonStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
-        weights = noted_robots(acting, step.stage)["weights"]
+        weights = find_robots(acting, step.stage)["weights"]
         sides = dict(zip("ab", step.sides, strict=True))
         taught = {side: weights[method] for side, method in sides.items()}
         return {"methods": sides, "weights": taught, "place": step.place}

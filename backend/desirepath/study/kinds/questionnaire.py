@@ -148,7 +148,7 @@ class Asking(Kind[A, QuestionnaireAnswer]):
 
     def payload(self, step: A, page: Page) -> dict[str, Any]:
         asked = page.frozen.questionnaires[step.questionnaire]
-        return shown_questionnaire(asked, page.language, page.earlier) | {"time_limit_s": step.time_limit_s}
+        return show_questionnaire(asked, page.language, page.earlier) | {"time_limit_s": step.time_limit_s}
 
     def payload_now(self, step: A, moment: Moment) -> dict[str, Any]:
         return {"time_left_s": seconds_left(step.time_limit_s, moment)} if step.time_limit_s else {}
@@ -174,7 +174,7 @@ class Asking(Kind[A, QuestionnaireAnswer]):
         """What the answers are marked with."""
         return {}
 
-    def known_to_simulated(self, step: A, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: A, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         right = {
             item.key: item.correct or item.instructed for item in moment.frozen.questionnaires[step.questionnaire].items
         }
@@ -244,7 +244,7 @@ def _others(moment: Moment, keys: list[str], item: str, answer: str) -> set[str]
 # ---- what is shown ---------------------------------------------------------------------------------------------------
 
 
-def shown_questionnaire(questionnaire: Questionnaire, language: str, earlier: Earlier | None) -> dict[str, Any]:
+def show_questionnaire(questionnaire: Questionnaire, language: str, earlier: Earlier | None) -> dict[str, Any]:
     """A questionnaire in one language, without items that earlier answers leave out."""
     asked = [(block, [item for item in block.items if may_ask(item, earlier)]) for block in questionnaire.blocks]
     return {

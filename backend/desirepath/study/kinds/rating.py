@@ -123,7 +123,7 @@ class Rating(Kind[RatingStep, RatingAnswer]):
     def check(self, step: RatingStep, answer: RatingAnswer, page: Page) -> dict[str, Any]:
         return {RATING: within(f"value.{RATING}", answer.rating, 1, step.points)}
 
-    def known_to_simulated(self, step: RatingStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: RatingStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"query": step.query, "points": step.points}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:

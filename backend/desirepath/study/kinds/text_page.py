@@ -34,4 +34,4 @@ class TextPage(Kind[S, A]):
     """A kind whose page shows a text."""
 
     def payload(self, step: S, page: Page) -> dict[str, Any]:
-        return page.titled(step.text or page.frozen.stage_text(step.stage))
+        return page.show_text(step.text or page.frozen.stage_text(step.stage))

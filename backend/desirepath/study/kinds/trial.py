@@ -235,7 +235,7 @@ class Trial(Kind[TrialStep, TrialAnswer]):
         shown = {"role": step.role, "view": step.view, "number": step.number, "of": step.of}
         return shown | step.viewing.model_dump() | ({"may_end": True} if step.stop is not None else {})
 
-    def passed_over(self, step: TrialStep, index: int, acting: Acting) -> int:
+    def pass_over(self, step: TrialStep, index: int, acting: Acting) -> int:
         """Past the queries that are chosen, once the stopping rule ends them."""
         if step.choose is None or step.stop is None:
             return index
@@ -285,7 +285,7 @@ class Trial(Kind[TrialStep, TrialAnswer]):
             raise BadValue("value.choice", None, "must be 'a' or 'b'")
         return {"choice": answer.choice}
 
-    def known_to_simulated(self, step: TrialStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: TrialStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"role": step.role, "query": moment.query_shown(step.key)}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:

@@ -22,15 +22,15 @@ from desirepath.study.kinds.live import (
     LiveKind,
     LiveStep,
     Weights,
-    began_with,
     check_history,
     controls_of,
+    find_arrival_notes,
     in_triangle,
-    simulated_weights,
-    slid,
+    simulate_weights,
+    slide,
     startable,
 )
-from desirepath.study.personalising.believed import believed_of
+from desirepath.study.personalising.believed import find_belief
 from desirepath.study.steps import Planning, Stage
 
 STARTED_RANDOMLY = 3  # of seven sliders, so that the start differs from neutral to the eye
@@ -98,26 +98,26 @@ class Tuning(LiveKind[TuningStep, LiveAnswer]):
         return super().payload(step, page) | {"question": asked, "start": step.begins}
 
     def payload_now(self, step: TuningStep, moment: Moment) -> dict[str, Any]:
-        return {"start": began_with(moment, step, BEGAN).get("start", step.begins)}
+        return {"start": find_arrival_notes(moment, step, BEGAN).get("start", step.begins)}
 
     def arrive(self, step: TuningStep, acting: Acting) -> None:
         start = step.begins
         if step.start == "learned":
-            found = believed_of(acting.s, acting.files, acting.session)
+            found = find_belief(acting.s, acting.files, acting.session)
             start = startable(step, found.weights if found is not None else {})
         log_event(acting.s, BEGAN, session_id=acting.session.id, step=step.key, start=start)
 
     def keep(self, step: TuningStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:
-        start = began_with(acting, step, BEGAN).get("start", step.begins)
+        start = find_arrival_notes(acting, step, BEGAN).get("start", step.begins)
         check_history(start, stored)
         return {"start": start}
 
-    def known_to_simulated(self, step: TuningStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: TuningStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"start": payload["start"], "objectives": step.objectives, "named": step.named}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
-        wanted = simulated_weights(step, participant) or (step["start"] if step.get("objectives") else {})
-        return {"weights": wanted, "history": slid(step["start"], wanted)}
+        wanted = simulate_weights(step, participant) or (step["start"] if step.get("objectives") else {})
+        return {"weights": wanted, "history": slide(step["start"], wanted)}
 
 
 KIND = Tuning()

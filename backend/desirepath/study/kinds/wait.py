@@ -119,7 +119,7 @@ class Wait(Kind[WaitStep, Confirmed]):
         return False
 
     def check_time(self, step: WaitStep, moment: Moment, value: Mapping[str, Any]) -> None:
-        raise moment.refused("still_waiting", "This step goes on by itself.")
+        raise moment.refusal("still_waiting", "This step goes on by itself.")
 
     def waits(self, step: WaitStep, moment: Moment) -> bool:
         return alignment_jobs.outcome_of(moment) is None

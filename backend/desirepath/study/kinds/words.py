@@ -26,7 +26,7 @@ from desirepath.study.kinds.live import (
     Weights,
     check_history,
     distance,
-    slid,
+    slide,
 )
 from desirepath.study.steps import Planning, Stage
 from desirepath.study.wire import BadValue, Besides
@@ -137,7 +137,7 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
         return super().payload(step, page) | own
 
     def check(self, step: WordsStep, answer: WordsAnswer, page: Page) -> dict[str, Any]:
-        got = understood(answer.sentence, language_of(page.language))
+        got = understand(answer.sentence, language_of(page.language))
         meant = [one.model_dump() for one in answer.meant]
         for number, one in enumerate(answer.meant):
             if one.question >= len(got.questions):
@@ -163,24 +163,24 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
             "distance": distance(start, stored["weights"]),
         }
 
-    def known_to_simulated(self, step: WordsStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
+    def tell_simulated(self, step: WordsStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         return {"language": moment.session.language, "correct": step.correct}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         """Says what it prefers, the foremost first, and corrects by hand what the words were read as."""
-        wanted = participant.preferred_weights(step)
+        wanted = participant.choose_weights(step)
         language = language_of(step.get("language") or "en")
         parts = [SPOKEN[language][name] for name in sorted(wanted, key=lambda name: -wanted[name])]
         sentence = ", ".join(parts) or NO_WISH[language]
-        got = understood(sentence, language)
-        spoken = [change | {"by": "words", "seconds": 0.0} for change in slid({}, got.weights)]
+        got = understand(sentence, language)
+        spoken = [change | {"by": "words", "seconds": 0.0} for change in slide({}, got.weights)]
         if step.get("correct") is False:
             return {"sentence": sentence, "meant": [], "weights": got.weights, "history": spoken}
         return {
             "sentence": sentence,
             "meant": [],
             "weights": wanted,
-            "history": spoken + slid(got.weights, wanted),
+            "history": spoken + slide(got.weights, wanted),
         }
 
 
@@ -189,7 +189,7 @@ def language_of(language: str) -> Language:
     return "de" if language == "de" else "en"
 
 
-def understood(sentence: str, language: Language) -> Understood:
+def understand(sentence: str, language: Language) -> Understood:
     """What is read of it. The caller has bounded its length."""
     from desirepath.learning.words.understanding import words_reader
 

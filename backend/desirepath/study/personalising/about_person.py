@@ -11,8 +11,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.models import Response, Session, Trial
-from desirepath.study.personalising.clicking import chosen_letters, position_bias
-from desirepath.study.personalising.method_robots import noted_robots
+from desirepath.study.personalising.clicking import find_letters, position_bias
+from desirepath.study.personalising.method_robots import find_robots
 
 if TYPE_CHECKING:
     from desirepath.study.kind import Moment
@@ -31,7 +31,7 @@ def about_person(moment: Moment) -> dict[str, Any] | None:
         return _methods(moment)
     if session.personalisation is None:
         return None
-    letters = chosen_letters(s, session)
+    letters = find_letters(s, session)
     facts = {"outcome": session.personalisation, "learns_from": training.learns_from, "answers": len(letters)}
     if session.personalisation == "shown":
         return facts | {"compared": _compared(s, session), "guessed": _guessed(s, session)}
@@ -65,7 +65,7 @@ def _methods(moment: Moment) -> dict[str, Any] | None:
     answered = list(moment.s.execute(_answered(moment.session, "method_comparison", Trial.block)))
     if not answered:
         return None
-    weights = noted_robots(moment, answered[0][2])["weights"]
+    weights = find_robots(moment, answered[0][2])["weights"]
     met = [arms | {"choice": value["choice"]} for arms, value, _ in answered]
     pairs = Counter(pair[side] for pair in met for side in "ab")
     chosen = Counter(pair[pair["choice"]] for pair in met)

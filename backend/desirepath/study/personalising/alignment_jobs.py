@@ -22,7 +22,7 @@ from desirepath.store.snapshots import SnapshotError, take_snapshot
 from desirepath.store.who_counts import not_left_out, same_kind
 from desirepath.study.frozen import Training
 from desirepath.study.personalising.clicking import without_comparing
-from desirepath.study.personalising.lending import Lent, lent_policy
+from desirepath.study.personalising.lending import Lent, lend_policy
 from desirepath.study.personalising.verdicts import verdict
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def start_training(acting: Acting) -> None:
         return
     lent: Lent = {}
     if "other" in training.opponents:
-        lent = lent_policy(s, session, setup=snapshot.setup, stand_ins=training.stand_ins)
+        lent = lend_policy(s, session, setup=snapshot.setup, stand_ins=training.stand_ins)
     neutral = {"neutral": training.scenes} if "neutral" in training.opponents else {}
     earlier = earlier_snapshots(s, session) if training.prior == "earlier_participants" else []
     priority = _priority(session, training)
@@ -207,7 +207,7 @@ def check_of(s: DatabaseSession, session: Session) -> dict[str, Any] | None:
     return None
 
 
-def awaited_jobs(s: DatabaseSession, session: Session) -> list[Job]:
+def find_awaited_jobs(s: DatabaseSession, session: Session) -> list[Job]:
     """Of each snapshot that nothing can be shown of yet, the unfinished job that will be there first."""
     of_snapshot: dict[str, list[Job]] = {}
     for job in jobs_of(s, session):

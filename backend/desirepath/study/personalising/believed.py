@@ -56,7 +56,7 @@ class Believed:
         return asdict(self)
 
 
-def believed_of(
+def find_belief(
     s: DatabaseSession, files: ArtefactStore, session: Session, shown: Job | None = None
 ) -> Believed | None:
     """What the session's answers say; None where nothing was answered that teaches. shown: the alignment whose policy

@@ -58,7 +58,7 @@ def is_too_fast(decision_s: Sequence[float]) -> bool:
     return len(decision_s) >= FAST_FROM and fast >= FAST_SHARE * len(decision_s)
 
 
-def chosen_letters(s: DatabaseSession, session: Session) -> list[str]:
+def find_letters(s: DatabaseSession, session: Session) -> list[str]:
     """The letters of the session's choices that would teach."""
     return [letter for letter, _ in _choices(s, session)]
 

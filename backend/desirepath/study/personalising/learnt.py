@@ -16,7 +16,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Session
 from desirepath.study.personalising import next_query
-from desirepath.study.personalising.clicking import PositionBias, chosen_letters, position_bias
+from desirepath.study.personalising.clicking import PositionBias, find_letters, position_bias
 from desirepath.study.protocol_rows import row_of
 
 if TYPE_CHECKING:
@@ -50,15 +50,15 @@ class Known(OrderedDict[tuple[str, next_query.Answers], Learnt]):
 
 
 def takes_long(s: DatabaseSession, files: ArtefactStore, session: Session) -> bool:
-    """Whether `learnt_in` would keep a page waiting: many answers, and nobody has asked since the last of them."""
+    """Whether `find_learnt` would keep a page waiting: many answers, and nobody has asked since the last of them."""
     answers = next_query.answers_of(s, session)
     return len(answers) > SOON and (session.id, answers) not in files.derived(Known)
 
 
-def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Learnt:
+def find_learnt(s: DatabaseSession, files: ArtefactStore, session: Session) -> Learnt:
     """What is learned from the session's regular answers so far; practice and probes teach nothing."""
-    memory, known_so_far = next_query.remembered(files), files.derived(Known)
-    measured = memory.measured(s, files, row_of(s, session))
+    memory, known_so_far = next_query.recall(files), files.derived(Known)
+    measured = memory.measure_queries(s, files, row_of(s, session))
     answers = next_query.answers_of(s, session)
     key = (session.id, answers)
     if key in known_so_far:
@@ -73,7 +73,7 @@ def learnt_in(s: DatabaseSession, files: ArtefactStore, session: Session) -> Lea
         probable = float(before.predict(measured.differences[[places[query]]])[0])
         given.append(probable if chosen == measured.queries[places[query]].trajectory_a else 1 - probable)
     odds = odds_against_chance(np.array(given))
-    sides = position_bias(chosen_letters(s, session))
+    sides = position_bias(find_letters(s, session))
     weights = after[-1].mean_weights() if answers else np.zeros(SIZE, dtype=np.float32)
     known_so_far[key] = learnt = Learnt(
         shares=tuple(posterior.importance() for posterior in after[1:]),

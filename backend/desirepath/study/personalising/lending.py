@@ -23,7 +23,7 @@ Lent = dict[str, Any]
 """Parameters of the alignment's job: `other`, a policy's id, or `stand_in`, the number of one on the setup's card."""
 
 
-def lent_policy(s: DatabaseSession, session: Session, *, setup: str, stand_ins: bool) -> Lent:
+def lend_policy(s: DatabaseSession, session: Session, *, setup: str, stand_ins: bool) -> Lent:
     """What the session is lent. {}: nobody's policy is ready, and there are no stand-ins.
 
     In this order: another participant's that was lent to nobody, the one that was ready last first; a stand-in that was

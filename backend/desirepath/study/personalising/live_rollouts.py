@@ -46,7 +46,7 @@ def scenes_of(setup: str) -> tuple[Scene, ...]:
 
 
 @lru_cache(maxsize=4)
-def shipped_conditioned(setup: str) -> ConditionedPolicy:
+def load_shipped_conditioned(setup: str) -> ConditionedPolicy:
     """The conditioned policy that comes with a setup. Raises LearningError where none does."""
     from desirepath.learning.policies.shipped import load_conditioned
 
@@ -66,7 +66,7 @@ def typical_rollouts(setup: str, place: int) -> tuple[Trajectory, ...]:
     """What the robot does there at each weight alone, so that the view from above is wide enough for what may come."""
     from desirepath.learning.policies.conditioned import settings
 
-    conditioned = shipped_conditioned(setup)
+    conditioned = load_shipped_conditioned(setup)
     alone = settings(setup=setup).values()
     return tuple(roll_out(conditioned.at(weights), scenes_of(setup)[place]) for weights in alone)
 
@@ -82,7 +82,7 @@ def condition_on(setup: str, weights: Mapping[str, float]) -> Policy:
     """The setup's conditioned policy at these weights. Raises LearningError for weights that cannot be."""
     from desirepath.learning.preferences.objectives import preference_weights
 
-    return shipped_conditioned(setup).at(preference_weights(weights))
+    return load_shipped_conditioned(setup).at(preference_weights(weights))
 
 
 def roll_out(policy: Policy, scene: Scene, pose: Sequence[float] | None = None, seconds: float = 0.0) -> Trajectory:

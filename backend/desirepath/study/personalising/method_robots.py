@@ -72,7 +72,7 @@ def _by_hand(acting: Acting, setup: str, method: str) -> Weights:
     return {str(name): float(weight) for name, weight in value.get("weights", {}).items()}
 
 
-def noted_robots(moment: Moment, stage: str) -> dict[str, Any]:
+def find_robots(moment: Moment, stage: str) -> dict[str, Any]:
     """What `make_robots` noted for that stage; {} before."""
     noted = select(Event).where(Event.session_id == moment.session.id, Event.kind == ROBOTS_MADE)
     return next((dict(one.data) for one in moment.s.scalars(noted) if one.data.get("stage") == stage), {})
@@ -82,17 +82,17 @@ def make_robots(acting: Acting, stage: str, setup: str, methods: Sequence[str], 
     """Note, once, each method's weights and the scenes in which the robots are compared: weights: method -> weights;
     scenes: seeds; flawed: how many of the rollouts there are none that other comparisons would show.
     """
-    before = noted_robots(acting, stage)
+    before = find_robots(acting, stage)
     if before:
         return before
     weights = weights_by_method(acting, setup, methods)
-    scenes, flawed = compared_scenes(setup, list(weights.values()), count, acting.session.seed % (LARGEST_SEED + 1))
+    scenes, flawed = choose_scenes(setup, list(weights.values()), count, acting.session.seed % (LARGEST_SEED + 1))
     made: dict[str, Any] = {"stage": stage, "setup": setup, "weights": weights, "scenes": scenes, "flawed": flawed}
     log_event(acting.s, ROBOTS_MADE, session_id=acting.session.id, **made)
     return made
 
 
-def compared_scenes(setup: str, weights: Sequence[Mapping[str, float]], count: int, seed: int) -> tuple[list[int], int]:
+def choose_scenes(setup: str, weights: Sequence[Mapping[str, float]], count: int, seed: int) -> tuple[list[int], int]:
     """Seeds of `count` fresh scenes, first the ones in which most of the robots arrive soon and without touching
     anything, of those the ones in which most of them can be told apart, and how many of their rollouts there are none
     that other comparisons would show.

@@ -79,7 +79,9 @@ class Remembered:
         self._pairs: dict[tuple[str, str], PairDifferences] = {}
         self._posteriors: dict[tuple[bool, str, str, Answers], Any] = {}
 
-    def measured(self, s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> MeasuredQueries:
+    def measure_queries(
+        self, s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion
+    ) -> MeasuredQueries:
         """The query set of a study's protocol."""
         key = set_id, symmetry = _query_set(study)
         if key not in self._measured:
@@ -156,7 +158,7 @@ class Remembered:
         return posterior
 
 
-def remembered(files: ArtefactStore) -> Remembered:
+def recall(files: ArtefactStore) -> Remembered:
     """What this process remembers of that store."""
     return files.derived(Remembered)
 
@@ -169,8 +171,8 @@ def _situation(
     acting: Acting, strategy: QueryStrategy[Any, Any], answers: Answers, used: Container[str | None]
 ) -> tuple[MeasuredQueries, Any, Candidates[Any]]:
     """What a strategy of choosing goes by: the posterior after those answers, and what was not used yet."""
-    memory, row = remembered(acting.files), row_of(acting.s, acting.session)
-    measured = memory.measured(acting.s, acting.files, row)
+    memory, row = recall(acting.files), row_of(acting.s, acting.session)
+    measured = memory.measure_queries(acting.s, acting.files, row)
     left = [i for i, query in enumerate(measured.queries) if query.id not in used]
     if not strategy.beyond:
         return measured, memory.posterior(measured, answers), Candidates(measured.differences, left)
@@ -210,8 +212,8 @@ def little_left(acting: Acting, how: str, rule: StoppingRule) -> bool:
 
 def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> Posterior:
     """What the session's answers so far say, without practice and probes."""
-    memory = remembered(files)
-    return memory.posterior(memory.measured(s, files, row_of(s, session)), answers_of(s, session))
+    memory = recall(files)
+    return memory.posterior(memory.measure_queries(s, files, row_of(s, session)), answers_of(s, session))
 
 
 def answers_of(s: DatabaseSession, session: Session) -> Answers:
@@ -236,9 +238,9 @@ def prepare(database: Database, files: ArtefactStore) -> None:
             row = protocol_row(s, study, newest_number(s, study))
             if not (how := set(_chosen_by(row)) - {"random"}):
                 continue
-            remembered(files).measured(s, files, row)
+            recall(files).measure_queries(s, files, row)
             if any(STRATEGIES[name].beyond for name in how):
-                remembered(files).pairs(s, files, row)
+                recall(files).pairs(s, files, row)
 
 
 def _chosen_by(row: Study | ProtocolVersion) -> Iterator[str]:

@@ -61,7 +61,7 @@ class Waiting:
 def waiting_of(moment: Moment) -> Waiting | None:
     """None where nothing is being learned that the session waits for."""
     s, session, training = moment.s, moment.session, moment.frozen.training
-    awaited = alignment_jobs.awaited_jobs(s, session)
+    awaited = alignment_jobs.find_awaited_jobs(s, session)
     if training is None or not awaited:
         return None
     since, patience = alignment_jobs.patience_of(moment)

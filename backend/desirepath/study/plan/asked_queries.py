@@ -114,7 +114,7 @@ class Pair:
     duration_b_s: float
     sides_swapped: bool
 
-    def swapped(self) -> Pair:
+    def swap(self) -> Pair:
         """The same pair with A and B exchanged."""
         a, b = (self.trajectory_a, self.duration_a_s), (self.trajectory_b, self.duration_b_s)
         return Pair(self.query, b[0], a[0], b[1], a[1], not self.sides_swapped)
@@ -212,7 +212,7 @@ def _pair(query: AnyQuery) -> Pair:
 
 
 def _sided(pair: Pair, swapped: bool) -> Pair:
-    return pair.swapped() if swapped else pair
+    return pair.swap() if swapped else pair
 
 
 def _triads(

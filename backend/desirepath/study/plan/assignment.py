@@ -70,11 +70,11 @@ class Places:
         design = self._design
         if not design.rows:
             place = design.place_by_lot(np.random.default_rng([seed, 13]))
-            return place, design.described(place, None)
+            return place, design.describe(place, None)
         if simulated not in self._held:
             self._held[simulated] = self._count(simulated=simulated)
         row = next_row(self._held[simulated], self._study.seed)
-        return design.rows[row], design.described(design.rows[row], row)
+        return design.rows[row], design.describe(design.rows[row], row)
 
     def take(self, assignment: dict[str, Any], *, simulated: bool) -> None:
         """Count who got the place that `next` told."""
@@ -107,7 +107,7 @@ def assignment_table(
         return []
     lines: dict[tuple[Any, ...], Counter[str]] = {}
     for row, place in enumerate(design.rows):
-        lines[_key(design.described(place, row))] = Counter()
+        lines[_key(design.describe(place, row))] = Counter()
     for person in _people(s, study, Session.assignment, simulated=simulated, pilot=study.pilot):
         if person.assignment and person.assignment.get("blocks"):
             standing = _standing(person, protocol.assignment, now)

@@ -83,7 +83,7 @@ class Design:
             for key, block in self.blocks.items()
         }
 
-    def described(self, place: Place, row: int | None) -> dict[str, Any]:
+    def describe(self, place: Place, row: int | None) -> dict[str, Any]:
         """What a session keeps as its `assignment`."""
         blocks = {
             key: [condition.name for condition in place[key].conditions(block)] for key, block in self.blocks.items()

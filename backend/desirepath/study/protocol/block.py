@@ -12,7 +12,7 @@ from desirepath.grammar.conditions import Condition, Crossed
 from desirepath.grammar.parts import an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.study.kinds.attention import AttentionStep
-from desirepath.study.kinds.feedback import TAKES_S, Feedback, mixed_with_blind
+from desirepath.study.kinds.feedback import TAKES_S, Feedback, check_beside_blind
 from desirepath.study.kinds.trial import Queries, Trials, TrialStep, Viewing, plan_trials
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.protocol.pages_around import BlockEntry, PagesAround
@@ -84,7 +84,9 @@ class BlockStage(Crossed, PagesAround):
 
     # ---- its steps
 
-    def asked(self, prefix: str, condition: Condition, where: Mapping[str, Any], at: Planning) -> Iterable[Step]:
+    def plan_condition(
+        self, prefix: str, condition: Condition, where: Mapping[str, Any], at: Planning
+    ) -> Iterable[Step]:
         asked = sum(entry.queries.count for entry in self.trials)
         pairs = iter(at.drawn.pairs(asked, shared=self.same_queries))
         triads = iter(at.drawn.triads)
@@ -107,7 +109,7 @@ class BlockStage(Crossed, PagesAround):
                 yield source.problem((*at, "probes"), message)
             yield from _chosen(queries, at, several=several, source=source)
         if self.feedback:
-            yield from mixed_with_blind(stages, (*here, "feedback"), source)
+            yield from check_beside_blind(stages, (*here, "feedback"), source)
         if not regular:
             yield source.problem((*here, "trials"), "has practice trials only; add queries of role regular")
         if self.attention_checks > regular > 0:

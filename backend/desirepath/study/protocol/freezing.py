@@ -168,7 +168,7 @@ def validate_protocol_file(file: Path | str, query_sets: Mapping[str, str] | Non
     return {"valid": True, "errors": []}
 
 
-def shipped_protocols() -> list[Path]:
+def find_shipped_protocols() -> list[Path]:
     """The protocol files that come with the product."""
     return sorted(PROTOCOLS.glob("*.yaml"))
 

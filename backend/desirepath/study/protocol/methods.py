@@ -118,7 +118,9 @@ class MethodsStage(TaughtByMethods, PagesAround):
 
     # ---- its steps
 
-    def asked(self, prefix: str, condition: Condition, where: Mapping[str, Any], at: Planning) -> Sequence[Step]:
+    def plan_condition(
+        self, prefix: str, condition: Condition, where: Mapping[str, Any], at: Planning
+    ) -> Sequence[Step]:
         method = condition.name
         if method == "choices":
             pairs = at.drawn.pairs(sum(one.queries.count for one in self.choices), shared=False)

@@ -64,7 +64,7 @@ def _facts(data: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
         yield prefix.replace("_", " "), shown if not isinstance(data, str) else data
 
 
-def expected_minutes(protocol: Protocol, *, seconds_per_trajectory: float = 9.0) -> float:
+def estimate_minutes(protocol: Protocol, *, seconds_per_trajectory: float = 9.0) -> float:
     """How long all appointments take by the protocol: two trajectories with letters and a choice per trial, half a
     minute per page, stages with `when` as if everybody met them, comprehension checks once.
 
@@ -102,7 +102,7 @@ def plan_preview(frozen: FrozenProtocol, seed: int, language: str | None = None)
     steps = make_plan(frozen.protocol, seed, example_queries(frozen.protocol))
     return {
         "protocol": frozen.protocol.protocol,
-        "minutes": expected_minutes(frozen.protocol),
+        "minutes": estimate_minutes(frozen.protocol),
         "orders": len(design_of(frozen.protocol).rows),
         "steps": [
             {"key": step.key, "kind": step.kind, "description": _description(frozen, step, language or languages[0])}

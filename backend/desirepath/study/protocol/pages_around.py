@@ -46,7 +46,9 @@ class PagesAround(Stage):
     def conditions(self, group: int) -> list[Condition]: ...
 
     @abstractmethod
-    def asked(self, prefix: str, condition: Condition, where: Mapping[str, Any], at: Planning) -> Iterable[Step]:
+    def plan_condition(
+        self, prefix: str, condition: Condition, where: Mapping[str, Any], at: Planning
+    ) -> Iterable[Step]:
         """The steps of one condition, between its pages. prefix: of their keys; where: their stage, block and view."""
 
     def plan(self, at: Planning) -> list[Step]:
@@ -57,7 +59,7 @@ class PagesAround(Stage):
             where = {"stage": at.key, "block": condition.name or at.key, "view": condition.view}
             for place in ("between", "before") if turn else ("before",):
                 steps += self._pages(place, prefix, condition, where)
-            steps += self.asked(prefix, condition, where, at)
+            steps += self.plan_condition(prefix, condition, where, at)
             steps += self._pages("after", prefix, condition, where)
         return steps
 

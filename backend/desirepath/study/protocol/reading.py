@@ -150,17 +150,17 @@ class Reader:
         ]
         if len(set(named)) != len(named):
             problems.append(self.source.problem(("languages",), "names a language twice"))
-        problems += self.localized(self.protocol.title, ("title",), self.source)
+        problems += self.check_localized(self.protocol.title, ("title",), self.source)
         if self.protocol.welcome:
-            problems += self.localized(self.protocol.welcome, ("welcome",), self.source)
+            problems += self.check_localized(self.protocol.welcome, ("welcome",), self.source)
         if self.protocol.payment:
-            problems += self.localized(self.protocol.payment, ("payment",), self.source)
+            problems += self.check_localized(self.protocol.payment, ("payment",), self.source)
         for index, entry in enumerate(self.protocol.stages):
             for text, path in entry.stage.local_texts():
-                problems += self.localized(text, ("stages", index, entry.kind, *path), self.source)
+                problems += self.check_localized(text, ("stages", index, entry.kind, *path), self.source)
         return problems
 
-    def localized(self, text: dict[str, str], path: yaml_source.Path, source: Source) -> list[Problem]:
+    def check_localized(self, text: dict[str, str], path: yaml_source.Path, source: Source) -> list[Problem]:
         """What is wrong with a text that stands in the file itself, in each language."""
         missing = [language for language in self._languages if not text.get(language, "").strip()]
         unknown = [language for language in text if language not in self.protocol.languages]
@@ -216,7 +216,7 @@ class Reader:
         own = Source(file, content)
         questionnaire, problems = read_as(own, Questionnaire, strict=self._strict)
         for where, text in _texts_in(own.data):
-            problems += self.localized(text, where, own)
+            problems += self.check_localized(text, where, own)
         if questionnaire is None:
             raise ProtocolError(problems)
         blocks = []

@@ -32,7 +32,7 @@ def device_problems(gate: DeviceGate | None, device: Mapping[str, Any]) -> list[
     return problems
 
 
-def fitted(
+def fit_device(
     gate: DeviceGate | None, device: Mapping[str, Any], *, study_id: str, simulated: bool = False
 ) -> dict[str, Any]:
     """The device as the session keeps it, with `scene_detail`: full or light. Bots have no device and pass.
@@ -58,7 +58,7 @@ def change_device(
     s: DatabaseSession, session: Session, gate: DeviceGate | None, device: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Go on with that device; the one before stays in the log. Raises Refused 403 `device` with `reasons`."""
-    fit = fitted(gate, device, study_id=session.study_id, simulated=session.simulated)
+    fit = fit_device(gate, device, study_id=session.study_id, simulated=session.simulated)
     log_event(s, "device_checked", session_id=session.id, before=session.device, after=fit)
     session.device = fit
     return fit

@@ -16,12 +16,12 @@ from desirepath.store.events import log_event
 from desirepath.store.models import Participant, RecruitingId, Session, Study, new_id, utc_now
 from desirepath.store.query_sets import StoredQuery, require_files
 from desirepath.store.worker_signals import Signal, signal_workers
-from desirepath.study.kind import stored
+from desirepath.study.kind import dump_plan
 from desirepath.study.links import CODE_LETTERS, token_hash
 from desirepath.study.plan.assignment import Places
 from desirepath.study.protocol.planning import PlanError, make_plan, session_seed
 from desirepath.study.refusals import Refused
-from desirepath.study.session.devices import fitted
+from desirepath.study.session.devices import fit_device
 from desirepath.study.session.platforms import is_id
 from desirepath.study.session.versions import newest_protocol
 from desirepath.study.studies import StudyError, queries_of_study
@@ -139,7 +139,7 @@ class _Door:
         """Raises Refused and StudyError, and has then done nothing."""
         study, protocol = self._study, self._protocol
         _check_open(study, self._places)
-        fit = fitted(protocol.device, who.device or {}, study_id=study.id, simulated=who.simulated)
+        fit = fit_device(protocol.device, who.device or {}, study_id=study.id, simulated=who.simulated)
         participant = Participant(
             id=new_id(),
             study_id=study.id,
@@ -202,7 +202,7 @@ class _Door:
             if self._queries is None:
                 self._queries = queries_of_study(self._s, self._files, self._study, self._number, whole=False)
             plan = make_plan(self._protocol, seed, self._queries, place)
-            kept = stored(plan)
+            kept = dump_plan(plan)
             shown = {step[name] for step in kept for name in SHOWN if step.get(name)} - self._there
             require_files(self._files, shown)
             self._there |= shown

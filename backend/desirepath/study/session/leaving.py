@@ -14,7 +14,7 @@ from desirepath.study.kind import kind_of
 from desirepath.study.personalising import alignment_jobs
 from desirepath.study.session import states
 from desirepath.study.session.versions import protocol_of
-from desirepath.study.session.view import refused, require_active, step_of
+from desirepath.study.session.view import refusal, require_active, step_of
 from desirepath.study.session.watching import interrupt
 
 LONGEST_PROBLEM = 4000  # characters of a problem report; ours
@@ -68,10 +68,10 @@ def change_language(s: DatabaseSession, session: Session, language: str) -> None
     languages = protocol_of(s, session).protocol.languages
     if language not in languages:
         allowed = ", ".join(languages)
-        raise refused(session, 422, "bad_value", f"must be one of {allowed}", field="language", value=language[:20])
+        raise refusal(session, 422, "bad_value", f"must be one of {allowed}", field="language", value=language[:20])
     step = step_of(session)
     if session.state == "active" and kind_of(step).shows == "trajectories":
-        raise refused(session, 409, "in_trial", "The language can be changed after this pair.", step=step.key)
+        raise refusal(session, 409, "in_trial", "The language can be changed after this pair.", step=step.key)
     if language == session.language:
         return
     log_event(s, "language_changed", session_id=session.id, step=step.key, before=session.language, after=language)
@@ -82,6 +82,6 @@ def report_problem(s: DatabaseSession, session: Session, text: str) -> None:
     """Keep what a participant wrote by `report a problem`."""
     text = text.strip()
     if not text or len(text) > LONGEST_PROBLEM:
-        raise refused(session, 422, "bad_value", f"Please write 1 to {LONGEST_PROBLEM} characters.", field="text")
+        raise refusal(session, 422, "bad_value", f"Please write 1 to {LONGEST_PROBLEM} characters.", field="text")
     s.add(ProblemReport(session_id=session.id, text=text))
     log_event(s, "problem_reported", session_id=session.id, step=step_of(session).key)

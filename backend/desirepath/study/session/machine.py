@@ -21,7 +21,7 @@ from desirepath.store.events import log_event
 from desirepath.store.models import Response, Session, Trial
 from desirepath.store.sides import Side
 from desirepath.study.clock import elapsed_s
-from desirepath.study.kind import Acting, Moment, Page, begin, kind_of, timed_out
+from desirepath.study.kind import Acting, Moment, Page, begin, has_timed_out, kind_of
 from desirepath.study.personalising import alignment_jobs
 from desirepath.study.personalising.waiting import Waiting, waiting_of
 from desirepath.study.refusals import Refused
@@ -37,7 +37,7 @@ from desirepath.study.session.view import (
     has_declined,
     not_current,
     playing,
-    refused,
+    refusal,
     require_active,
     step_of,
     trial_of,
@@ -111,7 +111,7 @@ def submit(
     known = s.scalars(select(Response).where(Response.request_id == request_id)).first()
     if known is not None:
         if known.session_id != session.id or known.step_key != step_key:
-            raise refused(session, 409, "request_id_used", "This request id belongs to another answer.")
+            raise refusal(session, 409, "request_id_used", "This request id belongs to another answer.")
         log_event(s, "duplicate_request", session_id=session.id, trial_id=known.trial_id, step=step_key)
         return Submitted(known.id, duplicate=True)
     require_active(session, now)
@@ -188,17 +188,17 @@ def _decision_s(session: Session, trial: Trial, value: Mapping[str, Any], now: d
     rules = viewing_of(session)
     if trial.phase != "choosing" and not (rules.early_choice and trial.phase == "playing_b"):
         message = "Please watch both drives first."
-        raise refused(session, 409, "too_early", message, trial, phase=trial.phase, step=trial.step_key)
+        raise refusal(session, 409, "too_early", message, trial, phase=trial.phase, step=trial.step_key)
     assert trial.phase_since is not None  # noqa: S101  set with every phase
     elapsed = elapsed_s(trial.phase_since, now)
     if elapsed is None:
         return None
     if rules.choice_limit_s is not None and not session.simulated:
         over = elapsed > rules.choice_limit_s + TOLERANCE_S
-        if over and not timed_out(value):
-            raise refused(session, 409, "too_late", "The time for this choice is over.", trial, elapsed_s=elapsed)
-        if timed_out(value) and elapsed < rules.choice_limit_s - TOLERANCE_S:
-            raise refused(session, 409, "too_early", "There is still time to choose.", trial, elapsed_s=elapsed)
+        if over and not has_timed_out(value):
+            raise refusal(session, 409, "too_late", "The time for this choice is over.", trial, elapsed_s=elapsed)
+        if has_timed_out(value) and elapsed < rules.choice_limit_s - TOLERANCE_S:
+            raise refusal(session, 409, "too_early", "There is still time to choose.", trial, elapsed_s=elapsed)
     return round(elapsed, 3)
 
 
@@ -206,20 +206,20 @@ def _check_can_be_answered(acting: Acting, step: Step, value: Mapping[str, Any])
     """Raise Refused for steps that nobody answers, breaks that are not over, and half-filled pages before time."""
     session = acting.session
     kind_of(step).check_time(step, acting, value)
-    least = step.least_s(timed_out=timed_out(value))
+    least = step.least_s(timed_out=has_timed_out(value))
     if not least or session.simulated:
         return
     elapsed = acting.stood_s
     if elapsed is not None and elapsed < least - TOLERANCE_S:
         message = f"This takes {least} s and began {elapsed:.0f} s ago."
-        raise refused(session, 409, "too_early", message, elapsed_s=round(elapsed, 2), needed_s=least)
+        raise refusal(session, 409, "too_early", message, elapsed_s=round(elapsed, 2), needed_s=least)
 
 
 def _next_position(acting: Acting) -> int:
     """The index of the step after the current one; passed over is what its kind passes over, then what is not asked."""
     to = acting.session.position + 1
     step = acting.plan[to]
-    return acting.first_asked(kind_of(step).passed_over(step, to, acting))
+    return acting.first_asked(kind_of(step).pass_over(step, to, acting))
 
 
 def _move(acting: Acting, to: int) -> None:

@@ -121,7 +121,7 @@ def ending_payload(frozen: FrozenProtocol, language: str, completion_code: str |
     ending = frozen.protocol.screen_out
     if ending is None:
         return {"title": None, "text": None} | code_and_way_back(completion_code, None)
-    return Page(frozen, language).titled(ending.text) | code_and_way_back(completion_code, ending.return_url)
+    return Page(frozen, language).show_text(ending.text) | code_and_way_back(completion_code, ending.return_url)
 
 
 CONSENTING = [kind.response_kind for kind in KINDS.values() if kind.consents]
@@ -174,10 +174,10 @@ def _trial_state(s: DatabaseSession, trial: Trial) -> dict[str, Any]:
 
 def label_s(trial: Trial) -> float:
     """How long the letter stands before a trajectory of the trial: one that is shown alone has none."""
-    return 0.0 if shown_alone(trial) else LABEL_S
+    return 0.0 if shows_one(trial) else LABEL_S
 
 
-def shown_alone(trial: Trial) -> bool:
+def shows_one(trial: Trial) -> bool:
     """Whether the trial shows one trajectory, not two."""
     return any(kind.trajectories == 1 and kind.name == trial.kind for kind in KINDS.values())
 
@@ -201,7 +201,7 @@ def require_active(session: Session, now: datetime) -> None:
     if session.state == "active":
         if appointments.is_open(session, now):
             return
-        raise refused(session, 409, "too_soon", "This appointment has not begun yet.", opens_at=str(session.opens_at))
+        raise refusal(session, 409, "too_soon", "This appointment has not begun yet.", opens_at=str(session.opens_at))
     message = {
         "paused": "The session is paused; go on first.",
         "completed": "This session is finished.",
@@ -209,7 +209,7 @@ def require_active(session: Session, now: datetime) -> None:
         "expired": "The time in which this session could be continued is over.",
         "screened_out": "This session is finished.",
     }[session.state]
-    raise refused(session, 409 if session.state == "paused" else 410, session.state, message)
+    raise refusal(session, 409 if session.state == "paused" else 410, session.state, message)
 
 
 def current_trial(s: DatabaseSession, session: Session, step_key: str, now: datetime) -> Trial:
@@ -229,13 +229,13 @@ def not_current(s: DatabaseSession, session: Session, step_key: str) -> Refused:
         select(Response.id).where(Response.session_id == session.id, Response.step_key == step_key)
     ).first()
     if answered is not None:
-        return refused(session, 409, "already_answered", "This step was answered already.", step=step_key)
+        return refusal(session, 409, "already_answered", "This step was answered already.", step=step_key)
     if not any(step["key"] == step_key for step in session.plan):
-        return refused(session, 404, "unknown_step", "This session has no such step.", asked=step_key[:80])
-    return refused(session, 409, "not_current_step", "The session is at another step.", step=step_key)
+        return refusal(session, 404, "unknown_step", "This session has no such step.", asked=step_key[:80])
+    return refusal(session, 409, "not_current_step", "The session is at another step.", step=step_key)
 
 
-def refused(
+def refusal(
     session: Session, status: int, code: str, message: str, trial: Trial | None = None, **details: Any
 ) -> Refused:
     """A refusal that names its session."""

@@ -24,8 +24,8 @@ from desirepath.study.session.view import (
     label_s,
     playback_id,
     playing,
-    refused,
-    shown_alone,
+    refusal,
+    shows_one,
     step_of,
     trial_of,
 )
@@ -44,7 +44,7 @@ def start_trial(
     if trial.phase in PLAYING:
         return None
     if trial.phase != "ready":
-        raise refused(session, 409, "not_ready", "Both were shown already.", trial, phase=trial.phase)
+        raise refusal(session, 409, "not_ready", "Both were shown already.", trial, phase=trial.phase)
     set_phase(s, trial, "go_on" if trial.a_seen_at is not None else "start", "participant", now)
     log_event(s, "trial_started", session_id=session.id, trial_id=trial.id, phase=trial.phase, request=request_id)
     return playing(trial)
@@ -56,7 +56,7 @@ def watch_again(s: DatabaseSession, session: Session, step_key: str, *, now: dat
     allowed = viewing_of(session).replays
     if trial.phase != "choosing" or trial.replays >= allowed:
         message = "This pair cannot be watched again."
-        raise refused(
+        raise refusal(
             session, 409, "no_replay", message, trial, phase=trial.phase, replays=trial.replays, allowed=allowed
         )
     trial.replays += 1
@@ -74,13 +74,13 @@ def trajectory_seen(
     if (trial.a_seen_at if side == "a" else trial.b_seen_at) is not None:
         return None  # reported twice
     if trial.phase != f"playing_{side}":
-        raise refused(session, 409, "not_playing", f"{side.upper()} is not playing.", trial, phase=trial.phase)
+        raise refusal(session, 409, "not_playing", f"{side.upper()} is not playing.", trial, phase=trial.phase)
     if playback != playback_id(trial, side) and not (session.simulated and playback is None):
-        raise refused(session, 409, "other_playback", "This is not what is being shown.", trial, side=side)
+        raise refusal(session, 409, "other_playback", "This is not what is being shown.", trial, side=side)
     _check_watched(s, session, trial, side, now)
     if side == "a":
         trial.a_seen_at = now
-        set_phase(s, trial, "seen_alone" if shown_alone(trial) else "seen", "participant", now)
+        set_phase(s, trial, "seen_alone" if shows_one(trial) else "seen", "participant", now)
     else:
         trial.b_seen_at = now
         set_phase(s, trial, "seen", "participant", now)
@@ -96,7 +96,7 @@ def _check_watched(s: DatabaseSession, session: Session, trial: Trial, side: Sid
     elapsed = elapsed_s(trial.phase_since, now)
     needed = label_s(trial) + duration_s(s, trial, side)
     if elapsed is not None and elapsed < needed - TOLERANCE_S:
-        raise refused(
+        raise refusal(
             session,
             409,
             "too_early",
@@ -127,7 +127,7 @@ def interrupt(s: DatabaseSession, session: Session, *, reason: str, now: datetim
 
 def _interrupt(s: DatabaseSession, session: Session, reason: str, now: datetime, *, keep_seen: bool) -> bool:
     step = step_of(session)
-    cut = kind_of(step).interrupted(step, s, session, reason)
+    cut = kind_of(step).interrupt(step, s, session, reason)
     if cut is not None:
         return cut
     trial = trial_of(s, session) if kind_of(step).shows == "trajectories" else None

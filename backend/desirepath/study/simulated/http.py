@@ -72,7 +72,7 @@ class HttpSessionClient:
     def start(self, key: str) -> State:
         return self._post(f"{self._api}/trials/{key}/start", {"request_id": uuid4().hex})
 
-    def seen(self, key: str, side: Side, playback_id: str) -> State:
+    def report_seen(self, key: str, side: Side, playback_id: str) -> State:
         return self._post(f"{self._api}/trials/{key}/seen", {"side": side, "playback_id": playback_id})
 
     def trajectories(self) -> tuple[Trajectory, Trajectory]:
@@ -83,7 +83,7 @@ class HttpSessionClient:
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
         return self._post(f"{self._api}/drawing/{key}/stroke", {"request_id": uuid4().hex, **stroke})
 
-    def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
+    def report_walk(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
         return self._post(f"{self._api}/drawing/{key}/rollout-seen", {"playback_id": playback_id, "walk": dict(walk)})
 
     def submit(self, key: str, value: Mapping[str, Any]) -> State:

@@ -25,7 +25,7 @@ WOBBLE_M = 0.05  # ours; `desirepath benchmark telling` has 0.08
 KNOTS = 6
 
 
-def imagined_stroke(scene: Scene, weights: Mapping[str, float], random: np.random.Generator, tried: int) -> Stroke:
+def imagine_stroke(scene: Scene, weights: Mapping[str, float], random: np.random.Generator, tried: int) -> Stroke:
     """The best imagined way that was not tried yet, drawn. tried: how many were refused before."""
     ways = [one for one in _imagined(scene) if one.outcome == Outcome.SUCCESS]
     shares = np.asarray(preference_weights(weights), np.float64)

@@ -25,7 +25,7 @@ from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
 from desirepath.study.session.finding import acting
 from desirepath.study.session.joining import join_study
-from desirepath.study.simulated.known import known_to_simulated
+from desirepath.study.simulated.known import tell_simulated
 from desirepath.study.simulated.participant import Character, SimulationError, State, walk_all
 
 
@@ -88,7 +88,7 @@ class _InProcess:
     def start(self, key: str) -> State:
         return self._do("start", lambda s, x: machine.start_trial(s, x, key, request_id=None, now=utc_now()))
 
-    def seen(self, key: str, side: machine.Side, playback_id: str) -> State:
+    def report_seen(self, key: str, side: machine.Side, playback_id: str) -> State:
         return self._do("seen", lambda s, x: machine.trajectory_seen(s, x, key, side, playback_id, now=utc_now()))
 
     def trajectories(self) -> tuple[Trajectory, Trajectory]:
@@ -115,7 +115,7 @@ class _InProcess:
 
         return {**self._do("draw", act), "problem": problems[0]}
 
-    def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
+    def report_walk(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
         problems: list[dict[str, Any] | None] = []
 
         def act(s: DatabaseSession, session: Session) -> None:
@@ -145,7 +145,7 @@ class _InProcess:
             with acting(self._database, self._token, request=request, now=utc_now()) as (s, session):
                 done = act(s, session)
                 view = machine.current(s, session)
-                shown = view.as_dict() | known_to_simulated(s, session, view)
+                shown = view.as_dict() | tell_simulated(s, session, view)
                 return {"state": session.state, "step": shown, "duplicate": done if isinstance(done, bool) else False}
         except Refused as refused:
             raise SimulationError(f"the machine refused {request!r}: {refused.code}, {refused.message}") from refused

@@ -14,11 +14,11 @@ from desirepath.study.session.versions import protocol_of
 from desirepath.study.session.view import StepView
 
 
-def known_to_simulated(s: DatabaseSession, session: Session, view: StepView) -> dict[str, Any]:
+def tell_simulated(s: DatabaseSession, session: Session, view: StepView) -> dict[str, Any]:
     """What the current step is about: condition, view, and what its kind adds."""
     if session.state != "active":
         return {}
     moment = Moment(s, session, protocol_of(s, session), utc_now())
     step = moment.step
     where = {name: word for name in ("block", "view") if (word := getattr(step, name)) is not None}
-    return where | kind_of(step).known_to_simulated(step, moment, view.payload)
+    return where | kind_of(step).tell_simulated(step, moment, view.payload)

@@ -51,13 +51,13 @@ class SessionClient(Protocol):
 
     def state(self) -> State: ...
     def start(self, key: str) -> State: ...
-    def seen(self, key: str, side: Side, playback_id: str) -> State: ...
+    def report_seen(self, key: str, side: Side, playback_id: str) -> State: ...
     def trajectories(self) -> tuple[Trajectory, Trajectory]: ...
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
         """Send a drawn path; the state has `problem` where it cannot be driven."""
         ...
 
-    def walked(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
+    def report_walk(self, key: str, playback_id: str, walk: Mapping[str, Any]) -> State:
         """Send what was walked beside the trajectory; the state has `problem` where the robot met the walker."""
         ...
 
@@ -182,7 +182,7 @@ class SimulatedParticipant:
         state = self._client.start(step["key"])
         for side in sides:
             seen: Side = "a" if side == "a" else "b"
-            state = self._client.seen(step["key"], seen, state["step"]["trial"]["playback_id"])
+            state = self._client.report_seen(step["key"], seen, state["step"]["trial"]["playback_id"])
         return self._client.trajectories()
 
     def choose(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> Side:
@@ -208,7 +208,7 @@ class SimulatedParticipant:
         before.append(value)
         return (below + 0.5) / len(before)
 
-    def preferred_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
+    def choose_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
         """Its preference as weights, the foremost 1; none where it is not made of objectives."""
         condition = str(step.get("block"))
         name = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
@@ -226,16 +226,16 @@ class SimulatedParticipant:
         Where a walk has to be chosen, any of them; where the participant walks, a walk to any free place.
         """
         from desirepath.demonstrations.demonstrators import STYLES, draw_stroke  # numba comes with it
-        from desirepath.study.simulated.imagined import imagined_stroke
+        from desirepath.study.simulated.imagined import imagine_stroke
 
         style = self._style or list(STYLES)[self._number % len(STYLES)]
         scenes = [Scene.from_dict(one) for one in step["scenes"]]
-        weights = self.preferred_weights(step) if scenes[0].setup in PERSON_SETUPS else {}
+        weights = self.choose_weights(step) if scenes[0].setup in PERSON_SETUPS else {}
         problem: Any = None
         for tried in range(DRAWING_TRIES):
             choice = int(self.random.integers(len(scenes))) if len(scenes) > 1 else 0
             if weights:
-                stroke = imagined_stroke(scenes[choice], weights, self.random, tried)
+                stroke = imagine_stroke(scenes[choice], weights, self.random, tried)
             else:
                 stroke = draw_stroke(style, scenes[choice], int(self.random.integers(2**31)))
             state = self._client.draw(step["key"], stroke.as_sent() | {"pointer": "bot", "walk": choice})
@@ -251,7 +251,7 @@ class SimulatedParticipant:
 
         times, poses = record_walk(scene, shown["duration_s"], int(self.random.integers(2**31)))
         walk = {"times_s": times.tolist(), "poses": poses.tolist()}
-        return self._client.walked(key, shown["playback_id"], walk)
+        return self._client.report_walk(key, shown["playback_id"], walk)
 
     def _give_up(self, why: str) -> NoReturn:
         raise SimulationError(f"participant {self._participant}: {why}")
@@ -276,7 +276,7 @@ class _OnPages:
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:
         raise SimulationError(f"step {step['key']!r} is no page")
 
-    def preferred_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
+    def choose_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
         raise SimulationError(f"step {step['key']!r} is no page")
 
 

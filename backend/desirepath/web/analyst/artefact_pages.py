@@ -144,7 +144,7 @@ def policies(request: Request, database: Db, archived: bool = False) -> Response
             request,
             "analyst/policies.html",
             found=found,
-            measured_of=measured_of,
+            find_measured=find_measured,
             archived=archived,
             archived_count=archived_count,
         )
@@ -262,7 +262,7 @@ def is_comparison(artefact: Artefact) -> bool:
     return artefact.kind == "evaluation" and "paired" in artefact.card.get("results", {})
 
 
-def measured_of(artefact: Artefact) -> dict[str, Any] | None:
+def find_measured(artefact: Artefact) -> dict[str, Any] | None:
     """The numbers on an artefact's card that an evaluation measured: its own results, or on shipped cards the first."""
     results: dict[str, Any] = artefact.card.get("results", {})
     for numbers in (results, results.get("first", {})):
@@ -290,7 +290,7 @@ def _card(request: Request, s: DatabaseSession, artefact: Artefact) -> Response:
         job=job,
         measured=measured,
         children=children,
-        on_card=measured_of(artefact),
+        on_card=find_measured(artefact),
         driving=DRIVING,
         social_measures=SOCIAL,
         held_out=_held_out(artefact),

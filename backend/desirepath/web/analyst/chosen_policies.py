@@ -108,7 +108,7 @@ def form_of(request: Request, database: Database) -> dict[str, Any]:
     """What the form on such a page is drawn from (`analyst/chosen_policies.html`)."""
     with database.session() as s:
         choices = choices_of(s, rights_in(request))
-        given = given_by_id(s, request.query_params)
+        given = name_by_id(s, request.query_params)
     chosen = {side: given.get(f"policy_{side}", "") for side in SIDES}
     chosen_of = {one.id: one for one in choices}
     return {
@@ -146,11 +146,11 @@ def choices_of(s: DatabaseSession, rights: Rights) -> Sequence[Artefact]:
     return sorted(found, key=lambda one: (one.job_id is not None, one.name if one.job_id is None else ""))
 
 
-def asked_of(request: Request, s: DatabaseSession) -> Asked | None:
+def find_asked(request: Request, s: DatabaseSession) -> Asked | None:
     """What the address asks for, None if it names no policy. Raises Undrawable, or LabRefusal for no such policy."""
     from desirepath.simulation.scenes import LARGEST_SEED
 
-    given = given_by_id(s, request.query_params)
+    given = name_by_id(s, request.query_params)
     if not given.get("policy_a"):
         return None
     rights = rights_in(request)
@@ -166,7 +166,7 @@ def asked_of(request: Request, s: DatabaseSession) -> Asked | None:
     return Asked(tuple(sides), int(scene), query_of(given))
 
 
-def given_by_id(s: DatabaseSession, params: Mapping[str, str]) -> dict[str, str]:
+def name_by_id(s: DatabaseSession, params: Mapping[str, str]) -> dict[str, str]:
     """An address's parameters with policies by id, however it names them.
 
     Of `policy_a=study_room/conditioned@farther=1` that policy's id, and `a_farther=1`."""

@@ -27,7 +27,7 @@ from desirepath.web.analyst.compared_scenes import (
     bins_of,
     choose_scenes,
     compare_scene,
-    paired,
+    pair_rollouts,
     rollouts_in,
 )
 from desirepath.web.analyst.job_forms import form_fields
@@ -239,7 +239,7 @@ def difference_svg(request: Request, artefact_id: str, measure: str, database: D
 def difference_csv(artefact_id: str, measure: str, database: Db, files: Files) -> Response:
     with database.session() as s:
         _, content = _comparison(s, files, artefact_id)
-    _, seeds, a, b = paired(content, _measure(content, measure))
+    _, seeds, a, b = pair_rollouts(content, _measure(content, measure))
     rows = zip(seeds.tolist(), a.tolist(), b.tolist(), (b - a).tolist(), strict=True)
     return csv_response(["scene_seed", "a", "b", "difference"], rows, f"difference_{measure}.csv")
 

@@ -39,7 +39,9 @@ class ComparedScene:
         return self.outcomes == (Outcome.SUCCESS, Outcome.SUCCESS)
 
 
-def paired(content: Mapping[str, Any], measure: str) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+def pair_rollouts(
+    content: Mapping[str, Any], measure: str
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Numbers and seeds of the scenes in which both succeed, and the measure of A and of B there."""
     a, b = content["scenes"]["policies"]
     both = (np.asarray(a["outcome"]) == Outcome.SUCCESS) & (np.asarray(b["outcome"]) == Outcome.SUCCESS)
@@ -49,7 +51,7 @@ def paired(content: Mapping[str, Any], measure: str) -> tuple[NDArray[Any], NDAr
 
 def bins_of(content: Mapping[str, Any], measure: str) -> tuple[DifferenceBins, tuple[float, float, float]]:
     """The bars of the paired differences B - A, and their mean with its interval."""
-    _, _, a, b = paired(content, measure)
+    _, _, a, b = pair_rollouts(content, measure)
     mean = (0.0, 0.0, 0.0)
     if len(a):
         estimate = content["compared"]["paired"][measure]["difference"]
@@ -72,7 +74,7 @@ def choose_scenes(content: Mapping[str, Any], only: str, measure: str) -> NDArra
     if side in SIDES and named in OUTCOMES:
         return np.flatnonzero(per_side[SIDES.index(side)] == OUTCOMES[named])
     if side == "bar" and named.isdecimal():
-        numbers: NDArray[np.intp] = paired(content, measure)[0]
+        numbers: NDArray[np.intp] = pair_rollouts(content, measure)[0]
         behind: NDArray[np.intp] = numbers[bins_of(content, measure)[0].which == int(named)]
         return behind
     return None

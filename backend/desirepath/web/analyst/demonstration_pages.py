@@ -35,7 +35,7 @@ from desirepath.web.analyst.path_rows import (
     Who,
     attempts_of,
     controllers_of,
-    drawn_paths,
+    find_drawn_paths,
     newest_of,
     places_of,
 )
@@ -139,7 +139,7 @@ def _places(
     environments = {environment for environment, _ in places}
     learned = {environment: newest[environment].trajectories(files) for environment in environments & set(newest)}
     found: dict[Placed, list[KeptPath]] = {}
-    for one in drawn_paths(s, files, study, who, person, places):
+    for one in find_drawn_paths(s, files, study, who, person, places):
         found.setdefault(one.place, []).append(one)
     return [Place(*place, rows, learned.get(place[0], {}).get(place[1], {})) for place, rows in sorted(found.items())]
 

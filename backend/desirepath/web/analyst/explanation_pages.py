@@ -22,7 +22,7 @@ from desirepath.web.analyst.chosen_policies import (
     SIDES,
     Asked,
     Side,
-    asked_of,
+    find_asked,
     form_of,
     no_file,
     problem_of,
@@ -99,7 +99,7 @@ def explanation(request: Request, database: Db, files: Files) -> Response:
     shown: list[Explained] = []
     try:
         with database.session() as s:
-            asked = asked_of(request, s)
+            asked = find_asked(request, s)
         options = _options(request.query_params)
         if asked is not None:
             shown = [_drawn(request, t, files, asked, options, side) for side in asked.sides]
@@ -132,7 +132,7 @@ def explanation_file(request: Request, letter: str, name: str, database: Db, fil
     t = services_of(request).texts.get(lab_language(request))
     try:
         with database.session() as s:
-            asked = asked_of(request, s)
+            asked = find_asked(request, s)
         if asked is None or letter not in SIDES[: len(asked.sides)]:
             raise LabRefusal(404, "no_figure")
         side = asked.sides[SIDES.index(letter)]

@@ -17,7 +17,7 @@ from desirepath.web.analyst.chosen_policies import (
     NOT_DRAWN,
     SIDES,
     Asked,
-    asked_of,
+    find_asked,
     form_of,
     no_file,
     problem_of,
@@ -49,7 +49,7 @@ def flow_field(request: Request, database: Db, files: Files, stage: bool = False
     asked = figure = token = problem = None
     try:
         with database.session() as s:
-            asked = asked_of(request, s)
+            asked = find_asked(request, s)
         if asked is not None:
             policies = [side.policy(files) for side in asked.sides]
             figure = _drawn(request, t, asked, policies)[1]
@@ -80,7 +80,7 @@ def flow_file(request: Request, name: str, database: Db, files: Files) -> Respon
     t = services_of(request).texts.get(lab_language(request))
     try:
         with database.session() as s:
-            asked = asked_of(request, s)
+            asked = find_asked(request, s)
         if asked is None:
             raise LabRefusal(404, "no_figure")
         mark, figure = _drawn(request, t, asked, [side.policy(files) for side in asked.sides])

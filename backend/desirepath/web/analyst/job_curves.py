@@ -26,7 +26,7 @@ router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 SURE_FROM = 0.02  # share done, below which the time to go is a guess
 
 
-def drawn_curves(t: Catalogue, s: DatabaseSession, job: Job) -> list[tuple[str, str, Markup]]:
+def draw_curves(t: Catalogue, s: DatabaseSession, job: Job) -> list[tuple[str, str, Markup]]:
     """(name, title, figure) of every curve of a job."""
     found = curves_of(s, job.id)
     return [(name, label_of(t, job, name), Markup(_draw(t, job, name, lines))) for name, lines in found.items()]  # noqa: S704

@@ -25,7 +25,7 @@ from desirepath.store.artefacts import ArtefactError
 from desirepath.store.job_results import JobResult
 from desirepath.store.models import Artefact, Job, JobAttempt, Study, utc_now
 from desirepath.store.outbox import cancel_job, enqueue_job
-from desirepath.web.analyst.job_curves import drawn_curves, seconds_to_go
+from desirepath.web.analyst.job_curves import draw_curves, seconds_to_go
 from desirepath.web.analyst.job_forms import form_fields, read_values
 from desirepath.web.analyst.job_rows import line_of, of_participant, order_jobs, params_of
 from desirepath.web.core.auditing import audit_details
@@ -138,7 +138,7 @@ def job_page(request: Request, job_id: str, database: Db) -> Response:
         return lab_page(
             request,
             "analyst/job.html",
-            params=params_of(s, rights_in(request), job, made_by(s, job)),
+            params=params_of(s, rights_in(request), job, find_made(s, job)),
             **_live(request, s, job),
         )
 
@@ -202,7 +202,7 @@ def log(job_id: str, database: Db, services: TheServices) -> Response:
     return PlainTextResponse(read_log(services.settings, job_id, last_bytes=5_000_000) or kept)
 
 
-def made_by(s: DatabaseSession, job: Job) -> list[Artefact]:
+def find_made(s: DatabaseSession, job: Job) -> list[Artefact]:
     """What a job made, in the order its result names it; artefacts that were erased since are not among them."""
     result = job.result_as(JobResult)
     ids = result.made if result is not None else []
@@ -346,8 +346,8 @@ def _live(request: Request, s: DatabaseSession, job: Job) -> dict[str, Any]:
     return {
         "line": line_of(s, job),
         "job": job,
-        "made": made_by(s, job),
-        "curves": drawn_curves(t, s, job),
+        "made": find_made(s, job),
+        "curves": draw_curves(t, s, job),
         "to_go": seconds_to_go(job, utc_now()),
         "attempts": [_attempt(one) for one in attempts],
         "log": read_log(settings, job.id, last_bytes=LOG_TAIL_BYTES) or kept_log(attempts),

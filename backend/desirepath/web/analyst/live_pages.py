@@ -24,7 +24,7 @@ from desirepath.web.analyst.chosen_policies import (
     WEIGHED,
     Asked,
     Undrawable,
-    asked_of,
+    find_asked,
     form_of,
     objectives_of,
     problem_of,
@@ -139,7 +139,7 @@ def paths(
 def _asked(request: Request, database: Db) -> Asked | None:
     """What the address names. Raises Undrawable for a policy without weights."""
     with database.session() as s:
-        asked = asked_of(request, s)
+        asked = find_asked(request, s)
     if asked is not None and asked.sides[0].artefact.kind not in WEIGHED:
         raise Undrawable("no_weights", name=asked.sides[0].name)
     if asked is not None and not _by_hand(asked.sides[0].artefact):

@@ -80,7 +80,7 @@ def places_of(s: DatabaseSession, study: Study, who: Who, person: Participant | 
     return {(environment, pair): count for environment, pair, count in s.execute(counted)}
 
 
-def drawn_paths(
+def find_drawn_paths(
     s: DatabaseSession,
     files: ArtefactStore,
     study: Study,

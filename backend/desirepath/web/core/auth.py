@@ -30,7 +30,7 @@ from desirepath.web.core.lab_frame import LabRefusal, SignInState, lab_refusal
 from desirepath.web.core.permits import allows
 from desirepath.web.core.roles import ROLES, rights_of, rule_of
 from desirepath.web.core.second_factor import has_second_factor, is_asked_for
-from desirepath.web.core.sign_ins import COOKIE, end_all, hashed, note_seen
+from desirepath.web.core.sign_ins import COOKIE, end_all, hash_token, note_seen
 
 SECOND_FACTOR = "/lab/account/second-factor"
 FIRST_USER = "experimenter"
@@ -169,7 +169,7 @@ def safe_next(address: str | None) -> str:
     return fallback if parts.scheme or parts.netloc or "/.." in parts.path else address
 
 
-def signed_in(request: Request, database: Db) -> User:
+def require_sign_in(request: Request, database: Db) -> User:
     """The signed-in user, also on `request.state.sign_in` for templates. Raises NotSignedIn, PasswordMustChange,
     SecondFactorMissing."""
     token = request.cookies.get(COOKIE)
@@ -179,7 +179,7 @@ def signed_in(request: Request, database: Db) -> User:
         found = s.execute(
             select(User, SignIn)
             .join(SignIn, SignIn.user_id == User.id)
-            .where(SignIn.token_hash == hashed(token), SignIn.expires_at > utc_now())
+            .where(SignIn.token_hash == hash_token(token), SignIn.expires_at > utc_now())
         ).one_or_none()
         if found is None:
             raise NotSignedIn
@@ -201,7 +201,7 @@ def signed_in(request: Request, database: Db) -> User:
     return user
 
 
-SignedIn = Annotated[User, Depends(signed_in)]
+SignedIn = Annotated[User, Depends(require_sign_in)]
 
 
 async def check_csrf(request: Request, user: SignedIn) -> User:

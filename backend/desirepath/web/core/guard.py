@@ -26,7 +26,7 @@ from desirepath.web.core.addresses import STRICT_TRANSPORT, insists_on_tls, poli
 from desirepath.web.core.contract import DEEPEST, MOST_CONTAINERS, MOST_VALUES, Refusal, Trouble, is_json
 from desirepath.web.core.dependencies import page, route_of, services_of, stage_origin
 from desirepath.web.core.lab_frame import LabRefusal, lab_refusal
-from desirepath.web.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, declared_too_large
+from desirepath.web.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, is_declared_too_large
 
 READING = ("GET", "HEAD", "OPTIONS")
 BEHIND_SIGN_IN = ("/lab/", "/api/lab/")
@@ -88,12 +88,12 @@ async def _refusal(request: Request, limit: int) -> Response | None:
         return trouble(request, 422, "bad_value", "must be texts without NUL characters", field="query")
     if not _is_readable_form(request.headers.get("content-type")):
         return trouble(request, 422, "bad_value", "must be a form in UTF-8", field="body")
-    if declared_too_large(request, limit):
+    if is_declared_too_large(request, limit):
         return trouble(request, 413, "too_large", TooLarge(limit).detail)
     if request.method in READING or not _behind_sign_in(request):
         return None
     try:
-        await run_in_threadpool(auth.signed_in, request, services_of(request).database)
+        await run_in_threadpool(auth.require_sign_in, request, services_of(request).database)
     except (auth.NotSignedIn, auth.PasswordMustChange, auth.SecondFactorMissing) as problem:
         return auth.exception_handlers[type(problem)](request, problem)
     return None
@@ -189,7 +189,7 @@ def _finish(request: Request, start: Message, began: float) -> None:
         return
     headers.setdefault("Cache-Control", "no-store")
     seconds, route = time.perf_counter() - began, route_of(request)
-    services_of(request).monitoring.answered(request.method, route, start["status"], seconds)
+    services_of(request).monitoring.count_answered(request.method, route, start["status"], seconds)
     log.info("request", method=request.method, route=route, status=start["status"], ms=round(seconds * 1000, 1))
 
 

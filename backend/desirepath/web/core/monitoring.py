@@ -45,7 +45,7 @@ class Monitoring:
             registry=self.registry,
         )
 
-    def answered(self, method: str, route: str, status: int, seconds: float) -> None:
+    def count_answered(self, method: str, route: str, status: int, seconds: float) -> None:
         """Count a request. route: its pattern, which holds nobody's token."""
         known = method if method in METHODS else "other"  # it is whatever its sender wrote
         self._requests.labels(known, route, str(status)).observe(seconds)

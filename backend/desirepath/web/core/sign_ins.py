@@ -53,7 +53,7 @@ class OpenSignIn:
     here: bool
 
 
-def hashed(token: str) -> bytes:
+def hash_token(token: str) -> bytes:
     """What the database keeps of a token."""
     return hashlib.sha256(token.encode()).digest()
 
@@ -64,7 +64,7 @@ def open_sign_in(s: DatabaseSession, request: Request, user_id: str, method: str
     s.execute(delete(SignIn).where(SignIn.expires_at < now))
     s.add(
         SignIn(
-            token_hash=hashed(token),
+            token_hash=hash_token(token),
             user_id=user_id,
             csrf=secrets.token_urlsafe(32),
             expires_at=now + SIGN_IN_LASTS,
@@ -108,7 +108,7 @@ def list_sign_ins(database: Database, user_id: str, token: str) -> list[OpenSign
             row.address or "",
             row.browser or "",
             row.method,
-            row.token_hash == hashed(token),
+            row.token_hash == hash_token(token),
         )
         for row in rows
     ]
@@ -152,7 +152,7 @@ def begin_under_way(
     s.execute(delete(SignInUnderWay).where(SignInUnderWay.expires_at < now))
     s.add(
         SignInUnderWay(
-            token_hash=hashed(response_secret),
+            token_hash=hash_token(response_secret),
             purpose=purpose,
             user_id=user_id,
             data=dict(data),
@@ -179,11 +179,11 @@ def under_way(s: DatabaseSession, request: Request, purpose: str) -> SignInUnder
     secret = request.cookies.get(UNDER_WAY_COOKIE)
     if not secret:
         return None
-    found = s.get(SignInUnderWay, hashed(secret))
+    found = s.get(SignInUnderWay, hash_token(secret))
     return found if found is not None and found.purpose == purpose and found.expires_at > utc_now() else None
 
 
-def known_device(request: Request, name: str, known_hash: str) -> str | None:
+def find_device(request: Request, name: str, known_hash: str) -> str | None:
     """The id of this browser, where it has signed in to that account since its password was set last."""
     device, _, proof = request.cookies.get(DEVICE_COOKIE, "").partition(".")
     return device if hmac.compare_digest(proof.encode(), _device_proof(device, name, known_hash)) else None

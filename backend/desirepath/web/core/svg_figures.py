@@ -56,11 +56,11 @@ def ticks(low: float, high: float, about: int = 5) -> list[float]:
 def exact(write: WriteNumber) -> Number:
     """`write(value, decimals)` with as many decimals as the value has, up to six digits: nothing small becomes 0."""
 
-    def formatted(value: float) -> str:
+    def write_exact(value: float) -> str:
         digits = f"{value:.6g}"
         return digits if "e" in digits else write(value, len(digits.partition(".")[2]))
 
-    return formatted
+    return write_exact
 
 
 class _Drawing:
@@ -113,7 +113,7 @@ class _Drawing:
         )
 
     @contextmanager
-    def linked(self, href: str, words: str) -> Iterator[None]:
+    def link_to(self, href: str, words: str) -> Iterator[None]:
         """What is drawn meanwhile leads there."""
         self._parts.append(f'<a href="{escape(href)}" aria-label="{escape(words)}"><title>{escape(words)}</title>')
         yield
@@ -251,7 +251,7 @@ def differences(
             side = int(middle > 0)
             fill, css = (SOFT, "fill-none") if abs(middle) < reach / len(counts) else (SIDES[side], f"fill-{side + 1}")
             x, y = at(first) + 0.5, up(count)
-            with drawing.linked(*link(bar)) if link else nullcontext():
+            with drawing.link_to(*link(bar)) if link else nullcontext():
                 if link:  # a low bar is hard to hit: the whole column leads there
                     drawing.rect(x, top, at(last) - at(first) - 1, up(0) - top, fill="none", css="hit")
                 drawing.rect(x, y, at(last) - at(first) - 1, up(0) - y, fill=fill, css=css)

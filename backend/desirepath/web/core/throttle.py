@@ -79,7 +79,7 @@ class TooLarge(HTTPException):
         super().__init__(413, f"The body is larger than {limit} bytes.")
 
 
-def declared_too_large(request: Request, limit: int) -> bool:
+def is_declared_too_large(request: Request, limit: int) -> bool:
     """Whether the request itself says that its body is too large; it is refused before a byte of it is read."""
     declared = request.headers.get("content-length", "0")
     return not declared.isdecimal() or int(declared) > limit

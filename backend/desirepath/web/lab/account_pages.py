@@ -25,7 +25,7 @@ from desirepath.web.core.auth import (
 )
 from desirepath.web.core.dependencies import Db, public_url
 from desirepath.web.core.lab_frame import LabRefusal, lab_page
-from desirepath.web.core.sign_ins import COOKIE, end_all, end_one, hashed, list_sign_ins
+from desirepath.web.core.sign_ins import COOKIE, end_all, end_one, hash_token, list_sign_ins
 from desirepath.web.core.throttle import seconds_to_wait, wait_in_words
 
 PROOFS = parse("10 per 5 minutes")  # ours: passwords and codes that a signed-in browser types in here
@@ -33,7 +33,7 @@ PROOFS_A_DAY = parse("60 per 1 day")  # ours; without it a stolen sign-in guesse
 router = APIRouter(tags=["accounts"])
 
 
-def counted(request: Request, user: CheckedCsrf) -> None:
+def count_proof(request: Request, user: CheckedCsrf) -> None:
     """Count a password or code that a signed-in browser types in; refused where it is one too many."""
     whose = f"proof user:{user.id}"
     seconds = seconds_to_wait(request, [(PROOFS, whose), (PROOFS_A_DAY, whose)])
@@ -41,7 +41,7 @@ def counted(request: Request, user: CheckedCsrf) -> None:
         raise LabRefusal(429, "too_many_proofs", wait=wait_in_words(seconds))
 
 
-Counted = Depends(counted)
+Counted = Depends(count_proof)
 
 
 @router.get("/lab/password")
@@ -61,7 +61,7 @@ def change_own_password(
     try:
         if new != again:
             raise AccountError("password_differs")
-        change_password(database, user.id, current, new, keep=hashed(request.cookies[COOKIE]))
+        change_password(database, user.id, current, new, keep=hash_token(request.cookies[COOKIE]))
     except AccountError as problem:
         return lab_page(request, "lab/password.html", status=422, problem=problem, shortest=SHORTEST_PASSWORD)
     return RedirectResponse("/lab/studies?done=password_changed", status_code=303)
@@ -86,7 +86,7 @@ def end_sign_in(sign_in_id: str, database: Db, user: CheckedCsrf) -> Response:
 def end_other_sign_ins(request: Request, database: Db, user: CheckedCsrf) -> Response:
     """Sign every other browser out."""
     with database.transaction() as s:
-        ended = end_all(s, user.id, but=hashed(request.cookies[COOKIE]))
+        ended = end_all(s, user.id, but=hash_token(request.cookies[COOKIE]))
     audit_details(request, ended=ended)
     return RedirectResponse("/lab/account?done=sign_ins_ended", status_code=303)
 
@@ -119,7 +119,7 @@ def confirm_second_factor(
     with database.transaction() as s:
         codes = second_factor.confirm(s, user.id, code)
         if codes is not None:
-            end_all(s, user.id, but=hashed(request.cookies[COOKIE]))
+            end_all(s, user.id, but=hash_token(request.cookies[COOKIE]))
     if codes is None:
         return _second_factor_page(request, database, user, status=422, problem="code")
     return _second_factor_page(request, database, user, codes=codes)

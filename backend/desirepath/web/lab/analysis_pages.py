@@ -72,7 +72,7 @@ def analysis(request: Request, study_id: str, who: str, database: Db, anew: bool
     with database.session() as s:
         study = _study_of(s, study_id, who)
         now = MadeFrom.of(s, study)
-        report = services_of(request).reports.asked(study.id, who, now, anew=anew)
+        report = services_of(request).reports.ask(study.id, who, now, anew=anew)
         if anew:
             return RedirectResponse(f"/lab/studies/{study.id}/analysis/{who}", status_code=303)
         shown: dict[str, Any] = {

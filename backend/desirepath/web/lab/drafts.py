@@ -16,7 +16,7 @@ from pathlib import Path
 from desirepath.grammar import text_files
 from desirepath.grammar.text_files import NotUtf8Error, as_text, read_text
 from desirepath.installed import PROTOCOLS
-from desirepath.study.protocol.freezing import FrozenProtocol, freeze_text, shipped_protocols
+from desirepath.study.protocol.freezing import FrozenProtocol, find_shipped_protocols, freeze_text
 
 LARGEST_FILE = 512 * 1024  # bytes; a protocol has a few kB
 MOST_FILES = 40
@@ -71,7 +71,7 @@ class Draft:
 
 def draft_from_shipped(data: Path, name: str) -> Draft:
     """Copy a shipped protocol and all texts. Raises DraftError for an unknown name."""
-    known = {file.stem: file for file in shipped_protocols()}
+    known = {file.stem: file for file in find_shipped_protocols()}
     if name not in known:
         raise DraftError("unknown_protocol", name=name)
     return draft_from_text(data, read_text(known[name]))

@@ -13,7 +13,7 @@ from starlette.responses import Response
 from desirepath.learning.preferences.predictive_power import CONVINCING
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Artefact, Participant, Session
-from desirepath.study.personalising.learnt import Learnt, learnt_in, takes_long
+from desirepath.study.personalising.learnt import Learnt, find_learnt, takes_long
 from desirepath.study.protocol_rows import row_of
 from desirepath.web.core import svg_figures
 from desirepath.web.core.auth import check_csrf
@@ -35,7 +35,7 @@ def learnt(request: Request, study_id: str, code: str, database: Db, files: File
         participant = the_participant(s, study, code)
         fragment = request.headers.get("X-Fragment")
         session = _session(s, participant)
-        now = None if not (fragment or wait) and takes_long(s, files, session) else learnt_in(s, files, session)
+        now = None if not (fragment or wait) and takes_long(s, files, session) else find_learnt(s, files, session)
         return lab_page(
             request,
             "lab/learnt_part.html" if fragment else "lab/learnt.html",
@@ -78,7 +78,7 @@ def answers_teach(s: DatabaseSession, session: Session) -> bool:
 
 
 def _learnt(s: DatabaseSession, files: ArtefactStore, participant: Participant) -> Learnt:
-    return learnt_in(s, files, _session(s, participant))
+    return find_learnt(s, files, _session(s, participant))
 
 
 def _session(s: DatabaseSession, participant: Participant) -> Session:

@@ -8,8 +8,8 @@ from fastapi import APIRouter, Depends, File, Form, Request, UploadFile
 from starlette.responses import RedirectResponse, Response
 
 from desirepath.store.query_sets import query_sets_here
-from desirepath.study.protocol.freezing import ProtocolError, freeze, shipped_protocols
-from desirepath.study.protocol.outline import describe_stages, expected_minutes
+from desirepath.study.protocol.freezing import ProtocolError, find_shipped_protocols, freeze
+from desirepath.study.protocol.outline import describe_stages, estimate_minutes
 from desirepath.study.studies import StudyError, create_study
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
@@ -41,9 +41,9 @@ def choose(request: Request) -> Response:
 
 def _choose_page(request: Request, *, status: int = 200, problem: DraftError | None = None, yaml: str = "") -> Response:
     shipped = []
-    for file in shipped_protocols():
+    for file in find_shipped_protocols():
         frozen = freeze(file)
-        shipped.append((file.stem, frozen, expected_minutes(frozen.protocol)))
+        shipped.append((file.stem, frozen, estimate_minutes(frozen.protocol)))
     return lab_page(request, "lab/new_choose.html", status=status, shipped=shipped, problem=problem, yaml=yaml)
 
 
@@ -138,7 +138,7 @@ def _check_page(
         draft=draft,
         frozen=frozen,
         stages=describe_stages(frozen.data, frozen.files) if frozen else [],
-        minutes=expected_minutes(frozen.protocol) if frozen else None,
+        minutes=estimate_minutes(frozen.protocol) if frozen else None,
         first_steps=first_steps(frozen) if frozen else {},
         problems=problems,
         wrong_lines={one.line for one in problems if one.file == draft.file.name},

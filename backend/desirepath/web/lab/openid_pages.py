@@ -32,8 +32,8 @@ from desirepath.web.core.auth import (
     SecondFactorMissing,
     check_csrf,
     is_served_securely,
+    require_sign_in,
     safe_next,
-    signed_in,
     verify_password,
 )
 from desirepath.web.core.dependencies import Db, public_url, services_of
@@ -214,7 +214,7 @@ def _account(request: Request, database: Database, found: Someone) -> User | Non
 def _asked_to_link(request: Request, database: Database, user_id: str, found: Someone) -> Response:
     """Keep whom the provider named until the signed-in person says yes."""
     try:
-        user = signed_in(request, database)
+        user = require_sign_in(request, database)
     except (NotSignedIn, PasswordMustChange, SecondFactorMissing):
         return _again(request, "stale", 400)
     if user.id != user_id:

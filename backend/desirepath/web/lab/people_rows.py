@@ -201,7 +201,7 @@ SORTS: dict[str, Callable[[PersonRow], Any]] = {
 }
 
 
-def found(everyone: Sequence[PersonRow], searched: str, sort: str) -> list[PersonRow]:
+def search_people(everyone: Sequence[PersonRow], searched: str, sort: str) -> list[PersonRow]:
     """Those whose code holds what was searched for, sorted by a column (`-` before it: the largest first), by when they
     joined where it is none of SORTS. People without a value stand last."""
     wanted = [p for p in everyone if searched.strip().lower() in p.code.lower()]

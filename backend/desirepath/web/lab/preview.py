@@ -82,7 +82,7 @@ class Example:
     scores: Scores = ()
     attention: ShownAttention | None = None
 
-    def explained(self, step: Step) -> ShownExplanation | None:
+    def explain(self, step: Step) -> ShownExplanation | None:
         """As much of the scores as the step shows."""
         if not self.things:
             return None
@@ -237,6 +237,6 @@ def _durations(step: Step, query: Example | None) -> list[float]:
 def _granted(request: Request, query: Example, step: Step) -> str:
     """The token of a stage that shows the example query in the step's view."""
     alone = kind_of(step).trajectories == 1
-    view, goal, explained = step.view or "top_down", viewing_in(step).goal_and_trail, query.explained(step)
+    view, goal, explained = step.view or "top_down", viewing_in(step).goal_and_trail, query.explain(step)
     shown = QueryPreview(query.a, query.b, view, alone=alone, goal=goal, explained=explained)
     return services_of(request).replays.grant(shown)

@@ -13,7 +13,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 
 from desirepath.store.payment_codes import REMOVED, is_payment_code, yaml_without
 from desirepath.study.protocol.freezing import ProtocolError, thaw
-from desirepath.study.protocol.outline import describe_stages, expected_minutes
+from desirepath.study.protocol.outline import describe_stages, estimate_minutes
 from desirepath.study.protocol_rows import protocol_row
 from desirepath.study.revising import query_sets_for, revise_study, revision_of, versions_of
 from desirepath.study.session.versions import newest_protocol
@@ -158,7 +158,7 @@ def _check_page(
         try:
             frozen = shown["frozen"] = draft.freeze(query_sets_for(s, study))
             shown |= {
-                "minutes": expected_minutes(frozen.protocol),
+                "minutes": estimate_minutes(frozen.protocol),
                 "stages": describe_stages(frozen.data, frozen.files),
                 "first_steps": first_steps(frozen),
             }

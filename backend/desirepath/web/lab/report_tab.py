@@ -104,12 +104,12 @@ def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> R
     everyone = people_rows.filter_people(people_rows.people(s, study.id, now), who)
     kept = people_rows.filter_people(everyone, "kept")
 
-    def given(**where: Any) -> list[Answer]:
+    def pick(**where: Any) -> list[Answer]:
         return answers(s, study.id, AnswerFilter(who=who, usable=True, **where))
 
-    regular = given(kind="preference", role="regular")
-    compared = [a for a in given(kind="comparison") if a.own_chosen is not None]
-    guesses = [a for a in given(kind="guess") if a.own_chosen is not None]
+    regular = pick(kind="preference", role="regular")
+    compared = [a for a in pick(kind="comparison") if a.own_chosen is not None]
+    guesses = [a for a in pick(kind="guess") if a.own_chosen is not None]
     own = sum(bool(a.own_chosen) for a in compared)
     return Report(
         who=who,
@@ -118,7 +118,7 @@ def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> R
         excluded=sum(p.excluded_at is not None for p in everyone),
         preferences=len(regular),
         second_chosen=Share(sum(a.response.value.get("choice") == "b" for a in regular), len(regular)),
-        repeats_agree=_repeats(regular, given(kind="preference", role="repeat")),
+        repeats_agree=_repeats(regular, pick(kind="preference", role="repeat")),
         decision_s=_spread([a.response.decision_s for a in regular if a.response.decision_s is not None]),
         session_min=_spread([minutes for p in kept if (minutes := _minutes(p)) is not None]),
         restarts=sum(p.restarts for p in kept),
@@ -126,8 +126,8 @@ def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> R
         people_mostly_own=_over_people(compared),
         guesses_right=_share_of_people(sum(bool(a.own_chosen) for a in guesses), len(guesses)),
         personalisation=dict(Counter(p.personalisation for p in kept if p.personalisation)),
-        items=_items(study, given(kind="questionnaire")),
-        ratings=_ratings(study, given(kind=RATING)),
+        items=_items(study, pick(kind="questionnaire")),
+        ratings=_ratings(study, pick(kind=RATING)),
     )
 
 

@@ -53,7 +53,7 @@ class NewPassword:
     password: str
 
 
-def checked_public_url(text: str) -> str:
+def check_public_url(text: str) -> str:
     """The address without a trailing slash; empty stays empty. Raises ValueError unless it is http(s)://HOST[:PORT]."""
     text = text.strip().rstrip("/")
     if not text:
@@ -81,7 +81,7 @@ def save_settings(
 ) -> Response:
     """Empty fields go back to what the server was started with."""
     try:
-        checked = checked_public_url(address)
+        checked = check_public_url(address)
     except ValueError:
         return settings_page(request, database, status=422, problem="address", address=address)
     contact_line = " ".join(help_contact.split())[:LONGEST_CONTACT]

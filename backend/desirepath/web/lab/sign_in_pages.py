@@ -37,11 +37,11 @@ from desirepath.web.core.sign_ins import (
     COOKIE,
     UNDER_WAY_COOKIE,
     begin_under_way,
-    hashed,
+    find_device,
+    hash_token,
     keep_cookie,
     keep_under_way_cookie,
     know_device,
-    known_device,
     open_sign_in,
     under_way,
 )
@@ -93,7 +93,7 @@ def sign_in(
         user = s.scalar(select(User).where(User.name == name))
         known = known_hash(user)
         user_id = user.id if user else None
-    device = known_device(request, name, known) if user else None
+    device = find_device(request, name, known) if user else None
     windows = _windows(request, name, device)
 
     def again(status: int, problem: str, **values: Any) -> Response:
@@ -155,7 +155,7 @@ def enter_code(request: Request, database: Db, code: Annotated[str, Form()] = ""
         user = s.get(User, waiting.user_id) if waiting is not None and waiting.user_id else None
         if waiting is None or user is None:
             return RedirectResponse("/lab/sign-in", status_code=303)
-    device = known_device(request, user.name, known_hash(user))
+    device = find_device(request, user.name, known_hash(user))
     whose = f"code device:{device}" if device else f"code user:{user.id}"
     if (seconds := seconds_to_wait(request, [(CODES, whose), (CODES_A_DAY, whose)])) is not None:
         values = {"wait": wait_in_words(seconds)}
@@ -186,7 +186,7 @@ def _enter(request: Request, database: Database, user: User, *, method: str, nex
         known = known_hash(s.get_one(User, user.id))  # which signing in may just have renewed
     response, secure = RedirectResponse(safe_next(next), status_code=303), is_served_securely(request)
     keep_cookie(response, token, secure=secure)
-    know_device(response, user.name, known, known_device(request, user.name, known), secure=secure)
+    know_device(response, user.name, known, find_device(request, user.name, known), secure=secure)
     return response
 
 
@@ -205,7 +205,7 @@ def _windows(request: Request, name: str, device: str | None) -> list[tuple[Rate
 @router.post("/lab/sign-out")
 def sign_out(request: Request, database: Db, user: CheckedCsrf) -> Response:
     with database.transaction() as s:
-        s.execute(delete(SignIn).where(SignIn.token_hash == hashed(request.cookies[COOKIE])))
+        s.execute(delete(SignIn).where(SignIn.token_hash == hash_token(request.cookies[COOKIE])))
     response = RedirectResponse("/lab/sign-in", status_code=303)
     response.delete_cookie(COOKIE, path="/", httponly=True, samesite="lax", secure=is_served_securely(request))
     return response

@@ -157,6 +157,7 @@ def people(
     with database.session() as s:
         study = the_study(s, study_id)
         everyone = people_rows.people(s, study.id, utc_now())
+        filtered = people_rows.filter_people(everyone, show)
         return study_tab(
             request,
             study,
@@ -168,7 +169,7 @@ def people(
             q=q,
             sort=sort,
             flags=monitoring.RULES,
-            listed=study_rows.slice_page(people_rows.found(people_rows.filter_people(everyone, show), q, sort), page),
+            listed=study_rows.slice_page(people_rows.search_people(filtered, q, sort), page),
             erased=len(study_rows.tombstones(s, study.id)),
         )
 
@@ -345,7 +346,7 @@ def report(request: Request, study_id: str, database: Db, who: str = "") -> Resp
     them in one number; unless it says, the first of them that has anybody."""
     with database.session() as s:
         study = the_study(s, study_id)
-        joined = study_rows.joined_of(s, study.id)
+        joined = study_rows.count_joined(s, study.id)
         if who not in GROUPS:
             who = next((name for name in GROUPS if joined[name]), "people")
         shown = study_report(s, study, who, utc_now())

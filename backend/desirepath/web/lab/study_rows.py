@@ -61,7 +61,7 @@ class Page:
     pages: int
 
 
-def joined_of(s: DatabaseSession, study_id: str) -> dict[Group, int]:
+def count_joined(s: DatabaseSession, study_id: str) -> dict[Group, int]:
     """How many joined a study, by group."""
     of_study = select(func.count()).select_from(Participant).where(Participant.study_id == study_id)
     return {group: s.scalar(of_study.where(in_group(group))) or 0 for group in GROUPS}

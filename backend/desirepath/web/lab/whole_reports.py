@@ -103,7 +103,7 @@ class Reports:
         self._turn = threading.Lock()
         self._known: OrderedDict[tuple[str, str], WholeReport] = OrderedDict()
 
-    def asked(self, study: str, who: str, now: MadeFrom, *, anew: bool = False) -> WholeReport:
+    def ask(self, study: str, who: str, now: MadeFrom, *, anew: bool = False) -> WholeReport:
         """The report of these people; begun where there is none to show. anew: also where answers came since."""
         with self._lock:
             found = self._known.get((study, who))

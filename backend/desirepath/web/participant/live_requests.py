@@ -12,7 +12,7 @@ from starlette.responses import Response
 from desirepath.store.models import utc_now
 from desirepath.study.kind import Moment, kind_of
 from desirepath.study.kinds.live import LiveKind, LiveStep, clean_weights
-from desirepath.study.kinds.words import MEANT, MOST_QUESTIONS, WordsStep, language_of, mark_stretches, understood
+from desirepath.study.kinds.words import MEANT, MOST_QUESTIONS, WordsStep, language_of, mark_stretches, understand
 from desirepath.study.session.versions import protocol_of
 from desirepath.study.wire import BadValue
 from desirepath.web.core.contract import reply_of
@@ -80,7 +80,7 @@ def words(token: str, key: str, services: TheServices, body: WordsRead) -> Respo
         language = language_of(session.language)
         if not isinstance(step, WordsStep):
             raise BadValue("key", key[:80], "must be a step at which a wish is written down")
-    got = understood(body.sentence, language)  # outside the transaction: it computes
+    got = understand(body.sentence, language)  # outside the transaction: it computes
     questions = [
         {"text": body.sentence[one.start : one.end], "offered": list(one.offered), "about": one.about}
         for one in got.questions[:MOST_QUESTIONS]

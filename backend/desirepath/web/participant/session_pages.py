@@ -57,7 +57,7 @@ def session_page(token: str, request: Request) -> Response:
         context = page_context(request, s, session, token)
     if reloaded:
         services.presenter.show(session.id, afresh=True)
-        services.listeners.changed(session.id)
+        services.listeners.tell_changed(session.id)
     response = page(request, "participant/session.html", language=session.language, **context)
     response.set_cookie(name, value, path="/stage", httponly=True, samesite="lax", secure=request.url.scheme == "https")
     response.headers["X-Step-Key"] = context["step"].key
@@ -153,7 +153,7 @@ def answer(token: str, key: str, request: Request, body: AnswerSent) -> Response
         reply = state_of(request, s, session, machine.current(s, session))
     if not submitted.duplicate:
         services.presenter.show(session.id)
-        services.listeners.changed(session.id)
+        services.listeners.tell_changed(session.id)
     return reply_of(Answered, {"accepted": True, "duplicate": submitted.duplicate, **reply})
 
 
@@ -211,7 +211,7 @@ def _change(
         act(s, session, now)
         reply = state_of(request, s, session, machine.current(s, session))
     services.presenter.show(session.id, afresh=True)
-    services.listeners.changed(session.id)
+    services.listeners.tell_changed(session.id)
     return reply_of(SessionState, reply)
 
 

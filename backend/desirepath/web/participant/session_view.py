@@ -17,7 +17,7 @@ from desirepath.study.session import machine
 from desirepath.study.session.finding import acting, find_session
 from desirepath.study.session.leaving import LONGEST_PROBLEM
 from desirepath.study.session.versions import protocol_of
-from desirepath.study.simulated.known import known_to_simulated
+from desirepath.study.simulated.known import tell_simulated
 from desirepath.study.steps import Step
 from desirepath.web.core.dependencies import Services, contact, public_url, stage_origin
 from desirepath.web.stage.admission import stage_token
@@ -70,7 +70,7 @@ def state_of(request: Request, s: DatabaseSession, session: Session, view: machi
     """What `GET /api/session/{token}` answers."""
     state: dict[str, Any] = {"state": session.state, "step": view.as_dict(), "language": session.language}
     if session.simulated:  # bots read no pages
-        state["step"] |= known_to_simulated(s, session, view)
+        state["step"] |= tell_simulated(s, session, view)
     if view.kind in KINDS and KINDS[view.kind].shows != "page":
         state["stage_url"] = f"{stage_origin(request)}/stage/{stage_token(session)}/"
     return state
@@ -113,4 +113,4 @@ def _settle(services: Services, token: str) -> None:
     with acting(services.database, token, request="settle", now=now) as (s, session):
         moved = machine.settle(s, services.files, session, now=now)
     if moved:
-        services.listeners.changed(session.id)
+        services.listeners.tell_changed(session.id)

@@ -36,7 +36,7 @@ def stroke(token: str, key: str, request: Request, body: StrokeSent) -> Response
     services = services_of(request)
     with looking(services, token) as (_, session):
         step = _step(session, key)
-        if not session.simulated and not services.presenter.connected(session.id):
+        if not session.simulated and not services.presenter.is_connected(session.id):
             raise Refused(409, "stage_not_ready", "The picture is not there yet.", session_id=session.id)
         simulated = session.simulated
     attempt = strokes.attempt_of(
@@ -153,5 +153,5 @@ def _on_drawing(
         services.presenter.play_stroke(session.id, shown)
     elif afresh or paths.has_met_person(row):
         services.presenter.show(session.id)
-    services.listeners.changed(session.id)
+    services.listeners.tell_changed(session.id)
     return reply_of(DrawingReply, reply)

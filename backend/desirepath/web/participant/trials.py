@@ -30,7 +30,7 @@ def start(token: str, key: str, request: Request, body: Start) -> Response:
     """Play the first trajectory that was not seen yet."""
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> machine.Playback | None:
-        if not session.simulated and not services_of(request).presenter.connected(session.id):
+        if not session.simulated and not services_of(request).presenter.is_connected(session.id):
             raise Refused(
                 409,
                 "stage_not_ready",
@@ -93,7 +93,7 @@ def _on_trial(
         services.presenter.play(session.id, playback)
     elif afresh:
         services.presenter.show(session.id, afresh=True)
-    services.listeners.changed(session.id)
+    services.listeners.tell_changed(session.id)
     return reply_of(SessionState, reply)
 
 

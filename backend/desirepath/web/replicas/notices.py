@@ -65,7 +65,7 @@ class Notices:
         """Call `handler` when notices may have been missed."""
         self._missed.append(handler)
 
-    def missed(self) -> None:
+    def tell_missed(self) -> None:
         """Notices may have been missed: tell whoever asked for that."""
         for handler in self._missed:
             handler()
@@ -80,7 +80,7 @@ class Notices:
     def let_go(self, key: str) -> None:
         """It has it no more."""
 
-    def held(self, key: str) -> bool:
+    def is_held(self, key: str) -> bool:
         """Whether any process has it."""
         return False
 
@@ -148,7 +148,7 @@ class PostgresNotices(Notices):
     def let_go(self, key: str) -> None:
         self._orders.put(("let_go", key, None))
 
-    def held(self, key: str) -> bool:
+    def is_held(self, key: str) -> bool:
         high, low = _lock_of(key)
         asked = text(
             "SELECT EXISTS (SELECT 1 FROM pg_locks WHERE locktype = 'advisory' AND granted AND objsubid = 2 "
@@ -170,7 +170,7 @@ class PostgresNotices(Notices):
                     self._listening.set()
                     if before:
                         self._orders.put(("look", "", None))
-                        self.missed()
+                        self.tell_missed()
                     before = True
                     while not self._ending.is_set():
                         for one in connection.notifies(timeout=LISTEN_S):

@@ -16,7 +16,7 @@ def camera_views(
 ) -> Callable[[], Sequence[CameraPictures]]:
     """Two per rollout where robots have a depth camera, else none. They are taken when they are asked for."""
 
-    def taken() -> Sequence[CameraPictures]:
+    def take() -> Sequence[CameraPictures]:
         if not rollouts or not has_depth_camera(rollouts[0].scene.setup):
             return ()
         from desirepath.demonstrations.depth.seen_along import EVERY_S, frames_along, kept_of
@@ -31,4 +31,4 @@ def camera_views(
                 found.append(CameraPictures(name, robot, caption, frames, EVERY_S, encoder.range_m))
         return found
 
-    return taken
+    return take

@@ -69,7 +69,7 @@ class Listeners:
                 self._listeners.pop(session_id, None)
                 self._windows.give_up(session_id)
 
-    def changed(self, session_id: str) -> None:
+    def tell_changed(self, session_id: str) -> None:
         """Something about the session changed: wake whoever listens."""
         self._wake(session_id)
         self._notices.tell("changed", session_id)

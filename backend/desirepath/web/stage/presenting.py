@@ -89,7 +89,7 @@ class Presenter:
             return
         self._line.submit(self._present, stage, key).result()
         if changed:
-            self._listeners.changed(key)
+            self._listeners.tell_changed(key)
 
     def on_disconnect(self, _stage: Stage, key: str) -> None:
         """A page's stage is gone."""
@@ -116,10 +116,10 @@ class Presenter:
             except DatabaseBusy:
                 log.warning("a stage waits for the database")
 
-    def connected(self, session_id: str) -> bool:
+    def is_connected(self, session_id: str) -> bool:
         """Whether the session's stage is there to play on; True where this process has no stages at all (tests)."""
         server = self.server
-        return server is None or server.stage(session_id) is not None or self._notices.held(_held_as(session_id))
+        return server is None or server.stage(session_id) is not None or self._notices.is_held(_held_as(session_id))
 
     def show(self, session_id: str, *, afresh: bool = False) -> None:
         """Bring the stage to what the session's current step needs. afresh: also stop what is playing."""
@@ -149,7 +149,7 @@ class Presenter:
             self._play_replay(notice.key, notice.data["side"])
 
     def _play_replay(self, token: str, side: Side) -> bool:
-        key, shown = self._replays.key_of(token), self._replays.shown_by(token)
+        key, shown = self._replays.key_of(token), self._replays.find_shown(token)
         stage = self.server.stage(key) if self.server is not None and key is not None else None
         if stage is None or not isinstance(shown, Played):
             return False
@@ -226,7 +226,7 @@ class Presenter:
     def _recover(self, server: StageServer, session_id: str) -> None:
         """Nobody waits for what will never play: the checkpoint rule applies, the page is told, the scene is shown."""
         if self._interrupted(session_id, "stage_failed"):
-            self._listeners.changed(session_id)
+            self._listeners.tell_changed(session_id)
         stage = server.stage(session_id)
         try:
             if stage is not None:

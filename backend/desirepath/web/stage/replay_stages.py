@@ -90,7 +90,7 @@ class ReplayStages:
             return None
         return f"{PREFIX}{token}"
 
-    def shown_by(self, token: str) -> Shown | None:
+    def find_shown(self, token: str) -> Shown | None:
         """What the stage of a token shows, None if the token opens none (any more)."""
         return self._granted[token][1] if self.key_of(token) else None
 
