@@ -131,7 +131,7 @@ def role_for(coders: dict[str, str], name: str) -> str | None:
 
 def next_for(answers: Iterable[CodedAnswer], role: str, name: str) -> CodedAnswer | None:
     """What this coder has not coded yet, the first in an order of their own."""
-    left = [one for one in answers if role not in one.codes]
+    left = [answer for answer in answers if role not in answer.codes]
     return min(left, key=lambda one: hashlib.sha256(f"{name}\0{one.response}".encode()).digest(), default=None)
 
 
@@ -145,7 +145,7 @@ def write_code(s: DatabaseSession, study: Study, item: str, name: str, definitio
     if not name or not definition:
         raise CodingError("code_incomplete")
     there = codebook_of(s, study.id, item)
-    if any(one.name.casefold() == name.casefold() for one in there):
+    if any(code.name.casefold() == name.casefold() for code in there):
         raise CodingError("code_twice", name=name)
     if len(there) >= MOST_CODES:
         raise CodingError("too_many_codes", most=MOST_CODES)
@@ -262,12 +262,12 @@ def summarise_question(s: DatabaseSession, study: Study, question: OpenQuestion,
 
     answers = answers_to(s, study, question.item, group)
     codebook = codebook_of(s, study.id, question.item)
-    both = [one for one in answers if one.by_both]
-    first, second = ([one.codes[role] for one in both] for role in CODERS)
+    both = [answer for answer in answers if answer.by_both]
+    first, second = ([answer.codes[role] for answer in both] for role in CODERS)
     ids = [code.id for code in codebook]
-    settled = [one.settled for one in answers if one.settled is not None]
+    settled = [answer.settled for answer in answers if answer.settled is not None]
     coded: dict[str, int] = defaultdict(int)
-    coded.update(Counter(role for one in answers for role in one.codes))
+    coded.update(Counter(role for answer in answers for role in answer.codes))
     return QuestionCoded(
         question=question,
         codebook=codebook,
@@ -275,7 +275,7 @@ def summarise_question(s: DatabaseSession, study: Study, question: OpenQuestion,
         coders=coders_of(s, study, question.item),
         coded=coded,
         by_both=len(both),
-        open=sum(one.open for one in answers),
+        open=sum(answer.open for answer in answers),
         settled=len(settled),
         counts=dict(Counter(code for codes in settled for code in codes)),
         agreement={code: agreement_on(code, first, second) for code in ids} if both else {},

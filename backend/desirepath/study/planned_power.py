@@ -51,7 +51,7 @@ class PlannedPower:
             "plan": self.plan.model_dump(mode="json"),
             "walked": self.walked,
             "enough_for_80_percent": enough(self.power),
-            "rows": [row for one in self.power for row in one.rows()],
+            "rows": [row for power in self.power for row in power.rows()],
         }
 
 
@@ -113,17 +113,19 @@ def measure_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> 
     """What a walked study asked: its factors, items and scales rated under each condition, rankings, queries,
     comparisons. Of several comparisons the first that something is rated in."""
     comparison = frozen.protocol.stage_of(ComparisonStage)
-    design = next((one for one in found.designs if any(of.design is one for of in found.items)), None)
-    items = [one.item.key for one in found.items if one.design is design]
+    design = next(
+        (design_found for design_found in found.designs if any(of.design is design_found for of in found.items)), None
+    )
+    items = [item.item.key for item in found.items if item.design is design]
     return PlannedDesign(
         **(plan_factors(design) if design else {}),
         conditions=tuple(sorted(design.cells if design else found.conditions)),
         items=tuple(items),
         scales=tuple(scale for _, scale in data.scales if scale.name in items),
-        rankings=tuple(one.item.key for one in found.rankings),
+        rankings=tuple(ranking.item.key for ranking in found.rankings),
         queries=round(
-            sum(one.role == "regular" for one in data.choices)
-            / max(1, len({(one.person, one.condition) for one in data.choices}))
+            sum(choice.role == "regular" for choice in data.choices)
+            / max(1, len({(choice.person, choice.condition) for choice in data.choices}))
         ),
         comparisons=comparison.scenes if comparison is not None else 0,
         opponents=comparison.opponents if comparison is not None else (),
@@ -135,7 +137,7 @@ def _ranked(found: Findings) -> RankedDesign:
     """What was ranked by importance, if anything, as everybody met it."""
     if found.explained is None or not found.explained.factors:
         return RankedDesign()
-    each = {(one.of.person, one.of.condition) for one in found.explained.trials}
+    each = {(trial.of.person, trial.of.condition) for trial in found.explained.trials}
     return RankedDesign(tuple(found.explained.factors), round(len(found.explained.trials) / len(each)))
 
 
@@ -143,7 +145,7 @@ def _check_same(design: PlannedDesign, cohort: Cohort, data: StudyData) -> None:
     """The state machine must have stored what the cohorts assume it does."""
     simulated = design.study(cohort, len(data.people), 0)
     scored = {item.key for scale in design.scales for item in scale.items}
-    asked = {(one.item, one.condition) for one in simulated.ratings if one.item not in scored}
+    asked = {(rating.item, rating.condition) for rating in simulated.ratings if rating.item not in scored}
     if design.between:
         return  # who is in which group the cohorts decide for themselves
 

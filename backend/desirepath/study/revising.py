@@ -125,7 +125,7 @@ def _file_sort(name: str, before: FrozenProtocol, after: FrozenProtocol) -> str:
         return "items"
     stem = name.rpartition(".")[0]
     consents = {frozen.consent.text.rpartition(".")[0] for frozen in (before, after)}
-    return "consent" if any(stem == one or stem.startswith(f"{one}.") for one in consents) else "words"
+    return "consent" if any(stem == consent or stem.startswith(f"{consent}.") for consent in consents) else "words"
 
 
 def _lines(before: FrozenProtocol, after: FrozenProtocol, name: str) -> tuple[str | None, str | None]:

@@ -48,7 +48,7 @@ class Planning:
 
     def of(self, stage: type[T]) -> list[T]:
         """The protocol's stages of that class."""
-        return [one for one in self.stages if isinstance(one, stage)]
+        return [planned for planned in self.stages if isinstance(planned, stage)]
 
 
 class Stage(Part):
@@ -76,8 +76,8 @@ class Stage(Part):
         """What rooms are shown in, where the stage says so itself."""
         own: View | None = getattr(self, "view", None)
         groups = range(len(self.groups)) if isinstance(self, Ordered) else ()
-        conditions = [one for group in groups for one in self.conditions(group)]  # type: ignore[attr-defined]
-        return {view for view in (own, *(one.view for one in conditions)) if view is not None}
+        conditions = [condition for group in groups for condition in self.conditions(group)]  # type: ignore[attr-defined]
+        return {view for view in (own, *(condition.view for condition in conditions)) if view is not None}
 
     def plan(self, at: Planning) -> list[Step]:
         """This participant's steps, in order."""

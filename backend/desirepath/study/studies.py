@@ -106,7 +106,7 @@ def _require_shown(artefact: Artefact, frozen: FrozenProtocol) -> None:
     """Raise ArtefactError where a factor says to show what the ranking set does not have."""
     stage = frozen.protocol.stage_of(ImportanceRankingStage)
     factors = {*(stage.each or ()), *(stage.one_of or ())} if stage is not None else set()
-    attended = any("attention" in one for one in artefact.card["stored_queries"])
+    attended = any("attention" in query for query in artefact.card["stored_queries"])
     if "attention" in factors and not attended:
         raise ArtefactError(
             f"the factor attention needs a policy's attention, {artefact.name} has none; use a set such as "

@@ -173,8 +173,8 @@ def create_application(services: Services) -> Application:
     @application.exception_handler(StoreAway)
     def files_away(request: Request, problem: Exception) -> Response:
         log.error("the artefact store does not answer", route=route_of(request), problem=str(problem)[:300])
-        said = "The server's store of files does not answer; nothing was stored. Try again."
-        return trouble(request, 503, "files_away", said, headers={"Retry-After": str(RETRY_AFTER_S)})
+        message = "The server's store of files does not answer; nothing was stored. Try again."
+        return trouble(request, 503, "files_away", message, headers={"Retry-After": str(RETRY_AFTER_S)})
 
     @application.exception_handler(OSError)
     def disk_full(request: Request, problem: OSError) -> Response:
@@ -184,8 +184,8 @@ def create_application(services: Services) -> Application:
 
     def no_room(request: Request, problem: Exception) -> Response:
         log.error("the disk is full", route=route_of(request), problem=str(problem)[:300])
-        said = "The disk of the server is full; nothing was stored. Try again once there is room."
-        return trouble(request, 507, "disk_full", said, headers={"Retry-After": str(RETRY_AFTER_S)})
+        message = "The disk of the server is full; nothing was stored. Try again once there is room."
+        return trouble(request, 507, "disk_full", message, headers={"Retry-After": str(RETRY_AFTER_S)})
 
     application.add_middleware(Guard)
     application.add_middleware(BoundedHeads)

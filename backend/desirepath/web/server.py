@@ -130,7 +130,7 @@ def _peer_host(settings: Settings) -> str:
 
 def _trusted(proxies: str) -> list[str]:
     """Addresses and networks with commas; those of IPv4 also as a server that listens on `::` sees them."""
-    named = [one.strip() for one in proxies.split(",") if one.strip()]
+    named = [proxy.strip() for proxy in proxies.split(",") if proxy.strip()]
     mapped = []
     for one in named:
         with contextlib.suppress(ValueError):
@@ -182,9 +182,9 @@ async def _serve(
     tasks = [
         asyncio.create_task(one.serve(sockets=[listening])) for one, (_, listening) in zip(servers, doors, strict=True)
     ]
-    while not all(one.started for one in servers) and not any(task.done() for task in tasks):
+    while not all(server.started for server in servers) and not any(task.done() for task in tasks):
         await asyncio.sleep(0.01)
-    if all(one.started for one in servers):
+    if all(server.started for server in servers):
         on_ready()
     # Loading takes the worker and the queries' preparation some seconds of a core: not while nobody has seen a page.
     worker = asyncio.create_task(_keep_worker(settings, stopping)) if settings.worker else None

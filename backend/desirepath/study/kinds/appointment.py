@@ -38,8 +38,8 @@ class AppointmentStage(Stage):
 
     def plan(self, at: Planning) -> list[Step]:
         days = {"after_days": self.after_days, "within_days": self.within_days}
-        said = {"kind": "appointment", "key": at.key, "stage": at.key, "text": self.text, **days}
-        return [AppointmentStep.model_validate(said)]
+        fields = {"kind": "appointment", "key": at.key, "stage": at.key, "text": self.text, **days}
+        return [AppointmentStep.model_validate(fields)]
 
 
 class AppointmentStep(TextStep):

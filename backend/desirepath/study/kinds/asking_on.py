@@ -47,7 +47,7 @@ class AskOn(Part):
         left = self.at_most - sum(self.rounds[: place - 1])
         yield AskingOnStep(kind="asking_on", key=key, stage=stage, round=place, pairs=pairs, at_most=left)
         for number in range(1, pairs + 1):
-            said = {
+            fields = {
                 "kind": "trial",
                 "key": f"{key}.{number:02d}",
                 "stage": stage,
@@ -61,7 +61,7 @@ class AskOn(Part):
                 "choose": self.choose,
                 **({"then": "train_again"} if number == pairs else {}),
             }
-            yield TrialStep.model_validate(said)
+            yield TrialStep.model_validate(fields)
 
 
 class AskingOnStep(Step):

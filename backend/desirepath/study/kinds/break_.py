@@ -22,8 +22,8 @@ class BlockBreak(BlockPart):
     at_least_s: int = Field(0, ge=0, le=1800)
 
     def step(self, prefix: str, place: str, condition: Condition, where: Mapping[str, Any]) -> Step:
-        said = {"text": condition.filled(self.text), "at_least_s": self.at_least_s}
-        return BreakStep.model_validate({"kind": "break", "key": f"{prefix}.{place}", **where, **said})
+        fields = {"text": condition.filled(self.text), "at_least_s": self.at_least_s}
+        return BreakStep.model_validate({"kind": "break", "key": f"{prefix}.{place}", **where, **fields})
 
 
 class BreakStage(Stage):

@@ -34,12 +34,12 @@ class ComprehensionStage(Stage):
     time_limit_s: int | None = Field(None, ge=10, le=7200)
 
     def plan(self, at: Planning) -> list[Step]:
-        said = {"questionnaire": self.use, "attempts": self.attempts, "on_failure": self.on_failure}
-        said |= {"text": self.text} if self.text else {}
-        said |= {"time_limit_s": self.time_limit_s} if self.time_limit_s is not None else {}
+        fields = {"questionnaire": self.use, "attempts": self.attempts, "on_failure": self.on_failure}
+        fields |= {"text": self.text} if self.text else {}
+        fields |= {"time_limit_s": self.time_limit_s} if self.time_limit_s is not None else {}
         return [
             ComprehensionStep.model_validate(
-                {"kind": "comprehension", "key": f"{at.key}.{n}", "stage": at.key, "attempt": n, **said}
+                {"kind": "comprehension", "key": f"{at.key}.{n}", "stage": at.key, "attempt": n, **fields}
             )
             for n in range(1, self.attempts + 1)
         ]
@@ -67,7 +67,7 @@ class Comprehension(Asking[ComprehensionStep]):
         return super().payload(step, page) | {"attempt": step.attempt, "attempts": step.attempts, "again": again}
 
     def marks(self, questionnaire: Questionnaire, answers: dict[str, Any], earlier: Earlier | None) -> dict[str, Any]:
-        checks = [one for one in questionnaire.items if one.correct is not None and is_asked(one, answers, earlier)]
+        checks = [item for item in questionnaire.items if item.correct is not None and is_asked(item, answers, earlier)]
         return {"passed": all(str(answers.get(item.key)) == item.correct for item in checks)}
 
     def is_asked(self, step: ComprehensionStep, moment: Moment) -> bool:
@@ -82,7 +82,7 @@ class Comprehension(Asking[ComprehensionStep]):
 
 
 def _passed_before(step: ComprehensionStep, moment: Moment) -> bool:
-    earlier = [one.key for one in moment.plan if one.stage == step.stage and one.key != step.key]
+    earlier = [other.key for other in moment.plan if other.stage == step.stage and other.key != step.key]
     given = select(Response).where(Response.session_id == moment.session.id, Response.step_key.in_(earlier))
     return any(response.value.get("passed") for response in moment.s.scalars(given))
 

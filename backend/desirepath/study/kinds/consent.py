@@ -91,7 +91,7 @@ class Consent(TextPage[ConsentStep, ConsentAnswer]):
         return shown | {
             "text": _POINT_LINES.sub("", text).strip(),
             "points": [match.group(1).strip() for match in POINT.finditer(text)],
-            "purposes": [{"key": key, "text": local(said, page.language)} for key, said in consent.purposes.items()],
+            "purposes": [{"key": key, "text": local(text, page.language)} for key, text in consent.purposes.items()],
             "version": consent.version,
         }
 

@@ -195,7 +195,7 @@ class Demonstration(Kind[DemonstrationStep, DemonstrationAnswer]):
     def tell_simulated(self, step: DemonstrationStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
         scene = paths.scene_of(step)
         offered: list[Scene] = [walks.scene_with(scene, walk) for walk in walks.offer_walks(step)]
-        return {"scenes": [one.as_dict() for one in offered or [scene]]}
+        return {"scenes": [walked.as_dict() for walked in offered or [scene]]}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
         return participant.draw(step)

@@ -56,7 +56,7 @@ class EvaluationStage(Stage):
         """A wait for what is still being learned; then environment by environment, controller by controller: its
         rollouts, and the questions. Keys tell no controller.
         """
-        drawn = {one.environment: one for one in at.of(DemonstrationsStage)}
+        drawn = {stage.environment: stage for stage in at.of(DemonstrationsStage)}
         steps: list[Step] = [WaitStep(kind="wait", key=f"{at.key}.wait", stage=at.key)]
         for turn, environment in enumerate(at.random.permutation(sorted(drawn)).tolist()):
             pairs = drawn[environment].pairs
@@ -86,8 +86,8 @@ class EvaluationStage(Stage):
         return steps
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
-        drawn = [one for one in stages if isinstance(one, DemonstrationsStage)]
-        rollouts = sum(one.pairs for one in drawn) * len(CONTROLLERS)
+        drawn = [stage for stage in stages if isinstance(stage, DemonstrationsStage)]
+        rollouts = sum(stage.pairs for stage in drawn) * len(CONTROLLERS)
         return rollouts * pace.single_s + len(drawn) * len(CONTROLLERS) * pace.page_s
 
     def questionnaires(self) -> Iterator[tuple[str, Path]]:

@@ -46,8 +46,8 @@ class Feedback(Part):
             if isinstance(step, TrialStep) and step.role == "regular":
                 number += 1
                 shown = {"setup": self.setup, "scenes": 1, "view": self.view, "after": step.key}
-                said = {"kind": "feedback", "key": f"{prefix}.feedback_{number:02d}", "number": number, "of": of}
-                yield FeedbackStep.model_validate({**where, **said, **shown})
+                fields = {"kind": "feedback", "key": f"{prefix}.feedback_{number:02d}", "number": number, "of": of}
+                yield FeedbackStep.model_validate({**where, **fields, **shown})
 
 
 def check_beside_blind(stages: Sequence[Stage], here: Path, source: Source) -> Iterator[Problem]:
@@ -97,8 +97,8 @@ class FeedbackKind(LiveKind[FeedbackStep, FeedbackAnswer]):
         return [condition_on(step.setup, find_arrival_notes(moment, step, BEGAN).get("weights", {}))]
 
     def payload(self, step: FeedbackStep, page: Page) -> dict[str, Any]:
-        said = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": (), "triangle": None}
-        return said | {"number": step.number, "of": step.of, "answers": step.number}
+        fields = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": (), "triangle": None}
+        return fields | {"number": step.number, "of": step.of, "answers": step.number}
 
     def payload_now(self, step: FeedbackStep, moment: Moment) -> dict[str, Any]:
         noted = find_arrival_notes(moment, step, BEGAN)

@@ -76,7 +76,7 @@ class ImportanceRankingStage(Crossed, Stage):
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
         conditions = len(self.conditions(0))
-        pages = conditions * sum(one is not None for one in (self.before, self.questionnaire))
+        pages = conditions * sum(page is not None for page in (self.before, self.questionnaire))
         rests = (conditions - 1) * (pace.page_s + self.between_at_least_s) if self.between else 0.0
         return (self.trials * conditions + self.practice) * (pace.single_s + RANKING_S) + pages * pace.page_s + rests
 
@@ -110,8 +110,8 @@ class ImportanceRankingStage(Crossed, Stage):
             if turn and self.between:
                 steps.append(self._rest(prefix, condition, where))
             if self.before:
-                said = {"kind": "instruction", "key": f"{prefix}.before", "text": condition.filled(self.before)}
-                steps.append(InstructionStep.model_validate({**where, **said}))
+                fields = {"kind": "instruction", "key": f"{prefix}.before", "text": condition.filled(self.before)}
+                steps.append(InstructionStep.model_validate({**where, **fields}))
             steps += [
                 self._step(prefix, where, pair, number, self.trials, "regular", condition.levels)
                 for number, pair in enumerate(at.drawn.rankings(self.trials, practice=False), 1)
@@ -121,8 +121,8 @@ class ImportanceRankingStage(Crossed, Stage):
         return steps
 
     def _rest(self, prefix: str, condition: Condition, where: Mapping[str, Any]) -> Step:
-        said = {"text": condition.filled(self.between or ""), "at_least_s": self.between_at_least_s}
-        return BreakStep.model_validate({"kind": "break", "key": f"{prefix}.between", **where, **said})
+        fields = {"text": condition.filled(self.between or ""), "at_least_s": self.between_at_least_s}
+        return BreakStep.model_validate({"kind": "break", "key": f"{prefix}.between", **where, **fields})
 
     def _step(
         self,
@@ -135,10 +135,10 @@ class ImportanceRankingStage(Crossed, Stage):
         levels: Mapping[str, str],
     ) -> Step:
         shown = {factor: levels.get(factor, on) == on for factor, (on, _) in SHOWN.items()}
-        said = {"role": role, "number": number, "of": of, "hold_s": self.hold_s, **shown}
+        fields = {"role": role, "number": number, "of": of, "hold_s": self.hold_s, **shown}
         asked = {"query": pair.query, "trajectory": pair.trajectory_a}
         return ImportanceRankingStep.model_validate(
-            {"kind": "importance_ranking", "key": f"{prefix}.{number:02d}", **where, **asked, **said}
+            {"kind": "importance_ranking", "key": f"{prefix}.{number:02d}", **where, **asked, **fields}
         )
 
 

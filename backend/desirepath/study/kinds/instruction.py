@@ -18,8 +18,8 @@ class BlockText(BlockPart):
     text: FileName
 
     def step(self, prefix: str, place: str, condition: Condition, where: Mapping[str, Any]) -> Step:
-        said = {"kind": "instruction", "key": f"{prefix}.{place}", **where, "text": condition.filled(self.text)}
-        return InstructionStep.model_validate(said)
+        fields = {"kind": "instruction", "key": f"{prefix}.{place}", **where, "text": condition.filled(self.text)}
+        return InstructionStep.model_validate(fields)
 
 
 class InstructionStage(TextStage):

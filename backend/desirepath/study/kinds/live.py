@@ -108,7 +108,7 @@ class LiveStage(Part):
         return names if names is None else three_corners(names, objectives_on(info.data.get("setup", "study_room")))
 
     @property
-    def said(self) -> dict[str, Any]:
+    def step_fields(self) -> dict[str, Any]:
         """What its step says of it."""
         own = {"setup": self.setup, "scenes": self.scenes, "view": self.view}
         return own | ({"objectives": self.objectives} if self.objectives else {})
@@ -234,7 +234,9 @@ def distance(one: Mapping[str, float], other: Mapping[str, float]) -> float:
 def find_arrival_notes(moment: Moment, step: Step, event: str) -> dict[str, Any]:
     """What was noted when the session came to that step; {} in previews and where nothing was."""
     noted = select(Event).where(Event.session_id == moment.session.id, Event.kind == event).order_by(Event.id.desc())
-    return next((dict(one.data) for one in moment.s.scalars(noted) if one.data.get("step") == step.key), {})
+    return next(
+        (dict(event_row.data) for event_row in moment.s.scalars(noted) if event_row.data.get("step") == step.key), {}
+    )
 
 
 S = TypeVar("S", bound=LiveStep)
@@ -257,8 +259,8 @@ class LiveKind(Kind[S, A]):
         return [condition_on(step.setup, weights or {})]
 
     def payload(self, step: S, page: Page) -> dict[str, Any]:
-        said = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": controls_of(step.setup)}
-        return said | {"triangle": step.objectives, "among_people": step.setup in CROWD_SETUPS}
+        shown = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": controls_of(step.setup)}
+        return shown | {"triangle": step.objectives, "among_people": step.setup in CROWD_SETUPS}
 
     def check(self, step: S, answer: A, page: Page) -> dict[str, Any]:
         assert isinstance(answer, LiveAnswer)  # noqa: S101  a kind with another answer checks it itself

@@ -64,24 +64,24 @@ class MeetYourRobotStage(LiveStage, Stage):
 
     def plan(self, at: Planning) -> list[MeetYourRobotStep]:  # type: ignore[override]  # a list of steps
         own = {"kind": "meet_your_robot", "key": at.key, "stage": at.key}
-        return [MeetYourRobotStep.model_validate(own | self.said | {"reasons": self.reasons})]
+        return [MeetYourRobotStep.model_validate(own | self.step_fields | {"reasons": self.reasons})]
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
         return TAKES_S
 
     def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
-        mine = [one is self for one in stages].index(True)
+        mine = [stage is self for stage in stages].index(True)
         before, after = stages[:mine], stages[mine + 1 :]
         compared = [k for k, one in enumerate(before) if isinstance(one, ComparisonStage)]
         if not compared:
             yield source.problem(here, "needs the comparison before it: it shows whose robot was whose")
-        elif any(isinstance(one, AppointmentStage) for one in before[compared[0] :]):
+        elif any(isinstance(stage, AppointmentStage) for stage in before[compared[0] :]):
             yield source.problem(here, "must stand in the comparison's appointment, whose robot it shows")
-        if any(one.teaches or isinstance(one, ComparisonStage | EvaluationStage) for one in after):
+        if any(stage.teaches or isinstance(stage, ComparisonStage | EvaluationStage) for stage in after):
             yield source.problem(here, "stands before something blind; put it after blocks, ratings and comparisons")
         if self.reasons and self.setup in CROWD_SETUPS:
             yield source.problem((*here, "reasons"), f"cannot be said in {self.setup}, where more than one person is")
-        if any(isinstance(one, TrainStage) and one.job != "align" for one in before):
+        if any(isinstance(stage, TrainStage) and stage.job != "align" for stage in before):
             yield source.problem(here, "needs a train stage with job align: what is learned from paths has no weights")
 
 
@@ -154,8 +154,8 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         found = find_belief(acting.s, acting.files, acting.session, ready_job(acting.s, acting.session))
         start = startable(step, found.weights if found is not None else {})
         believed = found.as_dict() if found is not None else None
-        said: dict[str, Any] = {"step": step.key, "believed": believed, "start": start}
-        log_event(acting.s, BEGAN, session_id=acting.session.id, **said)
+        notes: dict[str, Any] = {"step": step.key, "believed": believed, "start": start}
+        log_event(acting.s, BEGAN, session_id=acting.session.id, **notes)
 
     def check(self, step: MeetYourRobotStep, answer: MetAnswer, page: Page) -> dict[str, Any]:
         return super().check(step, answer, page) | {

@@ -70,12 +70,12 @@ class MethodComparisonStage(Stage):
         return self._pairs(stages) * pace.trial_s
 
     def _pairs(self, stages: Sequence[Stage]) -> int:
-        taught = next((one for one in stages if isinstance(one, TaughtByMethods)), None)
+        taught = next((stage for stage in stages if isinstance(stage, TaughtByMethods)), None)
         return self.scenes * len(list(combinations(taught.methods, 2))) if taught else 0
 
     def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
-        before = stages[: [one is self for one in stages].index(True)]
-        if not any(isinstance(one, TaughtByMethods) for one in before):
+        before = stages[: [stage is self for stage in stages].index(True)]
+        if not any(isinstance(stage, TaughtByMethods) for stage in before):
             yield source.problem(here, "needs a methods stage before it: it compares the robots that these result in")
 
 

@@ -93,8 +93,8 @@ class QuestionnaireStep(AskingStep):
     def of(cls, key: str, questionnaire: str, time_limit_s: int | None = None, **where: Any) -> QuestionnaireStep:
         """A step with what is said alone. where: stage, block and so on."""
         limited = {"time_limit_s": time_limit_s} if time_limit_s is not None else {}
-        said = {"kind": "questionnaire", "key": key, **where, "questionnaire": questionnaire, **limited}
-        return cls.model_validate(said)
+        fields = {"kind": "questionnaire", "key": key, **where, "questionnaire": questionnaire, **limited}
+        return cls.model_validate(fields)
 
 
 A = TypeVar("A", bound=AskingStep)
@@ -164,9 +164,9 @@ class Asking(Kind[A, QuestionnaireAnswer]):
         over = answer.timed_out and step.time_limit_s is not None
         answers = _answers(questionnaire, answer.model_extra or {}, page.earlier, over=over)
         answers |= self.marks(questionnaire, answers, page.earlier)
-        instructed = [one for one in questionnaire.items if one.instructed is not None and one.key in answers]
+        instructed = [item for item in questionnaire.items if item.instructed is not None and item.key in answers]
         if instructed:  # attention checks: marked, never refused
-            right = all(str(answers[one.key]) == one.instructed for one in instructed)
+            right = all(str(answers[item.key]) == item.instructed for item in instructed)
             answers["passed"] = answers.get("passed", True) and right
         return answers | ({"timed_out": True} if over else {})
 
@@ -189,7 +189,10 @@ class Asking(Kind[A, QuestionnaireAnswer]):
         for item in step.get("items", []):
             # drawn in any case, so that simulated participants stay comparable
             value = _simulated(item, step.get("block"), participant.random, participant.person)
-            if all(ItemWhen.model_validate(one).fits(answers.get(one["item"])) for one in item.get("when", ())):
+            if all(
+                ItemWhen.model_validate(condition).fits(answers.get(condition["item"]))
+                for condition in item.get("when", ())
+            ):
                 answers[item["key"]] = value
         return answers
 
@@ -215,7 +218,11 @@ class AskQuestionnaire(Asking[QuestionnaireStep]):
     def ends(self, step: QuestionnaireStep, moment: Moment, stored: Mapping[str, Any]) -> str | None:
         for quota in moment.frozen.protocol.quotas:
             if quota.questionnaire == step.questionnaire and str(stored.get(quota.item)) == quota.is_:
-                keys = [one.key for one in moment.plan if getattr(one, "questionnaire", None) == quota.questionnaire]
+                keys = [
+                    step_asked.key
+                    for step_asked in moment.plan
+                    if getattr(step_asked, "questionnaire", None) == quota.questionnaire
+                ]
                 if len(_others(moment, keys, quota.item, quota.is_)) >= quota.most:
                     return "quota"
         return None
@@ -268,8 +275,8 @@ def _shown(item: Item, language: str) -> dict[str, Any]:
         "text": local(item.text, language),
         "required": item.required,
     }
-    if here := [one for one in item.when if one.questionnaire is None]:
-        shown["when"] = [one.model_dump(by_alias=True, exclude_none=True) for one in here]
+    if here := [condition for condition in item.when if condition.questionnaire is None]:
+        shown["when"] = [condition.model_dump(by_alias=True, exclude_none=True) for condition in here]
     if item.low and item.high:
         shown |= {"low": local(item.low, language), "high": local(item.high, language)}
     if item.type == "scale":

@@ -72,9 +72,9 @@ class RatingStage(Crossed, Stage):
             where = {"stage": at.key, "block": condition.name or at.key, "view": condition.view}
             for number, i in enumerate(at.random.permutation(self.count), 1):
                 shown = {"query": pairs[i].query, "trajectory": pairs[i].trajectory_a, "rates": RATING}
-                said = {"number": number, "of": self.count, "points": self.scale.points}
+                fields = {"number": number, "of": self.count, "points": self.scale.points}
                 key = f"{prefix}.{number:02d}"
-                steps.append(RatingStep.model_validate({"kind": "rating", "key": key, **where, **shown, **said}))
+                steps.append(RatingStep.model_validate({"kind": "rating", "key": key, **where, **shown, **fields}))
         return steps
 
 

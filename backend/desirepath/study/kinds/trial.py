@@ -159,8 +159,8 @@ def plan_trials(
     asked["probe"] = [asked["probe"][i] for i in random.permutation(len(asked["probe"]))]
     counted = len(asked["regular"]) + len(asked["probe"])
     practice = len(asked["practice"])
-    said = viewing.model_dump(exclude_defaults=True)
-    watched = {"viewing": said} if said else {}
+    rules = viewing.model_dump(exclude_defaults=True)
+    watched = {"viewing": rules} if rules else {}
     steps = []
     for number, step in enumerate(asked["practice"] + asked["regular"] + asked["probe"], 1):
         practising = step["role"] == "practice"

@@ -48,17 +48,17 @@ class TuningStage(AskedLiveStage):
         begins = _by_lot(at.random, self.setup, self.objectives) if self.start == "random" else {}
         if self.objectives and self.start == "neutral":
             begins = in_triangle({}, self.objectives)
-        said = self.said | {"start": self.start} | ({"begins": begins} if begins else {})
-        return [TuningStep.model_validate({"kind": "tuning", "key": at.key, "stage": at.key, **said})]
+        fields = self.step_fields | {"start": self.start} | ({"begins": begins} if begins else {})
+        return [TuningStep.model_validate({"kind": "tuning", "key": at.key, "stage": at.key, **fields})]
 
     def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
         if self.start != "learned":
             return
-        after = list(stages)[[one is self for one in stages].index(True) + 1 :]
-        if any(isinstance(one, ComparisonStage) for one in after):
+        after = list(stages)[[stage is self for stage in stages].index(True) + 1 :]
+        if any(isinstance(stage, ComparisonStage) for stage in after):
             message = "shows what was learned before the blind comparison; put it after that, or start neutral"
             yield source.problem((*here, "start"), message)
-        if not any(one.teaches == "align" for one in stages if one not in after):
+        if not any(stage.teaches == "align" for stage in stages if stage not in after):
             yield source.problem((*here, "start"), "needs a block or rating before it; there is nothing learned yet")
 
 

@@ -84,7 +84,7 @@ class TrainStage(Stage):
             return
         if self.job != "align":
             yield source.problem((*here, "ask_on"), "needs job align: it asks further pairs, and paths have none")
-        elif not any(isinstance(one, ComparisonStage) for one in stages):
+        elif not any(isinstance(stage, ComparisonStage) for stage in stages):
             yield source.problem((*here, "ask_on"), "needs a comparison stage: without one nobody is shown anything")
 
     def questionnaires(self) -> Iterator[tuple[str, Path]]:

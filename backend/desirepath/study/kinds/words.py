@@ -74,9 +74,9 @@ class WordsStage(AskedLiveStage):
     correct: bool = Field(True, description="false: the sentence alone, without sliders to correct it")
 
     def plan(self, at: Planning) -> list[WordsStep]:  # type: ignore[override]  # a list of steps
-        said = {"setup": self.setup, "scenes": self.scenes, "view": self.view}
-        said |= {} if self.correct else {"correct": False}
-        return [WordsStep.model_validate({"kind": "words", "key": at.key, "stage": at.key, **said})]
+        fields = {"setup": self.setup, "scenes": self.scenes, "view": self.view}
+        fields |= {} if self.correct else {"correct": False}
+        return [WordsStep.model_validate({"kind": "words", "key": at.key, "stage": at.key, **fields})]
 
     def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
         if self.objectives:
@@ -138,7 +138,7 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
 
     def check(self, step: WordsStep, answer: WordsAnswer, page: Page) -> dict[str, Any]:
         got = understand(answer.sentence, language_of(page.language))
-        meant = [one.model_dump() for one in answer.meant]
+        meant = [choice.model_dump() for choice in answer.meant]
         for number, one in enumerate(answer.meant):
             if one.question >= len(got.questions):
                 raise BadValue(f"value.meant.{number}.question", one.question, "is more than was asked back")
@@ -217,11 +217,11 @@ def mark_stretches(sentence: str, got: Understood) -> list[dict[str, Any]]:
     stretches: list[tuple[int, int, dict[str, Any]]] = []
     stretches += [
         (
-            one.start,
-            one.end,
-            {"as": "lesser" if one.waived else "wanted" if one.wanted else "unwanted", "objective": one.objective},
+            mark.start,
+            mark.end,
+            {"as": "lesser" if mark.waived else "wanted" if mark.wanted else "unwanted", "objective": mark.objective},
         )
-        for one in got.marks
+        for mark in got.marks
     ]
     stretches += [(one.start, one.end, {"as": "asked", "question": n}) for n, one in enumerate(got.questions)]
     stretches += [(start, end, {"as": "missed"}) for start, end in got.not_understood]

@@ -45,7 +45,7 @@ def _compared(s: DatabaseSession, session: Session) -> list[dict[str, Any]]:
     pairs: Counter[str] = Counter()
     own: Counter[str] = Counter()
     for arms, value in s.execute(_answered(session, "comparison")):
-        against = next((one for one in ("neutral", "other") if one in arms), "base")
+        against = next((opponent for opponent in ("neutral", "other") if opponent in arms), "base")
         against = "stand_in" if arms.get("stand_in") else "dwa" if "dwa" in arms.values() else against
         pairs[against] += 1
         own[against] += value["choice"] == arms["own"]

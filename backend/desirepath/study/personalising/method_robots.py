@@ -75,7 +75,7 @@ def _by_hand(acting: Acting, setup: str, method: str) -> Weights:
 def find_robots(moment: Moment, stage: str) -> dict[str, Any]:
     """What `make_robots` noted for that stage; {} before."""
     noted = select(Event).where(Event.session_id == moment.session.id, Event.kind == ROBOTS_MADE)
-    return next((dict(one.data) for one in moment.s.scalars(noted) if one.data.get("stage") == stage), {})
+    return next((dict(event.data) for event in moment.s.scalars(noted) if event.data.get("stage") == stage), {})
 
 
 def make_robots(acting: Acting, stage: str, setup: str, methods: Sequence[str], count: int) -> dict[str, Any]:
@@ -104,10 +104,10 @@ def choose_scenes(setup: str, weights: Sequence[Mapping[str, float]], count: int
 
     rules = QueryConfig(max_duration_s=LONGEST_S)
     scenes = scene_set(setup, CANDIDATES, purpose=Purpose.COMPARISON, seed=seed)
-    rollouts = [rollout(get_setup(setup), condition_on(setup, one).rollout_policy, scenes) for one in weights]
+    rollouts = [rollout(get_setup(setup), condition_on(setup, weight).rollout_policy, scenes) for weight in weights]
     flaws, alike = [], []
     for of_scene in zip(*rollouts, strict=True):
-        flaws.append(sum(flaw(one, rules) is not None for one in of_scene))
+        flaws.append(sum(flaw(trajectory, rules) is not None for trajectory in of_scene))
         alike.append(sum(look_alike(one, other, rules) for one, other in combinations(of_scene, 2)))
     chosen = sorted(range(len(scenes)), key=lambda k: (flaws[k], alike[k]))[:count]
     return [scenes[k].seed for k in chosen], sum(flaws[k] for k in chosen)

@@ -184,7 +184,7 @@ def choose_query(acting: Acting, how: str, *, sides_swapped: bool) -> Asked:
     """The query that teaches most now by that strategy."""
     s, session = acting.s, acting.session
     used = set(s.scalars(select(Trial.query_id).where(Trial.session_id == session.id)))
-    used |= {query for one in acting.plan if (query := getattr(one, "query", None)) is not None}
+    used |= {query for step in acting.plan if (query := getattr(step, "query", None)) is not None}
     answers = answers_of(s, session)
     random = np.random.default_rng([session.seed, 31, session.position])
     measured, posterior, candidates = _situation(acting, STRATEGIES[how], answers, used)

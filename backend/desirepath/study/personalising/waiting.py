@@ -71,7 +71,7 @@ def waiting_of(moment: Moment) -> Waiting | None:
     seconds = max(end[job.id] for end, job in zip(ends, awaited, strict=True))
     last = max(awaited, key=lambda job: (job.created_at, job.id))
     ahead = queues[queue_of(last)]
-    before = {one.session_id for one in ahead[: [one.id for one in ahead].index(last.id)]} - {session.id}
+    before = {job.session_id for job in ahead[: [job.id for job in ahead].index(last.id)]} - {session.id}
     return Waiting(
         before=len(before) if last.state == "queued" else 0,
         running=any(job.state == "running" for job in awaited),

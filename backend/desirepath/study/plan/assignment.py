@@ -131,7 +131,7 @@ def people_taken(s: DatabaseSession, study: Study, protocol: Assigning) -> int:
     """How many people count as taken in: done, or able to go on; not bots, a pilot's people only while it is one."""
     now = utc_now()
     people = _people(s, study, simulated=False, pilot=study.pilot)
-    return sum(_standing(one, protocol.assignment, now) in ("completed", "active", "lapsed") for one in people)
+    return sum(_standing(person, protocol.assignment, now) in ("completed", "active", "lapsed") for person in people)
 
 
 def _key(given: dict[str, Any]) -> tuple[Any, ...]:

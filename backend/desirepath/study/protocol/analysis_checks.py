@@ -55,7 +55,9 @@ def _conditions(protocol: Protocol) -> set[str]:
         stage = entry.stage
         if isinstance(stage, Ordered):
             alone = entry.kind if isinstance(stage, BlockStage) else ""  # ratings alone are compared with nothing
-            names |= {one.name or alone for group in range(len(stage.groups)) for one in stage.conditions(group)}
+            names |= {
+                condition.name or alone for group in range(len(stage.groups)) for condition in stage.conditions(group)
+            }
     names.discard("")
     blocks = len(protocol.stages_of(BlockStage))
     return names if len(names) > 1 or blocks > 1 else set()
@@ -123,7 +125,7 @@ def _ranking(
     source: Source,
 ) -> Iterator[Problem]:
     name, here = plan.ranking, ("analysis", "ranking")
-    rankings = [one for one in asked if _has(questionnaires.get(one), ("ranking",))]
+    rankings = [name for name in asked if _has(questionnaires.get(name), ("ranking",))]
     if name is not None and name not in asked:
         message = f"is not asked in this protocol; rankings are {', '.join(rankings) or 'none'}{meant(name, asked)}"
         yield source.problem(here, message)
@@ -132,7 +134,7 @@ def _ranking(
         yield source.problem(here, f"has no item of type ranking; rankings are {', '.join(rankings) or 'none'}")
         return
     blocks = protocol.stages_of(BlockStage)
-    shown = {one.view for of in blocks for group in range(len(of.groups)) for one in of.conditions(group)}
+    shown = {condition.view for of in blocks for group in range(len(of.groups)) for condition in of.conditions(group)}
     between = {view for of in blocks for view in (of.one_of or {}).get("view", ())}
     for index, entry in enumerate(protocol.stages):
         for one, path in entry.stage.questionnaires():

@@ -61,20 +61,20 @@ class BlockStage(Crossed, PagesAround):
         return Needs(asked if self.same_queries else 0, own, triads)
 
     def trials_asked(self) -> int:
-        return sum(one.queries.count + one.queries.probes.trials for one in self.trials) + self.attention_checks
+        return sum(trial.queries.count + trial.queries.probes.trials for trial in self.trials) + self.attention_checks
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
         conditions = len(self.conditions(0))
-        trials = conditions * sum(one.queries.count + one.queries.probes.trials for one in self.trials)
-        regular = sum(one.queries.count for one in self.trials if one.queries.role == "regular")
+        trials = conditions * sum(trial.queries.count + trial.queries.probes.trials for trial in self.trials)
+        regular = sum(trial.queries.count for trial in self.trials if trial.queries.role == "regular")
         shown_s = conditions * regular * TAKES_S if self.feedback else 0.0
         return trials * pace.trial_s + self.pages() * pace.page_s + shown_s
 
     def numbers(self) -> dict[str, int]:
         conditions = len(self.conditions(0))
         here = {"practice": 0, "regular": 0}
-        for one in self.trials:
-            here[one.queries.role] += one.queries.count + one.queries.probes.trials
+        for trial in self.trials:
+            here[trial.queries.role] += trial.queries.count + trial.queries.probes.trials
         return {
             "blocks": conditions,
             "pairs_per_block": here["regular"],
@@ -128,9 +128,9 @@ def _with_attention(
     for i, trial in enumerate(trials):
         if i in places:
             number += 1
-            said = {"instructed": "ab"[int(random.integers(2))], "number": number}
+            fields = {"instructed": "ab"[int(random.integers(2))], "number": number}
             key = f"{prefix}.attention_{number}"
-            steps.append(AttentionStep.model_validate({"key": key, "kind": "attention", **where, **said}))
+            steps.append(AttentionStep.model_validate({"key": key, "kind": "attention", **where, **fields}))
         steps.append(trial)
     return steps
 

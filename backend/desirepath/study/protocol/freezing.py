@@ -103,7 +103,7 @@ class FrozenProtocol:
             opponents=comparison.opponents if comparison else (),
             stand_ins=comparison is not None and comparison.stand_ins,
             rated=self.protocol.stage_of(EvaluationStage) is not None,
-            environments=tuple(dict.fromkeys(one.environment for one in drawn)),
+            environments=tuple(dict.fromkeys(stage.environment for stage in drawn)),
         )
 
     @property

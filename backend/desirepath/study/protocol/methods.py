@@ -100,10 +100,10 @@ class MethodsStage(TaughtByMethods, PagesAround):
         return "drawing" in self.methods
 
     def needs(self) -> Needs:
-        return Needs(own=sum(one.queries.count for one in self.choices)) if "choices" in self.methods else Needs()
+        return Needs(own=sum(choice.queries.count for choice in self.choices)) if "choices" in self.methods else Needs()
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
-        trials = sum(one.queries.count + one.queries.probes.trials for one in self.choices)
+        trials = sum(choice.queries.count + choice.queries.probes.trials for choice in self.choices)
         of_method = {
             "choices": trials * pace.trial_s,
             "drawing": self.drawing.paths * SECONDS_PER_PATH,
@@ -113,7 +113,7 @@ class MethodsStage(TaughtByMethods, PagesAround):
         return sum(of_method[name] for name in self.methods) + self.pages() * pace.page_s
 
     def numbers(self) -> dict[str, int]:
-        regular = sum(one.queries.count for one in self.choices if one.queries.role == "regular")
+        regular = sum(choice.queries.count for choice in self.choices if choice.queries.role == "regular")
         return {"pairs": regular, "paths": self.drawing.paths, "methods": len(self.methods)}
 
     # ---- its steps
@@ -123,7 +123,7 @@ class MethodsStage(TaughtByMethods, PagesAround):
     ) -> Sequence[Step]:
         method = condition.name
         if method == "choices":
-            pairs = at.drawn.pairs(sum(one.queries.count for one in self.choices), shared=False)
+            pairs = at.drawn.pairs(sum(choice.queries.count for choice in self.choices), shared=False)
             return [*plan_trials(prefix, where, self.choices, Viewing(), iter(pairs), iter(()), at.random)]
         if method == "drawing":
             return [
@@ -142,10 +142,10 @@ class MethodsStage(TaughtByMethods, PagesAround):
                 )
                 for place, pair in enumerate((int(k) for k in at.random.permutation(self.drawing.paths)), 1)
             ]
-        said = {**where, "key": f"{prefix}.weights", "setup": self.setup, "scenes": self.scenes}
+        fields = {**where, "key": f"{prefix}.weights", "setup": self.setup, "scenes": self.scenes}
         if method == "words":
-            return [WordsStep.model_validate({"kind": "words", **said, "correct": self.correct_words})]
-        return [TuningStep.model_validate({"kind": "tuning", **said, "start": "neutral"})]
+            return [WordsStep.model_validate({"kind": "words", **fields, "correct": self.correct_words})]
+        return [TuningStep.model_validate({"kind": "tuning", **fields, "start": "neutral"})]
 
     # ---- what cannot be
 
@@ -160,7 +160,7 @@ class MethodsStage(TaughtByMethods, PagesAround):
         if "drawing" in self.methods and self.setup not in drawn_in:
             known = " or ".join(drawn_in)
             yield source.problem((*here, "setup"), f"must be {known}, where paths can be drawn, or leave drawing out")
-        if not any(one.queries.role == "regular" for one in self.choices):
+        if not any(choice.queries.role == "regular" for choice in self.choices):
             yield source.problem((*here, "choices"), "has practice trials only; add queries of role regular")
         for n, one in enumerate(self.choices):
             if one.queries.probes.transitivity:

@@ -73,7 +73,7 @@ def too_long(protocol: Protocol, source: Source) -> Iterator[Problem]:
 def valid_part(source: Source, problems: Collection[Problem]) -> Protocol | None:
     """What can be looked at further of a protocol with these problems: its stages without the fields that are wrong,
     nothing in place of those that need them, defaults for other keys. None where stages or languages are not known."""
-    paths = [_PART.findall(one.field) for one in problems]
+    paths = [_PART.findall(problem.field) for problem in problems]
     wrong = {path[0] for path in paths}
     data = json.loads(json.dumps(source.data))
     languages, stages = data.get("languages"), data.get("stages")
@@ -181,10 +181,10 @@ class Reader:
         missing, problems = [], []
         for language in self._languages:
             names = [variant(name, language), *([name] if len(self.protocol.languages) == 1 else [])]
-            chosen = next((one for one in names if self._read(one) is not None), names[-1])
+            chosen = next((candidate for candidate in names if self._read(candidate) is not None), names[-1])
             content = self._read(chosen)
             if content is None:
-                missing += [] if any(one in self.unreadable for one in names) else [chosen]
+                missing += [] if any(candidate in self.unreadable for candidate in names) else [chosen]
             elif not content.strip():
                 problems.append(self.source.problem(path, f"the text {chosen} is empty"))
             elif unknown := self._unfilled(content):
@@ -287,7 +287,7 @@ def _texts_in(data: Any, path: yaml_source.Path = ()) -> Iterator[tuple[yaml_sou
     """What is written once per language in a questionnaire, wherever that is valid."""
     if isinstance(data, dict | list):
         for key, inner in data.items() if isinstance(data, dict) else enumerate(data):
-            if key in TEXTS and isinstance(inner, dict) and all(isinstance(one, str) for one in inner.values()):
+            if key in TEXTS and isinstance(inner, dict) and all(isinstance(word, str) for word in inner.values()):
                 yield (*path, key), inner
             else:
                 yield from _texts_in(inner, (*path, key))

@@ -182,9 +182,9 @@ class _Door:
 
     def write(self) -> None:
         """Store everybody who was let in, and the log's lines on them."""
-        self._s.add_all(one.participant for one in self._joined)
+        self._s.add_all(taken_in.participant for taken_in in self._joined)
         self._s.flush()
-        self._s.add_all([*self._recruiting_ids.values(), *(one.session for one in self._joined)])
+        self._s.add_all([*self._recruiting_ids.values(), *(taken_in.session for taken_in in self._joined)])
         self._s.flush()
         if self._joined:
             signal_workers(self._s, Signal.PARTICIPANT_PRESENT)

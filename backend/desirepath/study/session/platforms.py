@@ -46,8 +46,8 @@ PLATFORMS = (
         "?workerId=${workerId}&assignmentId=${assignmentId}&hitId=${hitId}",
     ),
 )
-TITLES = {one.name: one.title for one in PLATFORMS}
-PARAMETERS = {name.lower(): name for one in PLATFORMS for name in (*one.person, *one.further)}
+TITLES = {platform.name: platform.title for platform in PLATFORMS}
+PARAMETERS = {name.lower(): name for platform in PLATFORMS for name in (*platform.person, *platform.further)}
 """Every parameter, small letters -> as its platform writes it."""
 
 

@@ -66,9 +66,11 @@ TRIAL = (
 )
 """A trial's phases."""
 
-STATES = tuple(dict.fromkeys(state for one in SESSION for state in (one.before, one.after)))
+STATES = tuple(dict.fromkeys(state for change in SESSION for state in (change.before, change.after)))
 _STILL_POSSIBLE = ("withdraw", "reopen")
-FINAL = tuple(s for s in STATES if not any(one.before == s and one.event not in _STILL_POSSIBLE for one in SESSION))
+FINAL = tuple(
+    s for s in STATES if not any(change.before == s and change.event not in _STILL_POSSIBLE for change in SESSION)
+)
 """A session in one of these goes on no more."""
 
 
@@ -152,7 +154,7 @@ def draw_diagrams() -> str:
     lines = []
     for title, table, first in (("session", SESSION, "active"), ("trial", TRIAL, "ready")):
         lines += [f"%% {title}", "stateDiagram-v2", f"  [*] --> {first}"]
-        lines += [f"  {one.before} --> {one.after}: {one.event} ({one.who})" for one in table] + [""]
+        lines += [f"  {change.before} --> {change.after}: {change.event} ({change.who})" for change in table] + [""]
     return "\n".join(lines).rstrip() + "\n"
 
 

@@ -204,7 +204,7 @@ class SimulatedParticipant:
         if name == "random":
             return float(self.random.random())
         value, before = float(preference_of(name).value([trajectory])[0]), self._valued.setdefault(name, [])
-        below = sum(one < value for one in before) + 0.5 * sum(one == value for one in before)
+        below = sum(earlier < value for earlier in before) + 0.5 * sum(earlier == value for earlier in before)
         before.append(value)
         return (below + 0.5) / len(before)
 
@@ -229,7 +229,7 @@ class SimulatedParticipant:
         from desirepath.study.simulated.imagined import imagine_stroke
 
         style = self._style or list(STYLES)[self._number % len(STYLES)]
-        scenes = [Scene.from_dict(one) for one in step["scenes"]]
+        scenes = [Scene.from_dict(scene) for scene in step["scenes"]]
         weights = self.choose_weights(step) if scenes[0].setup in PERSON_SETUPS else {}
         problem: Any = None
         for tried in range(DRAWING_TRIES):

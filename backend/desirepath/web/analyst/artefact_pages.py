@@ -105,11 +105,11 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
         if artefact.quarantined_at:
             raise LabRefusal(410, "quarantined")
         content = Snapshot.from_bytes(files.get(artefact.id))
-        found = next((one for one in content.answers if one.response == response_id), None)
+        found = next((answer for answer in content.answers if answer.response == response_id), None)
         if found is None:
             raise LabRefusal(404, "no_answer")
         t = services_of(request).texts.get(lab_language(request))
-        pair = [load_trajectory(files, one) for one in (found.trajectory_a, found.trajectory_b)]
+        pair = [load_trajectory(files, trajectory) for trajectory in (found.trajectory_a, found.trajectory_b)]
         names = [
             t("analyst.answer.trajectory_chosen" if found.choice == x.lower() else "analyst.answer.trajectory", name=x)
             for x in "AB"
@@ -253,8 +253,8 @@ def artefact_href(artefact: Artefact) -> str:
 def without_archived(found: Iterable[Artefact], wanted: bool) -> tuple[list[Artefact], int]:
     """Of a list what is shown, and how many archived ones there are; wanted: whether these are shown, too."""
     everything = list(found)
-    archived = sum(one.archived_at is not None for one in everything)
-    return [one for one in everything if wanted or one.archived_at is None], archived
+    archived = sum(artefact.archived_at is not None for artefact in everything)
+    return [artefact for artefact in everything if wanted or artefact.archived_at is None], archived
 
 
 def is_comparison(artefact: Artefact) -> bool:
@@ -364,8 +364,8 @@ def _snapshots_page(
         archived=archived,
         archived_count=archived_count,
         studies=studies,
-        analysed=[one for one in studies if rights.may(Right.ANALYSE, one.id)],
-        names={one.id: one.name for one in studies},
+        analysed=[study for study in studies if rights.may(Right.ANALYSE, study.id)],
+        names={study.id: study.name for study in studies},
         problem=problem,
         too_few=isinstance(problem, TooFewAnswers),
         chosen_study=study or request.query_params.get("study", ""),

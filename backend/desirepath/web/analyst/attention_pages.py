@@ -61,7 +61,7 @@ def attention(
         raise LabRefusal(410, "quarantined")
     seed, problem, token, outcome = scene or str(first_scene()), None, None, None
     where = building if building in TRAINED_SETUPS else TRAINED_SETUPS[0]
-    seen: View = next((one for one in VIEWS if one == view), VIEWS[0])
+    seen: View = next((name for name in VIEWS if name == view), VIEWS[0])
     if not seed.isdecimal() or not seed.isascii() or len(seed) > 16 or int(seed) > LARGEST_SEED:
         wrong = Undrawable("scene", value=seed, largest=str(LARGEST_SEED))
         problem = problem_of(services.texts.get(lab_language(request)), wrong)

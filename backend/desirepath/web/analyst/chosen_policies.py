@@ -110,7 +110,7 @@ def form_of(request: Request, database: Database) -> dict[str, Any]:
         choices = choices_of(s, rights_in(request))
         given = name_by_id(s, request.query_params)
     chosen = {side: given.get(f"policy_{side}", "") for side in SIDES}
-    chosen_of = {one.id: one for one in choices}
+    chosen_of = {choice.id: choice for choice in choices}
     return {
         "choices": choices,
         "chosen": chosen,
@@ -174,7 +174,7 @@ def name_by_id(s: DatabaseSession, params: Mapping[str, str]) -> dict[str, str]:
     for side in SIDES:
         called, _, weights = given.get(f"policy_{side}", "").partition("@")
         if (artefact := find_artefact(s, called)) is not None:
-            pairs = (one.partition("=") for one in weights.split(",") if one)
+            pairs = (share.partition("=") for share in weights.split(",") if share)
             own = {f"{side}_{name.strip()}": weight.strip() for name, _, weight in pairs}
             given = {**own, **given, f"policy_{side}": artefact.id}
     return given
@@ -207,5 +207,5 @@ def query_of(given: Mapping[str, str], **changed: str) -> str:
 
     names = dict.fromkeys([*(name for kind in WEIGHED for name in objectives_of(kind)), *CROWD_NAMES])
     known = ["policy_a", "policy_b", "scene", *(f"{side}_{name}" for side in SIDES for name in names)]
-    said = {name: changed.get(name) or given.get(name) for name in known}
-    return urlencode({name: value for name, value in said.items() if value})
+    parameters = {name: changed.get(name) or given.get(name) for name in known}
+    return urlencode({name: value for name, value in parameters.items() if value})

@@ -93,16 +93,20 @@ def compare(
     archived: bool = False,
 ) -> Response:
     """Choose two policies, conditioned ones with their weights, and the comparisons there are."""
-    said = {"policy_a": policy_a, "policy_b": policy_b, "weights_a": weights_a, "weights_b": weights_b}
+    chosen = {"policy_a": policy_a, "policy_b": policy_b, "weights_a": weights_a, "weights_b": weights_b}
     with database.session() as s:
         for name in ("policy_a", "policy_b"):
-            called, _, weights = said[name].partition("@")
+            called, _, weights = chosen[name].partition("@")
             if (artefact := find_artefact(s, called)) is not None:
-                said |= {name: artefact.id, f"weights_{name[-1]}": said[f"weights_{name[-1]}"] or weights}
-        given = {name: value for name, value in said.items() if value}
+                chosen |= {name: artefact.id, f"weights_{name[-1]}": chosen[f"weights_{name[-1]}"] or weights}
+        given = {name: value for name, value in chosen.items() if value}
         rights = rights_in(request)
         evaluated = select(Artefact).where(Artefact.kind == "evaluation", seen_artefacts(rights))
-        evaluations = [one for one in s.scalars(evaluated.order_by(Artefact.created_at.desc())) if is_comparison(one)]
+        evaluations = [
+            evaluation
+            for evaluation in s.scalars(evaluated.order_by(Artefact.created_at.desc()))
+            if is_comparison(evaluation)
+        ]
         shown, archived_count = without_archived(evaluations, archived)
         return lab_page(
             request,
@@ -143,7 +147,7 @@ def comparison(
         number = min(max(0, number), len(seeds) - 1)
         pair = rollouts_in(s, files, content, number)
         job = s.get(Job, artefact.job_id) if artefact.job_id else None
-        sides = [s.get(Artefact, one["id"]) for one in content["policies"]]
+        sides = [s.get(Artefact, policy["id"]) for policy in content["policies"]]
         tree = lineage(s, artefact.id)
     plan = replay = None
     if pair is not None:
@@ -169,7 +173,7 @@ def comparison(
         filter_words=_filter_words(t, content, only, measure, len(numbers)),
         filters=_filters(content),
         listed=listed,
-        scenes=[compare_scene(content, one, measure) for one in listed.rows],
+        scenes=[compare_scene(content, row, measure) for row in listed.rows],
         shown=compare_scene(content, number, measure),
         kept=len(content["replays"]),
         pair=pair,
@@ -297,7 +301,7 @@ def _measures_of(content: dict[str, Any]) -> dict[str, int]:
 
 
 def _rows(content: dict[str, Any]) -> list[Row]:
-    measured = [one["measured"] for one in content["policies"]]
+    measured = [policy["measured"] for policy in content["policies"]]
     compared = content["compared"]
 
     def of(side: dict[str, Any], name: str) -> tuple[float, float, float]:

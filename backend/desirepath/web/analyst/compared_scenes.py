@@ -65,7 +65,7 @@ def choose_scenes(content: Mapping[str, Any], only: str, measure: str) -> NDArra
     only: empty for all; `a-collision` and so on for an outcome of one policy; `apart` where the outcomes differ;
     `bar-3` for a bar of the measure's histogram.
     """
-    per_side = [np.asarray(one["outcome"]) for one in content["scenes"]["policies"]]
+    per_side = [np.asarray(policy["outcome"]) for policy in content["scenes"]["policies"]]
     if not only:
         return np.arange(len(per_side[0]))
     if only == "apart":
@@ -95,14 +95,15 @@ def rollouts_in(
 ) -> tuple[Trajectory, Trajectory] | None:
     """What A and B did in a scene: as it was kept, or rolled out again. None where a policy is not there any more."""
     if number < len(content["replays"]):
-        a, b = (load_trajectory(files, one) for one in content["replays"][number]["trajectories"])
+        a, b = (load_trajectory(files, trajectory) for trajectory in content["replays"][number]["trajectories"])
         return a, b
     seed = content["scenes"]["scene_seed"][number]
-    policies = [s.get(Artefact, one["id"]) for one in content["policies"]]
-    if any(one is None or one.quarantined_at is not None for one in policies):
+    policies = [s.get(Artefact, policy["id"]) for policy in content["policies"]]
+    if any(policy is None or policy.quarantined_at is not None for policy in policies):
         return None
     a, b = (
-        _rolled_out(files, one["id"], one.get("weights") or "", content["setup"], seed) for one in content["policies"]
+        _rolled_out(files, policy["id"], policy.get("weights") or "", content["setup"], seed)
+        for policy in content["policies"]
     )
     return a, b
 

@@ -72,21 +72,21 @@ class Place:
     def shown(self) -> dict[str, list[KeptPath]]:
         """Code -> the paths that are learned from; of many people all of them under no code."""
         people: dict[str, list[KeptPath]] = {}
-        for one in self.rows:
-            if one.counts:
-                people.setdefault(one.person.code, []).append(one)
+        for row in self.rows:
+            if row.counts:
+                people.setdefault(row.person.code, []).append(row)
         return people if len(people) <= MOST_WITH_COLOURS else {EVERYBODY: list(chain.from_iterable(people.values()))}
 
     def groups(self, t: Catalogue) -> tuple[dict[str, list[ArrayLike]], dict[str, list[ArrayLike]]]:
         """Name -> paths (n, 3): what was drawn, and what was learned from it."""
-        count = len({one.person.code for one in self.rows if one.counts})
+        count = len({row.person.code for row in self.rows if row.counts})
         drawn: dict[str, list[ArrayLike]] = {
             t("paths.drawn_by", code=code) if code else t("paths.drawn_by_many", count=count): [
-                one.demonstration.trajectory.poses for one in paths
+                path.demonstration.trajectory.poses for path in paths
             ]
             for code, paths in self.shown.items()
         }
-        return drawn, {t("paths.learned"): [one.poses for one in self.learned.values()]} if self.learned else {}
+        return drawn, {t("paths.learned"): [rollout.poses for rollout in self.learned.values()]} if self.learned else {}
 
     def figure(self, t: Catalogue) -> str:
         drawn, learned = self.groups(t)
@@ -98,7 +98,7 @@ class Place:
 
     def walked(self, t: Catalogue) -> dict[str, list[ArrayLike]]:
         """Name -> the ways (n, 3) of people who walked while the robot drove a path that is learned from."""
-        walks = [one.demonstration.scene.walk for one in self.rows if one.counts]
+        walks = [row.demonstration.scene.walk for row in self.rows if row.counts]
         ways: list[ArrayLike] = [np.column_stack([walk.x, walk.y, walk.yaw]) for walk in walks if walk is not None]
         return {t("paths.walked"): ways} if ways else {}
 
@@ -139,8 +139,8 @@ def _places(
     environments = {environment for environment, _ in places}
     learned = {environment: newest[environment].trajectories(files) for environment in environments & set(newest)}
     found: dict[Placed, list[KeptPath]] = {}
-    for one in find_drawn_paths(s, files, study, who, person, places):
-        found.setdefault(one.place, []).append(one)
+    for path in find_drawn_paths(s, files, study, who, person, places):
+        found.setdefault(path.place, []).append(path)
     return [Place(*place, rows, learned.get(place[0], {}).get(place[1], {})) for place, rows in sorted(found.items())]
 
 
@@ -198,7 +198,7 @@ def paths_page(
             study,
             "paths",
             who=who,
-            places=[(one, Markup(one.figure(t))) for one in places],  # noqa: S704 - made by us, texts escaped
+            places=[(place, Markup(place.figure(t))) for place in places],  # noqa: S704 - made by us, texts escaped
             counts=counts,
             attempts=attempts,
             others=not places and bool(attempts_of(s, study, "people" if who == "simulated" else "simulated")),
@@ -235,8 +235,8 @@ def place_csv(
 ) -> Response:
     """What the figure of one place is drawn from: every pose; `path` is the stroke drawn or started from."""
     place = _place(study_id, environment, pair, database, files, who, participant)
-    shown = [("drawn", one, one.demonstration.trajectory) for one in place.rows if one.counts]
-    learned = ((one, place.learned.get(one.stroke.demonstration or "")) for one in place.rows)
+    shown = [("drawn", row, row.demonstration.trajectory) for row in place.rows if row.counts]
+    learned = ((row, place.learned.get(row.stroke.demonstration or "")) for row in place.rows)
     shown += [("learned", one, trajectory) for one, trajectory in learned if trajectory is not None]
     rows = [
         [kind, one.person.code, one.stroke.id, f"{time:.1f}", *(f"{value:.4f}" for value in pose)]

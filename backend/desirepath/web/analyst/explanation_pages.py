@@ -120,8 +120,8 @@ def explanation(request: Request, database: Db, files: Files) -> Response:
         options=options,
         shown=shown,
         thing=thing,
-        charts=[one.chart(t, thing) for one in shown],
-        looked_at=compare_charts(*(one.over_time for one in shown)) if len(shown) == len(SIDES) else [],
+        charts=[side.chart(t, thing) for side in shown],
+        looked_at=compare_charts(*(side.over_time for side in shown)) if len(shown) == len(SIDES) else [],
         command_line=command_line,
     )
 
@@ -149,15 +149,15 @@ def explanation_file(request: Request, letter: str, name: str, database: Db, fil
 def _options(given: Mapping[str, str]) -> Options:
     """Raises AttributionError for an unknown method or command, or a moment that is no number of seconds."""
     method, command = check_method(given.get("method") or METHODS[0], given.get("command") or COMMANDS[0])
-    said = given.get("at", "").strip().replace(",", ".")
-    if not said:
+    text = given.get("at", "").strip().replace(",", ".")
+    if not text:
         return Options(method, command, None)
     try:
-        at_s = float(said)
+        at_s = float(text)
     except ValueError:
         at_s = math.nan
     if not 0 <= at_s <= LONGEST_S:
-        raise AttributionError(f"at = {said[:20]!r}: must be seconds since the start, such as 1.4")
+        raise AttributionError(f"at = {text[:20]!r}: must be seconds since the start, such as 1.4")
     return Options(method, command, at_s)
 
 

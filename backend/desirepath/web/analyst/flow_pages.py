@@ -110,7 +110,7 @@ def _replay(asked: Asked, policies: Sequence[DrivingPolicy]) -> Replay:
 
     setup = get_setup(policies[0].setup)
     scene = draw_scene(setup, asked.scene_seed)
-    rollouts = tuple(rollout(setup, one.rollout_policy, [scene])[0] for one in policies)
+    rollouts = tuple(rollout(setup, policy.rollout_policy, [scene])[0] for policy in policies)
     names = [f"{x.upper()}: {side.name}" for x, side in zip(SIDES, asked.sides, strict=False)]
     return Replay(rollouts, tuple(names) if len(names) > 1 else (asked.sides[0].name,))
 

@@ -77,7 +77,7 @@ def read_values(kind: Kind, form: FormData) -> dict[str, Any]:
     algorithm = {RECIPE: str(form[RECIPE])} if form.get(RECIPE) else {}
     for name, info in kind.model_for(algorithm).model_fields.items():
         if _is_many(info):
-            values[name] = [str(one) for one in form.getlist(name) if one]
+            values[name] = [str(value) for value in form.getlist(name) if value]
         elif str(form.get(name) or "").strip():
             values[name] = str(form[name]).strip()
     return {**values, **algorithm}
@@ -108,7 +108,7 @@ def _field(
         control = "artefacts" if _is_many(info) else "artefact"
         artefacts = tuple(_usable(s, rights, artefact_kind))
         if of is not None and of[0] != name:
-            artefacts = tuple(one for one in artefacts if one.setup == of[1])
+            artefacts = tuple(artefact for artefact in artefacts if artefact.setup == of[1])
         shown = _as_ids(artefacts, shown)
     elif choices:
         control = "choice"
@@ -163,15 +163,15 @@ def _usable(s: Session, rights: Rights, kind: str) -> Sequence[Artefact]:
 
 def _as_ids(artefacts: Sequence[Artefact], given: Any) -> Any:
     """Names of shipped artefacts become the ids that the lists offer."""
-    id_of = {one.name: one.id for one in artefacts if one.job_id is None}
+    id_of = {artefact.name: artefact.id for artefact in artefacts if artefact.job_id is None}
     if isinstance(given, list | tuple):
-        return [id_of.get(one, one) for one in given]
+        return [id_of.get(named, named) for named in given]
     return id_of.get(given, given)
 
 
 def _without_none(annotation: Any) -> Any:
     if get_origin(annotation) in (Union, types.UnionType):
-        return next(one for one in get_args(annotation) if one is not type(None))
+        return next(arg for arg in get_args(annotation) if arg is not type(None))
     return annotation
 
 

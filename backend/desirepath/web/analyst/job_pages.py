@@ -164,7 +164,9 @@ def job_state(job_id: str, database: Db) -> Response:
             "error": job.error,
             "params": job.params,
             "result": job.result,
-            "attempts": [{**_attempt(one), "began_at": one.began_at.isoformat()} for one in attempts_at(s, job.id)],
+            "attempts": [
+                {**_attempt(attempt), "began_at": attempt.began_at.isoformat()} for attempt in attempts_at(s, job.id)
+            ],
             "curves": {name: _together(lines) for name, lines in curves_of(s, job.id).items()},
         }
     return reply_of(JobData, now)
@@ -206,7 +208,7 @@ def find_made(s: DatabaseSession, job: Job) -> list[Artefact]:
     """What a job made, in the order its result names it; artefacts that were erased since are not among them."""
     result = job.result_as(JobResult)
     ids = result.made if result is not None else []
-    return [found for found in (s.get(Artefact, one) for one in ids) if found is not None]
+    return [found for found in (s.get(Artefact, artefact_id) for artefact_id in ids) if found is not None]
 
 
 def _together(lines: Mapping[str, Points]) -> list[list[float]]:
@@ -349,7 +351,7 @@ def _live(request: Request, s: DatabaseSession, job: Job) -> dict[str, Any]:
         "made": find_made(s, job),
         "curves": draw_curves(t, s, job),
         "to_go": seconds_to_go(job, utc_now()),
-        "attempts": [_attempt(one) for one in attempts],
+        "attempts": [_attempt(attempt) for attempt in attempts],
         "log": read_log(settings, job.id, last_bytes=LOG_TAIL_BYTES) or kept_log(attempts),
         "waiting_before": waiting_before,
         "known_kind": job.kind in KINDS,

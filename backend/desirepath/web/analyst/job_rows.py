@@ -136,10 +136,14 @@ def params_of(s: DatabaseSession, rights: Rights, job: Job, made: list[Artefact]
         if isinstance(taken, Artefact):
             shown.append(Param(name, taken.id, str(extra["source"]), changed, (taken,), automatic=True))
             continue
-        ids = [str(one) for one in (value if isinstance(value, list | tuple) else [value])]
+        ids = [str(item) for item in (value if isinstance(value, list | tuple) else [value])]
         named = select(Artefact).where(Artefact.id.in_(ids), seen_artefacts(rights))
-        by_id = {one.id: one for one in s.scalars(named)} if "artefact" in extra and value is not None else {}
-        artefacts = tuple(by_id[one] for one in ids if one in by_id)
+        by_id = (
+            {artefact.id: artefact for artefact in s.scalars(named)}
+            if "artefact" in extra and value is not None
+            else {}
+        )
+        artefacts = tuple(by_id[artefact_id] for artefact_id in ids if artefact_id in by_id)
         shown.append(
             Param(name, value if taken is None else taken, str(extra["source"]), changed, artefacts, taken is not None)
         )

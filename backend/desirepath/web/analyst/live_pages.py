@@ -67,7 +67,7 @@ def live(request: Request, database: Db, files: Files) -> Response:
     t = services.texts.get(lab_language(request))
     asked = token = problem = corners = None
     start: dict[str, float] = {}
-    view: View = next((one for one in VIEWS if one == request.query_params.get("view")), VIEWS[0])
+    view: View = next((name for name in VIEWS if name == request.query_params.get("view")), VIEWS[0])
     try:
         corners = _corners(request, t)
         asked = _asked(request, database)
@@ -84,7 +84,7 @@ def live(request: Request, database: Db, files: Files) -> Response:
         problem = problem_of(t, wrong)
     seed = asked.scene_seed if asked is not None else None
     form = form_of(request, database)
-    form["choices"] = [one for one in form["choices"] if _by_hand(one)]
+    form["choices"] = [choice for choice in form["choices"] if _by_hand(choice)]
     return lab_page(
         request,
         "analyst/live.html",
@@ -154,7 +154,7 @@ def _by_hand(artefact: Artefact) -> bool:
 
 def _corners(request: Request, t: Catalogue) -> list[str] | None:
     """The three that are weighed in a triangle, None: sliders for all. Raises Undrawable, naming them as the page."""
-    named = [one for one in request.query_params.getlist("corner") if one]
+    named = [corner for corner in request.query_params.getlist("corner") if corner]
     if not named:
         return None
     try:

@@ -133,7 +133,7 @@ def controllers_of(s: DatabaseSession, files: ArtefactStore, study: Study, who: 
         if snapshot is None or snapshot.quarantined_at is not None or snapshot.simulated != (who == "simulated"):
             continue
         environment, kept = read_demonstrations(files.get(snapshot.id))
-        people = tuple(sorted({one.participant for one in kept}))
+        people = tuple(sorted({stroke.participant for stroke in kept}))
         found.append(Controller(job, environment, people, len(kept)))
     return found
 
@@ -141,10 +141,10 @@ def controllers_of(s: DatabaseSession, files: ArtefactStore, study: Study, who: 
 def newest_of(controllers: Sequence[Controller], person: Participant | None) -> dict[str, Controller]:
     """Environment -> the newest controller that was learned from one person's paths, or from several people's."""
     found: dict[str, Controller] = {}
-    for one in controllers:
-        fits = one.people == (person.code,) if person is not None else len(one.people) > 1
-        if fits and one.job.state == "succeeded":
-            found.setdefault(one.environment, one)
+    for controller in controllers:
+        fits = controller.people == (person.code,) if person is not None else len(controller.people) > 1
+        if fits and controller.job.state == "succeeded":
+            found.setdefault(controller.environment, controller)
     return found
 
 

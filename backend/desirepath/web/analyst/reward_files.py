@@ -40,20 +40,20 @@ def take_in(
     if len(content) > LARGEST_NETWORK:
         raise LabRefusal(422, "reward_too_large", kb=LARGEST_NETWORK // 1000)
     try:
-        said = read_manifest(described, manifest.filename)
-        kept = pack(said, content)
+        checked = read_manifest(described, manifest.filename)
+        kept = pack(checked, content)
     except LearningError as problem:
         raise LabRefusal(422, "no_reward_file", problem=str(problem)) from None
-    if said.file != network.filename:
-        raise LabRefusal(422, "other_reward_file", named=said.file, given=network.filename)
+    if checked.file != network.filename:
+        raise LabRefusal(422, "other_reward_file", named=checked.file, given=network.filename)
     with database.transaction() as s:
-        card = {"results": {}, "config": said.model_dump(mode="json"), "uploaded_by": user.name}
+        card = {"results": {}, "config": checked.model_dump(mode="json"), "uploaded_by": user.name}
         made = save_artefact(
             s,
             files,
             kind="reward_model",
-            name=f"uploaded: {said.file}",
-            setup=said.setup,
+            name=f"uploaded: {checked.file}",
+            setup=checked.setup,
             content=kept,
             card=card,
             study_id=study_of_new(s, rights_in(request), None, study),

@@ -118,7 +118,7 @@ def _page(
         href=artefact_href(found),
         tree=lineage(s, artefact_id),
         uses=uses,
-        made=[one for one in uses.made if may_with(s, rights_in(request), Right.LOOK, one)],
+        made=[made for made in uses.made if may_with(s, rights_in(request), Right.LOOK, made)],
         stays=bool(uses.against_deleting()),
         problem=problem,
         typed=found.name if typed is None else typed,

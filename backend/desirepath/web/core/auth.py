@@ -114,7 +114,7 @@ def check_owner_left(s: DatabaseSession, without: str) -> None:
     """Raises AccountError where nobody but `without` is an owner: two who take the role from each other at once would
     leave none. Whoever comes second waits here for the first, and then counts as they are by then."""
     owners = select(User).where(User.role == "owner").order_by(User.id)
-    names = {one.name for one in s.scalars(owners.with_for_update().execution_options(populate_existing=True))}
+    names = {owner.name for owner in s.scalars(owners.with_for_update().execution_options(populate_existing=True))}
     if names == {without}:
         raise AccountError("last_owner")
 

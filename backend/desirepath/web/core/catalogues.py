@@ -131,7 +131,7 @@ class Texts:
         """beside: the files of plug-ins in a language, whose first keys are names of catalogues. Raises TextError where
         one would replace a text."""
         self._catalogues = {}
-        for entry in sorted(one for one in folder.iterdir() if one.is_dir()):
+        for entry in sorted(child for child in folder.iterdir() if child.is_dir()):
             entries: dict[str, Any] = {file.stem: _read(file) for file in sorted(entry.glob("*.yaml"))}
             for file in beside(entry.name):
                 _add(entries, _read(file), str(file))

@@ -71,8 +71,8 @@ class Guard:
             log.exception("request failed", method=request.method, route=route_of(request))
             if answered:
                 raise
-            said = "Something went wrong here; it was written to the log."
-            await trouble(request, 500, "internal", said)(scope, receive, sending)
+            message = "Something went wrong here; it was written to the log."
+            await trouble(request, 500, "internal", message)(scope, receive, sending)
 
 
 def _behind_sign_in(request: Request) -> bool:

@@ -89,7 +89,7 @@ class Guide:
 
 def fitting_guide(route: str) -> str:
     """Address of what fits a page; route: its pattern, as `/lab/studies/{study_id}`."""
-    above = [one for one in FITTING if route == one or route.startswith(f"{one}/")]
+    above = [fitting for fitting in FITTING if route == fitting or route.startswith(f"{fitting}/")]
     return f"{HERE}/{FITTING[max(above, key=len)]}" if above else HERE
 
 
@@ -102,15 +102,15 @@ def guide(name: str) -> Guide:
     headings: list[tuple[str, str, str]] = []
     for opened, words in itertools.pairwise(tokens):
         if opened.type == "heading_open":
-            said = "".join(one.content for one in words.children or ())
-            anchor = _anchor(said)
+            title = "".join(child.content for child in words.children or ())
+            anchor = _anchor(title)
             opened.attrSet("id", anchor)
-            headings.append((opened.tag, anchor, said))
+            headings.append((opened.tag, anchor, title))
     for token in tokens:
         _lead_on(token.children or ())
     # Markup: the renderer escapes everything that came from the text (html=False).
     shown = Markup(_MARKDOWN.renderer.render(tokens, _MARKDOWN.options, {}))  # noqa: S704
-    sections = tuple((anchor, said) for tag, anchor, said in headings if tag == "h2")
+    sections = tuple((anchor, title) for tag, anchor, title in headings if tag == "h2")
     return Guide(name, headings[0][2], shown, sections, frozenset(anchor for _, anchor, _ in headings))
 
 

@@ -49,8 +49,8 @@ class BoundedHeads:
                 if scope["type"] == "websocket":
                     await send({"type": "websocket.close", "code": POLICY_VIOLATION})
                 else:
-                    said = f"Address and headers have more than {LARGEST_HEAD} bytes."
-                    await PlainTextResponse(said, 431, headers={"Connection": "close"})(scope, receive, send)
+                    message = f"Address and headers have more than {LARGEST_HEAD} bytes."
+                    await PlainTextResponse(message, 431, headers={"Connection": "close"})(scope, receive, send)
                 return
             headers = [
                 (name, value.replace(b"\\", b"") if name == b"cookie" else value) for name, value in scope["headers"]

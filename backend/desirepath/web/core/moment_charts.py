@@ -39,7 +39,7 @@ class MomentChart:
 
 def moment_chart(lanes: Sequence[Lane], dt: float, *, title: str, time_label: str, at_s: float = 0.0) -> MomentChart:
     """Lanes in the order given; at_s: where the cursor stands at first."""
-    steps = max((len(one.scores) for one in lanes), default=0)
+    steps = max((len(lane.scores) for lane in lanes), default=0)
     last = max(steps - 1, 1)
     width = WIDTH - LEFT - RIGHT
     height = TOP + len(lanes) * (LANE + GAP) + BOTTOM
@@ -83,7 +83,7 @@ def moment_chart(lanes: Sequence[Lane], dt: float, *, title: str, time_label: st
         "left": LEFT,
         "width": width,
         "at": start,
-        "lanes": [{"name": one.name, "scores": [round(float(score), 3) for score in one.scores]} for one in lanes],
+        "lanes": [{"name": lane.name, "scores": [round(float(score), 3) for score in lane.scores]} for lane in lanes],
     }
     return MomentChart(Markup("".join(parts)), data)  # noqa: S704 - names are escaped above
 

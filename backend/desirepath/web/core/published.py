@@ -109,11 +109,11 @@ def _typed(schema: Mapping[str, Any]) -> str:
         return " | ".join(_literal(value) for value in schema["enum"])
     several = schema.get("anyOf") or schema.get("oneOf") or schema.get("allOf")
     if several:
-        return " | ".join(dict.fromkeys(_typed(one) for one in several))
+        return " | ".join(dict.fromkeys(_typed(schema) for schema in several))
     kind = schema.get("type")
     if kind == "array":
         if "prefixItems" in schema:
-            return f"[{', '.join(_typed(one) for one in schema['prefixItems'])}]"
+            return f"[{', '.join(_typed(item) for item in schema['prefixItems'])}]"
         inner = _typed(schema.get("items", {}))
         return f"({inner})[]" if " " in inner else f"{inner}[]"
     if kind == "object":
@@ -131,7 +131,7 @@ def types_now() -> str:
     """What pages and bots send and are told, and what the stage is ordered, as it should stand in `contract.d.ts`."""
     from desirepath.web.participant import replies, sent, steps
 
-    sent_down = [(one, "validation") for one in orders.shapes()]
+    sent_down = [(shape, "validation") for shape in orders.shapes()]
     models = [*_models(sent, "validation"), (steps.AnswerSent, "validation"), *sent_down]
     models += [*_models(replies, "serialization"), (Refusal, "serialization")]
     named = [(one.__name__, mode, TypeAdapter(one)) for one, mode in models]
@@ -141,7 +141,7 @@ def types_now() -> str:
 
 def _models(module: ModuleType, mode: str) -> list[tuple[type, str]]:
     """The models that a module makes itself."""
-    own = (one for one in vars(module).values() if isinstance(one, type) and one.__module__ == module.__name__)
+    own = (model for model in vars(module).values() if isinstance(model, type) and model.__module__ == module.__name__)
     return [(model, mode) for model in own]
 
 

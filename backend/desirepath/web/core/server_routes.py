@@ -45,8 +45,8 @@ def metrics(request: Request) -> Response:
     if tries and not count(request, TOKENS_PER_ADDRESS, "metrics", network_of(request)):
         raise Refused(429, "too_many", "Too many requests from here; wait a minute and try again.")
     if not (is_from_here(request) or _has_token(request, services.settings.metrics_token)):
-        said = "Metrics are for this machine, or for who sends DESIREPATH_METRICS_TOKEN as a bearer token."
-        raise Refused(403, "metrics_from_elsewhere", said)
+        message = "Metrics are for this machine, or for who sends DESIREPATH_METRICS_TOKEN as a bearer token."
+        raise Refused(403, "metrics_from_elsewhere", message)
     return Response(services.monitoring.text(services.settings, services.database), media_type=CONTENT_TYPE_LATEST)
 
 

@@ -372,8 +372,8 @@ def paths(
     robot's rollouts and the person's ways.
     """
     groups = [(*one, *DRAWN[k % len(DRAWN)]) for k, one in enumerate(drawn.items())]
-    groups += [(*one, *LEARNED) for one in (learned or {}).items()]
-    groups += [(*one, *WALKED) for one in (walked or {}).items()]
+    groups += [(*item, *LEARNED) for item in (learned or {}).items()]
+    groups += [(*item, *WALKED) for item in (walked or {}).items()]
     plan = _Plan(scene, [path for _, group, *_ in groups for path in group], legend_lines=len(groups), title=title)
     for name, group, colour, css in groups:
         for path in group:

@@ -168,7 +168,7 @@ def replay(
 def _seen(s: DatabaseSession, files: ArtefactStore, session: Session, given: Answered, *, light: bool) -> _Seen | None:
     """None for an answer about no trajectory. Raises ArtefactError for one whose trajectories are gone."""
     about = given.value.get("about") if given.kind == "guess" else given.step_key
-    step = next((one for one in read_plan(session.plan) if one.key == about), None)
+    step = next((planned for planned in read_plan(session.plan) if planned.key == about), None)
     if isinstance(step, DemonstrationStep):
         return _seen_path(s, files, session, step, given, light)
     trial = s.scalars(select(Trial).where(Trial.session_id == session.id, Trial.step_key == about)).first()
@@ -180,7 +180,7 @@ def _seen(s: DatabaseSession, files: ArtefactStore, session: Session, given: Ans
     explained = kind_of(step).explains(step, moment)
     view, goal = cast("View", trial.view), viewing_in(step).goal_and_trail
     shown = SeenQuery(a, b, view, alone=alone, goal=goal, light=light, explained=explained)
-    durations = [one.duration_s for one in ((a,) if alone else (a, b))]
+    durations = [trajectory.duration_s for trajectory in ((a,) if alone else (a, b))]
     ranked = {"ranked": given.value["ranking"], **kind_of(step).payload_now(step, moment)} if explained else {}
     return _Seen(step, shown, durations, trial.view, trial.block, payload=ranked, trial=trial)
 
@@ -234,7 +234,11 @@ def _device_at(s: DatabaseSession, session: Session, given: Answered) -> dict[st
 def _window(device: dict[str, Any]) -> list[int] | None:
     """Width and height of the participant's window in CSS pixels, where the page reported them."""
     size = [device.get(name) for name in ("width", "height")]
-    known = [round(one) for one in size if isinstance(one, int | float) and not isinstance(one, bool) and one > 0]
+    known = [
+        round(pixels)
+        for pixels in size
+        if isinstance(pixels, int | float) and not isinstance(pixels, bool) and pixels > 0
+    ]
     return known if len(known) == len(size) else None
 
 
@@ -244,20 +248,20 @@ def _bar(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[str
     choice = str(value.get("choice") or "").upper()
     if given.kind == "guess":
         right = t("lab.replay.right" if value.get("right") else "lab.replay.wrong")
-        said = t("lab.replay.guessed", code=code, choice=choice, right=right)
+        sentence = t("lab.replay.guessed", code=code, choice=choice, right=right)
     elif choice:
-        said = t("lab.replay.chose", code=code, choice=choice)
+        sentence = t("lab.replay.chose", code=code, choice=choice)
     elif given.kind == "importance_ranking":
-        said = t("lab.replay.ranked", code=code, tau=_agreement(t, value))
+        sentence = t("lab.replay.ranked", code=code, tau=_agreement(t, value))
     elif "stroke" in value:
-        said = t("lab.replay.drew", code=code)
+        sentence = t("lab.replay.drew", code=code)
     elif seen.step.rates and seen.step.rates in value:
-        said = t("lab.replay.rated", code=code, rating=str(value[seen.step.rates]))
+        sentence = t("lab.replay.rated", code=code, rating=str(value[seen.step.rates]))
     elif len(seen.durations_s) == 1:
-        said = t("lab.replay.watched", code=code, block=seen.block or "–")
+        sentence = t("lab.replay.watched", code=code, block=seen.block or "–")
     else:
-        said = t("lab.replay.no_choice", code=code)
-    parts = [said]
+        sentence = t("lab.replay.no_choice", code=code)
+    parts = [sentence]
     if given.decision_s is not None:
         parts.append(t("lab.replay.decision", seconds=t.number(given.decision_s, 1)))
     parts.append(seen.view)

@@ -76,7 +76,7 @@ def questions(request: Request, study_id: str, database: Db, who: str = "") -> R
     with database.session() as s:
         study = the_study(s, study_id)
         group = _group(s, study, who)
-        coded = [coding.summarise_question(s, study, one, group) for one in coding.open_questions(s, study)]
+        coded = [coding.summarise_question(s, study, question, group) for question in coding.open_questions(s, study)]
         return study_tab(request, study, "coding", who=group, groups=GROUPS, coded=coded, role_for=coding.role_for)
 
 
@@ -103,10 +103,10 @@ def _answer_page(
     if role is None:
         raise _refused(CodingError("two_others_code"))
     answers = coding.answers_to(s, study, item, group)
-    done = [one for one in answers if role in one.codes]
-    shown = next((one for one in done if one.response == answer), None) or coding.next_for(answers, role, name)
-    said = shown.codes.get(role, frozenset()) if shown else frozenset()
-    changeable = [one for one in done if not one.by_both]
+    done = [coded for coded in answers if role in coded.codes]
+    shown = next((coded for coded in done if coded.response == answer), None) or coding.next_for(answers, role, name)
+    given = shown.codes.get(role, frozenset()) if shown else frozenset()
+    changeable = [coded for coded in done if not coded.by_both]
     return study_tab(
         request,
         study,
@@ -117,8 +117,8 @@ def _answer_page(
         question=question,
         codebook=codebook_of(s, study.id, item),
         shown=shown,
-        ticked=said if refused is None else refused,
-        none_ticked=bool(refused) or (refused is None and shown in changeable and not said),
+        ticked=given if refused is None else refused,
+        none_ticked=bool(refused) or (refused is None and shown in changeable and not given),
         refused=refused is not None,
         changeable=changeable,
         count=len(answers),
@@ -153,7 +153,7 @@ def differences(request: Request, study_id: str, item: str, database: Db, who: s
     with database.session() as s:
         study = the_study(s, study_id)
         question, group = _question(s, study, item), _group(s, study, who)
-        found: list[CodedAnswer] = [one for one in coding.answers_to(s, study, item, group) if one.differs]
+        found: list[CodedAnswer] = [coded for coded in coding.answers_to(s, study, item, group) if coded.differs]
         return study_tab(
             request,
             study,

@@ -141,7 +141,7 @@ def _check_page(
         minutes=estimate_minutes(frozen.protocol) if frozen else None,
         first_steps=first_steps(frozen) if frozen else {},
         problems=problems,
-        wrong_lines={one.line for one in problems if one.file == draft.file.name},
+        wrong_lines={wrong.line for wrong in problems if wrong.file == draft.file.name},
         problem=problem,
         veiled=None,
         edited=edited,

@@ -130,7 +130,7 @@ def remove_identity(identity_id: str, database: Db, user: CheckedCsrf) -> Respon
     """Take a link away, unless it is the only way in."""
     with database.transaction() as s:
         mine = list(s.scalars(select(Identity).where(Identity.user_id == user.id)))
-        found = next((one for one in mine if one.id == identity_id), None)
+        found = next((identity for identity in mine if identity.id == identity_id), None)
         if found is None:
             raise LabRefusal(404, "no_identity")
         if not user.password_hash and len(mine) == 1:

@@ -98,10 +98,10 @@ def payments(request: Request, study_id: str, database: Db) -> Response:
             "lab/payments.html",
             payees=found,
             titles=TITLES,
-            platforms=list(dict.fromkeys(one.platform for one in found)),
-            approved=[one for one in found if one.completed and one.is_listed],
-            rejected=[one for one in found if one.state in ENDED and one.is_listed],
-            unlisted=[one for one in found if not one.is_listed],
+            platforms=list(dict.fromkeys(payee.platform for payee in found)),
+            approved=[payee for payee in found if payee.completed and payee.is_listed],
+            rejected=[payee for payee in found if payee.state in ENDED and payee.is_listed],
+            unlisted=[payee for payee in found if not payee.is_listed],
         )
 
 
@@ -117,14 +117,16 @@ def payments_csv(
     sessions; `bonus`: id and amount of all that completed. platform: of that one alone."""
     with database.session() as s:
         study = the_study(s, study_id)
-        found = [one for one in payees(s, study.id) if platform in ("", one.platform)]
+        found = [payee for payee in payees(s, study.id) if platform in ("", payee.platform)]
     name = f"{study.protocol_name}-{study.id[:8]}-{which}.csv"
     if which == "all":
         columns = ["platform_id", "participant", "state", "completion_code", "joined_at", "finished_at", "minutes"]
-        return csv_response([*columns, "platform"], [_row(one) for one in found], name)
+        return csv_response([*columns, "platform"], [_row(payee) for payee in found], name)
     amount = [_amount(bonus)] if which == "bonus" else []
-    wanted = [one for one in found if (one.state in ENDED if which == "reject" else one.completed) and one.is_listed]
-    return _lines(([one.external_id, *amount] for one in wanted), name)
+    wanted = [
+        payee for payee in found if (payee.state in ENDED if which == "reject" else payee.completed) and payee.is_listed
+    ]
+    return _lines(([payee.external_id, *amount] for payee in wanted), name)
 
 
 def _row(one: Payee) -> list[object]:

@@ -146,7 +146,7 @@ def people(s: DatabaseSession, study_id: str, now: datetime, *, only: str | None
                 finished_at=session.finished_at,
                 expires_at=session.expires_at,
                 device=session.device,
-                views=tuple(dict.fromkeys(str(one["view"]) for one in session.plan if one.get("view"))),
+                views=tuple(dict.fromkeys(str(planned["view"]) for planned in session.plan if planned.get("view"))),
             )
         )
     return rows

@@ -198,18 +198,18 @@ def _assumptions(frozen: FrozenProtocol, asked: PowerAsked, run: power_runs.Powe
 
 def _places(frozen: FrozenProtocol) -> dict[str, list[str]]:
     """Where an effect can be assumed, by keys: conditions and levels of factors, what is rated, what is ranked."""
-    stages = [one for one in frozen.protocol.all_stages if isinstance(one, Ordered)]
-    factors = [of for one in stages for of in (one.each, one.one_of) if of]
+    stages = [stage for stage in frozen.protocol.all_stages if isinstance(stage, Ordered)]
+    factors = [of for stage in stages for of in (stage.each, stage.one_of) if of]
     levels = [level for of in factors for there in of.values() for level in there]
-    named = [cell.name for one in stages for group in range(len(one.groups)) for cell in one.conditions(group)]
+    named = [cell.name for stage in stages for group in range(len(stage.groups)) for cell in stage.conditions(group)]
     blocks = [block for of in frozen.questionnaires.values() for block in of.blocks]
     items = [item for block in blocks for item in block.items]
     rated = [item.key for item in items if item.type == "scale" and item.instructed is None]
     scales = [block.scale for block in blocks if block.scale]
-    shown = [RATING] if any(isinstance(one, RatingStage) for one in stages) else []
+    shown = [RATING] if any(isinstance(stage, RatingStage) for stage in stages) else []
     ranked = [item.key for item in items if item.type == "ranking"]
     found = {"condition": [*named, *levels], "item": [*rated, *scales, *shown], "ranking": ranked}
-    return {name: [one for one in dict.fromkeys(there) if one] for name, there in found.items()}
+    return {name: [key for key in dict.fromkeys(there) if key] for name, there in found.items()}
 
 
 def _begin(request: Request, subject: _Subject, form: PowerForm) -> Response:

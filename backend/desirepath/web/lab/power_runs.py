@@ -204,7 +204,7 @@ class PowerRuns:
             found = self._known.get((protocol, asked))
             if found is not None and found.state != "failed":
                 return found
-            if sum(not one.over for one in self._known.values()) > MOST_WAITING:
+            if sum(not run.over for run in self._known.values()) > MOST_WAITING:
                 raise TooManyError
             begun = self._known[protocol, asked] = PowerRun(asked)
             over = [key for key, one in self._known.items() if one.over]

@@ -230,7 +230,7 @@ def _preview_page(
 def _durations(step: Step, query: Example | None) -> list[float]:
     """Of what the step shows of the example query, seconds; zeros where there is none, nothing on a page."""
     kind = kind_of(step)
-    known = [round(one.duration_s, 1) for one in (query.a, query.b)] if query else [0.0, 0.0]
+    known = [round(trajectory.duration_s, 1) for trajectory in (query.a, query.b)] if query else [0.0, 0.0]
     return known[: kind.trajectories] if kind.previewed else []
 
 

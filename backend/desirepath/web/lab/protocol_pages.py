@@ -167,7 +167,7 @@ def _check_page(
             shown["problems"] = wrong.problems
         except StudyError as refusal:
             shown["refusal"] = refusal
-        lines = {one.line for one in shown["problems"] if one.file == draft.file.name}
+        lines = {wrong.line for wrong in shown["problems"] if wrong.file == draft.file.name}
         return study_tab(
             request,
             study,

@@ -43,7 +43,7 @@ class Reasons:
 def policies_for(s: DatabaseSession, request: Request, trial: Trial, setup: str) -> list[Artefact]:
     """The policies by which this trial can be explained, those that rolled it out first."""
     own = {value for value in (trial.arms or {}).values() if isinstance(value, str)}
-    there = [one for one in choices_of(s, rights_in(request)) if one.kind == POLICY and one.setup == setup]
+    there = [choice for choice in choices_of(s, rights_in(request)) if choice.kind == POLICY and choice.setup == setup]
     return sorted(there, key=lambda one: one.id not in own)
 
 
@@ -62,9 +62,9 @@ def reasons_of(
     if not asked:
         if shown is None:
             return None
-        charts = tuple(_chart(t, shown.things, shown.scores, one) for one in trajectories)
+        charts = tuple(_chart(t, shown.things, shown.scores, trajectory) for trajectory in trajectories)
         return Reasons(None, COMMANDS[0], (shown,) * len(trajectories), charts)
-    policy = next((one for one in policies if one.id == asked), None)
+    policy = next((choice for choice in policies if choice.id == asked), None)
     if policy is None:
         raise LabRefusal(404, "no_artefact")
     try:

@@ -169,7 +169,7 @@ def _repeats(regular: Sequence[Answer], repeats: Sequence[Answer]) -> Share:
 
 
 def _mean_ranks(ranked: Sequence[list[Any]], choices: Sequence[str]) -> dict[str, float]:
-    places = {choice: [one.index(choice) + 1 for one in ranked if choice in one] for choice in choices}
+    places = {choice: [ranking.index(choice) + 1 for ranking in ranked if choice in ranking] for choice in choices}
     return {choice: mean(found) for choice, found in places.items() if found}
 
 
@@ -185,9 +185,9 @@ def _items(study: Study, given: Sequence[Answer]) -> list[Item]:
         asked = next((q for q in questionnaires if {i.key for i in q.items} >= keys), None)
         for item in asked.items if asked else ():
             answered = [value[item.key] for value in values if value.get(item.key) not in (None, "")]
-            ranked = [one for one in answered if isinstance(one, list)]
+            ranked = [value for value in answered if isinstance(value, list)]
             numeric = item.type in ("scale", "number")
-            countable = [one[0] for one in ranked if one] if ranked else answered
+            countable = [ranking[0] for ranking in ranked if ranking] if ranked else answered
             counts = {} if item.type in ("number", "text") else dict(Counter(map(str, countable)))
             choices = (
                 [str(n) for n in range(1, item.points + 1)] if item.type == "scale" else [o.value for o in item.options]

@@ -58,7 +58,7 @@ def give_roles(
     if name == user.name:
         raise LabRefusal(422, "own_account")
     wanted = sorted(set(roles or []))
-    unknown = [one for one in wanted if one not in STUDY_ROLES]
+    unknown = [role for role in wanted if role not in STUDY_ROLES]
     if unknown:
         raise LabRefusal(422, "no_study_role", value=unknown[0][:40], roles=", ".join(STUDY_ROLES))
     with database.transaction() as s:
@@ -82,6 +82,6 @@ def _colleagues(s: DatabaseSession, study_id: str) -> list[Colleague]:
     for user_id, role in s.execute(given):
         here.setdefault(user_id, []).append(role)
     return [
-        Colleague(one.name, one.role, tuple(role for role in STUDY_ROLES if role in here.get(one.id, ())))
-        for one in s.scalars(select(User).order_by(User.name))
+        Colleague(user.name, user.role, tuple(role for role in STUDY_ROLES if role in here.get(user.id, ())))
+        for user in s.scalars(select(User).order_by(User.name))
     ]

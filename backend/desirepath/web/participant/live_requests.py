@@ -55,7 +55,7 @@ def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Respo
         ]
     except SceneError as wrong:  # it has arrived, or brushes past something between two steps
         raise BadValue("poses", None, f"must be where a robot can go on from; {wrong}") from None
-    rolled_out = [live.path_of(one) for one in trajectories]
+    rolled_out = [live.path_of(trajectory) for trajectory in trajectories]
     looks_at: list[list[str]] = [[] for _ in rolled_out]
     if step.reasons and not body.poses:
         looks_at = [live.looks_at(policy, one) for policy, one in zip(policies, trajectories, strict=True)]
@@ -82,13 +82,17 @@ def words(token: str, key: str, services: TheServices, body: WordsRead) -> Respo
             raise BadValue("key", key[:80], "must be a step at which a wish is written down")
     got = understand(body.sentence, language)  # outside the transaction: it computes
     questions = [
-        {"text": body.sentence[one.start : one.end], "offered": list(one.offered), "about": one.about}
-        for one in got.questions[:MOST_QUESTIONS]
+        {
+            "text": body.sentence[question.start : question.end],
+            "offered": list(question.offered),
+            "about": question.about,
+        }
+        for question in got.questions[:MOST_QUESTIONS]
     ]
     parts = mark_stretches(body.sentence, got)
-    said = {"parts": parts, "weights": got.weights, "questions": questions, "meant_weight": MEANT}
-    said |= {"language": got.language} if got.language != language else {}
-    return reply_of(WordsUnderstood, said)
+    reply = {"parts": parts, "weights": got.weights, "questions": questions, "meant_weight": MEANT}
+    reply |= {"language": got.language} if got.language != language else {}
+    return reply_of(WordsUnderstood, reply)
 
 
 @router.post("/api/session/{token}/live/{key}/place", response_model=PlaceShown)

@@ -79,7 +79,7 @@ def welcome(recruiting_token: str, request: Request, lang: Annotated[str | None,
         language=language,
         study_title=frozen.title(language),
         welcome=local(frozen.protocol.welcome, language) if frozen.protocol.welcome else None,
-        asked=[kind for kind in dict.fromkeys(one.kind for one in frozen.protocol.stages) if _is_lead(kind)],
+        asked=[kind for kind in dict.fromkeys(stage.kind for stage in frozen.protocol.stages) if _is_lead(kind)],
         languages=languages,
         recruiting=by_parameter(request.query_params),  # as it came: whoever joins with a placeholder is noted then
         platform=sender.recruiting and TITLES[sender.recruiting["platform"]],
@@ -127,7 +127,7 @@ async def join(recruiting_token: str, request: Request) -> Response:
     try:
         asked = Joining.model_validate(given)
     except ValidationError as wrong:
-        raise RequestValidationError([{**one, "loc": ("body", *one["loc"])} for one in wrong.errors()]) from None
+        raise RequestValidationError([{**error, "loc": ("body", *error["loc"])} for error in wrong.errors()]) from None
     simulated = as_json and asked.simulated
     if simulated and not is_from_here(request):  # a bot need not watch
         raise Refused(403, "bots_from_elsewhere", "Simulated participants join only from the server's own machine.")

@@ -111,7 +111,7 @@ def consent_copy(token: str, request: Request) -> Response:
 def _consented_in(frozen: FrozenProtocol, given: Answer | None) -> str | None:
     """The language whose text was agreed to, so that the copy holds those words after a change of language."""
     agreed = given.value.get("text_hash") if given else None
-    return next((one for one in frozen.protocol.languages if frozen.consent_hash(one) == agreed), None)
+    return next((language for language in frozen.protocol.languages if frozen.consent_hash(language) == agreed), None)
 
 
 @router.get("/p/{token}/help")

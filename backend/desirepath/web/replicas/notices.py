@@ -173,8 +173,8 @@ class PostgresNotices(Notices):
                         self.tell_missed()
                     before = True
                     while not self._ending.is_set():
-                        for one in connection.notifies(timeout=LISTEN_S):
-                            self._take(one.payload)
+                        for notification in connection.notifies(timeout=LISTEN_S):
+                            self._take(notification.payload)
             except self._psycopg.Error as problem:
                 log.warning("the connection for notices was lost and is made again", problem=str(problem)[:200])
                 self._ending.wait(AGAIN_AFTER_S)

@@ -69,7 +69,9 @@ class Peers:
             asked = select(ServerProcess).where(ServerProcess.seen_at > shared_now(s) - SILENT)
             if since is not None:
                 asked = asked.where(ServerProcess.started_at >= since)
-            return [Peer(one.id, one.address) for one in s.scalars(asked.order_by(ServerProcess.started_at))]
+            return [
+                Peer(process.id, process.address) for process in s.scalars(asked.order_by(ServerProcess.started_at))
+            ]
 
     def now(self) -> datetime:
         """By the clock of `living`."""
@@ -85,7 +87,7 @@ class Peers:
         process_id, marked, _ = token.partition(MARK)
         if not marked or process_id == self._notices.process_id:
             return None
-        return next((one for one in self.living() if one.process_id == process_id), None)
+        return next((peer for peer in self.living() if peer.process_id == process_id), None)
 
     def _keep_beating(self) -> None:
         while not self._ending.wait(BEAT_S):

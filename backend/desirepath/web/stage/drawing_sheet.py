@@ -44,11 +44,11 @@ def play_stroke(database: Database, files: ArtefactStore, stage: Stage, session_
 
 def as_drawn(s: DatabaseSession, session_id: str, step: DemonstrationStep, stroke: StrokeRow) -> Paper:
     """The paper as it lay there when that stroke had been drawn: with it, and with what was kept there before."""
-    before = [one for one in paths.find_kept_strokes(s, session_id, step) if one.created_at < stroke.created_at]
+    before = [kept for kept in paths.find_kept_strokes(s, session_id, step) if kept.created_at < stroke.created_at]
     offered = walks.offer_walks(step)
     return Paper(
         step.key,
-        [_thinned(one) for one in before],
+        [_thinned(kept) for kept in before],
         stroke.drawn,
         resting=True,
         walks=[walks.scene_with(paths.scene_of(step), walk) for walk in offered],
@@ -61,7 +61,7 @@ def present(database: Database, stage: Stage, session_id: str) -> None:
     with database.session() as s:
         session = s.get_one(Session, session_id)
         step = drawing_of(session)
-        kept = [_thinned(one) for one in paths.find_kept_strokes(s, session_id, step)]
+        kept = [_thinned(stroke) for stroke in paths.find_kept_strokes(s, session_id, step)]
         latest = paths.latest_stroke(s, session_id, step.key)
         phase = paths.state_of(s, session, step)["phase"]
     on_it = latest is not None and latest.state in ("drawn", "watched", "refused")

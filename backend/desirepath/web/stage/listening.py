@@ -62,7 +62,7 @@ class Listeners:
     def leave(self, session_id: str, listener: Listener) -> None:
         """The listener's page is gone."""
         with self._lock:
-            left = [one for one in self._listeners.get(session_id, []) if one is not listener]
+            left = [other for other in self._listeners.get(session_id, []) if other is not listener]
             if left:
                 self._listeners[session_id] = left
             else:
@@ -77,8 +77,8 @@ class Listeners:
     def _wake(self, session_id: str) -> None:
         with self._lock:
             listeners = list(self._listeners.get(session_id, []))
-        for one in listeners:
-            one.wake()
+        for listener in listeners:
+            listener.wake()
 
     def _wake_all(self) -> None:
         with self._lock:

@@ -218,7 +218,7 @@ class Presenter:
             label_s=playback.label_s,
             view=cast("View", playback.view),
             playback_id=playback.playback_id,
-            trajectories=[self._trajectory(one) for one in (trial.trajectory_a, trial.trajectory_b)],
+            trajectories=[self._trajectory(trajectory) for trajectory in (trial.trajectory_a, trial.trajectory_b)],
             goal=goal,
             explained=explained,
         )
