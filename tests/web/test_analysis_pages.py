@@ -94,7 +94,7 @@ def test_looking_again_after_new_answers_starts_no_other_report(walked, lab, lab
     assert "11 answers came since" in page, "made when the first of twelve was there"
     assert lab.get(f"{here}/analysis/people/report.zip").status_code == 200
     assert len(begun) == 1
-    assert lab.get(f"{here}/analysis/people?anew=1").status_code == 303
+    assert lab.get(f"{here}/analysis/people?recompute=1").status_code == 303
     assert "came since" not in awaited(lab, f"{here}/analysis/people").text
     assert len(begun) == 2
 

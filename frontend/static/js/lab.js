@@ -44,8 +44,8 @@ function copyButtons() {
     const button = /** @type {HTMLElement} */ (event.target).closest("[data-copies]");
     if (!(button instanceof HTMLElement)) return;
     const source = document.getElementById(button.dataset.copies ?? "");
-    const said = button.parentElement?.querySelector("[role=status]");
-    if (!source || !said) return;
+    const status = button.parentElement?.querySelector("[role=status]");
+    if (!source || !status) return;
     const field = source instanceof HTMLInputElement || source instanceof HTMLTextAreaElement ? source : null;
     try {
       await navigator.clipboard.writeText(field ? field.value : source.textContent ?? "");
@@ -54,7 +54,7 @@ function copyButtons() {
       field?.select();
       return;
     }
-    said.textContent = button.dataset.copied ?? "";
+    status.textContent = button.dataset.copied ?? "";
   });
 }
 

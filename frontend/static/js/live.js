@@ -47,7 +47,7 @@ export class LivePanel extends StageBar {
     /** Which place the stage shows, as far as it was told. */
     this.stagePlace = 0;
     /** The ways that are drawn. @type {(LivePaths["paths"][number] & {colour: number[], hollow: boolean})[] | null} */
-    this.found = null;
+    this.paths = null;
     /** Where the robots are, while they are under way, and for how long they have been. @type {number[][] | null} */
     this.poses = null;
     /** @type {number[] | null} */
@@ -122,21 +122,21 @@ export class LivePanel extends StageBar {
     const body = { weights: this.asked, place, poses, since };
     try {
       /** @type {LivePaths} */
-      const found = await this.needs.post("paths", body);
+      const reply = await this.needs.post("paths", body);
       if (this.over || place !== this.place || driving !== this.driving || request < this.newest) return;
       this.newest = request;
-      this.draw(found, Boolean(poses), since);
+      this.draw(reply, Boolean(poses), since);
     } catch (error) {
       if (!(error instanceof Refused)) throw error;
       if (!poses) await this.needs.refresh(); // a robot that has just arrived cannot go on: its old way stays
     }
   }
 
-  /** @param {LivePaths} found @param {boolean} onward from where the robots are @param {number[] | null} since */
-  draw(found, onward, since) {
-    const colours = found.paths.length > 1 ? BOTH : ALONE;
-    const paths = found.paths.map((path, i) => ({ ...path, colour: colours[i], hollow: i > 0 }));
-    this.found = paths;
+  /** @param {LivePaths} reply @param {boolean} onward from where the robots are @param {number[] | null} since */
+  draw(reply, onward, since) {
+    const colours = reply.paths.length > 1 ? BOTH : ALONE;
+    const paths = reply.paths.map((path, i) => ({ ...path, colour: colours[i], hollow: i > 0 }));
+    this.paths = paths;
     this.since = since;
     this.orders += 1;
     /** @type {import("./contract.js").PathsMessage} */
@@ -152,7 +152,7 @@ export class LivePanel extends StageBar {
     const line = /** @type {HTMLElement | null} */ (this.root.querySelector("#live-looks"));
     const names = this.legend([[], []]).map((entry) => entry.name);
     const list = new Intl.ListFormat(this.language);
-    const said = (this.found ?? []).map(({ looks_at }, i) => {
+    const said = (this.paths ?? []).map(({ looks_at }, i) => {
       const things = list.format((looks_at ?? []).map((/** @type {string} */ thing) => this.own(`things.${thing}`)));
       return things && names[i] ? this.own("looks_at", { robot: names[i], things }) : "";
     }).filter(Boolean);
@@ -166,7 +166,7 @@ export class LivePanel extends StageBar {
 
   /** How the way is, in words. */
   tellWay() {
-    const path = this.found?.[0];
+    const path = this.paths?.[0];
     if (!path) return;
     const seconds = path.track[path.track.length - 1][0];
     this.text("#live-way", path.arrives ? this.own("arrives", { seconds: Math.round(seconds) }) : this.own("does_not_arrive"));
@@ -198,7 +198,7 @@ export class LivePanel extends StageBar {
 
   show() {
     this.part("live");
-    const may = { "[data-place]": this.stageReady, "[data-drive]": this.stageReady && Boolean(this.found) };
+    const may = { "[data-place]": this.stageReady, "[data-drive]": this.stageReady && Boolean(this.paths) };
     for (const [button, now] of Object.entries(may)) this.root.querySelector(button)?.setAttribute("aria-disabled", String(!now));
     this.root.querySelector("[data-drive]")?.toggleAttribute("data-driving", this.driving);
     this.text("[data-drive]", this.own(this.driving ? "stop" : "drive"));
@@ -207,7 +207,7 @@ export class LivePanel extends StageBar {
 
   /** Whether the step may be ended now: no robot is wanted of which no way was seen. @returns {boolean} */
   get mayDecide() {
-    return Boolean(this.found);
+    return Boolean(this.paths);
   }
 
   /** All robots have arrived, or can go no further. */
@@ -222,10 +222,10 @@ export class LivePanel extends StageBar {
   }
 
   drive() {
-    if (!this.stageReady || !this.found) return;
+    if (!this.stageReady || !this.paths) return;
     this.driving = !this.driving;
     if (this.driving) {
-      this.poses = this.found.map((path) => path.track[0].slice(1));
+      this.poses = this.paths.map((path) => path.track[0].slice(1));
       this.clocks = this.since;
       this.tell({ type: "steer", ...this.driveOrder });
     } else this.want(); // back to the start
@@ -236,7 +236,7 @@ export class LivePanel extends StageBar {
   async goTo(place) {
     this.place = place;
     this.driving = false;
-    this.found = null; // nothing to drive along until its way is there
+    this.paths = null; // nothing to drive along until its way is there
     this.text("#live-place", this.own("place", { number: place + 1, of: this.places }));
     this.note();
     this.stageReady = false;

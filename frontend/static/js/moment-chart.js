@@ -19,7 +19,7 @@ function follow(figure) {
   const data = JSON.parse(stored);
   const cursor = svg.querySelector(".cursor");
   const values = [...svg.querySelectorAll(".lane-value")];
-  const said = figure.querySelector("output");
+  const output = figure.querySelector("output");
   const last = Math.max(0, ...data.lanes.map((lane) => lane.scores.length - 1));
   const decimals = new Intl.NumberFormat(document.documentElement.lang, { minimumFractionDigits: 2, maximumFractionDigits: 2 });
   const seconds = new Intl.NumberFormat(document.documentElement.lang, { minimumFractionDigits: 1, maximumFractionDigits: 1 });
@@ -37,7 +37,7 @@ function follow(figure) {
     });
     slider.value = String(step);
     slider.setAttribute("aria-valuetext", `${seconds.format(step * data.dt)} s`);
-    if (said) said.textContent = `${seconds.format(step * data.dt)} s`;
+    if (output) output.textContent = `${seconds.format(step * data.dt)} s`;
   };
 
   const group = groups.get(figure.dataset.moments ?? "") ?? [];

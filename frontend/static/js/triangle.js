@@ -30,8 +30,8 @@ export function sharesAt(x, y) {
   const whole = (by - cy) * (ax - cx) + (cx - bx) * (ay - cy);
   const a = ((by - cy) * (x - cx) + (cx - bx) * (y - cy)) / whole;
   const b = ((cy - ay) * (x - cx) + (ax - cx) * (y - cy)) / whole;
-  const found = [a, b, 1 - a - b];
-  if (found.every((share) => share >= 0)) return found;
+  const shares = [a, b, 1 - a - b];
+  if (shares.every((share) => share >= 0)) return shares;
   const sides = [[0, 1], [1, 2], [2, 0]].map(([i, j]) => {
     const [[px, py], [qx, qy]] = [CORNERS[i], CORNERS[j]];
     const along = ((x - px) * (qx - px) + (y - py) * (qy - py)) / ((qx - px) ** 2 + (qy - py) ** 2);

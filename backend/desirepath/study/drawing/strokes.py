@@ -180,7 +180,7 @@ def mark_watched(
     if stroke.shown_since is None:
         return stroke  # reported twice
     if not session.simulated and playback != playback_id(stroke):
-        raise _refused(session, "other_playback", "This is not the drive that is being shown.")
+        raise _refused(session, "other_playback", "This is not the trajectory that is being shown.")
     needed = s.get_one(TrajectoryRow, stroke.trajectory).duration_s
     if is_walked(step, stroke):
         if walked is None:

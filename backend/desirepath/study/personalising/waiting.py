@@ -1,6 +1,6 @@
 """How long somebody in front of the waiting page will still wait: who is before them, and what trainings usually take.
 
-An estimate, made anew at every look: of what has been learned here before, and of how far the trainings under way are.
+An estimate, recomputed at every look: of what has been learned here before, and of how far the trainings under way are.
 """
 
 from __future__ import annotations

@@ -187,7 +187,7 @@ def _decision_s(session: Session, trial: Trial, value: Mapping[str, Any], now: d
     possible yet, or not any more."""
     rules = viewing_of(session)
     if trial.phase != "choosing" and not (rules.early_choice and trial.phase == "playing_b"):
-        message = "Please watch both drives first."
+        message = "Please watch both trajectories first."
         raise refusal(session, 409, "too_early", message, trial, phase=trial.phase, step=trial.step_key)
     assert trial.phase_since is not None  # noqa: S101  set with every phase
     elapsed = elapsed_s(trial.phase_since, now)

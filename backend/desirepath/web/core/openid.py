@@ -130,7 +130,7 @@ class OpenId:
             try:
                 token = jwt.decode(id_token, keys, algorithms=ALGORITHMS)
             except (JoseError, ValueError):  # perhaps signed by a key that is newer than what is known
-                provider, keys = self._provider(anew=True)
+                provider, keys = self._provider(refresh=True)
                 token = jwt.decode(id_token, keys, algorithms=ALGORITHMS)
             claims = CodeIDToken(
                 token.claims,
@@ -156,11 +156,11 @@ class OpenId:
         wanted = email.partition("@")[0] or (wanted if isinstance(wanted, str) else "")
         return Someone(claims["iss"], subject, email, bool(email) and verified, wanted)
 
-    def _provider(self, *, anew: bool = False) -> tuple[Provider, KeySet]:
+    def _provider(self, *, refresh: bool = False) -> tuple[Provider, KeySet]:
         """What the provider says of itself, and its keys; asked for once an hour."""
         with self._lock:
             began = time.monotonic()
-            if not anew and self._known is not None and began - self._known[0] < KEPT_S:
+            if not refresh and self._known is not None and began - self._known[0] < KEPT_S:
                 return self._known[1:]
             if self._away is not None and began - self._away[0] < AWAY_FOR_S:
                 raise OpenIdError("away", self._away[1])

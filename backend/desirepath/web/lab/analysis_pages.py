@@ -66,14 +66,14 @@ def _there(request: Request, study: Study, who: str, s: DatabaseSession) -> Repo
 
 
 @router.get("/lab/studies/{study_id}/analysis/{who}")
-def analysis(request: Request, study_id: str, who: str, database: Db, anew: bool = False) -> Response:
+def analysis(request: Request, study_id: str, who: str, database: Db, recompute: bool = False) -> Response:
     """Begins the report if there is none to show; says when it is there, how old it is, or why there is none. A
-    fragment when asked for one. `anew`: begins another one if answers came since."""
+    fragment when asked for one. `recompute`: begins another one if answers came since."""
     with database.session() as s:
         study = _study_of(s, study_id, who)
         now = MadeFrom.of(s, study)
-        report = services_of(request).reports.ask(study.id, who, now, anew=anew)
-        if anew:
+        report = services_of(request).reports.ask(study.id, who, now, recompute=recompute)
+        if recompute:
             return RedirectResponse(f"/lab/studies/{study.id}/analysis/{who}", status_code=303)
         shown: dict[str, Any] = {
             "who": who,

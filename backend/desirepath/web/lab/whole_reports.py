@@ -103,12 +103,12 @@ class Reports:
         self._turn = threading.Lock()
         self._known: OrderedDict[tuple[str, str], WholeReport] = OrderedDict()
 
-    def ask(self, study: str, who: str, now: MadeFrom, *, anew: bool = False) -> WholeReport:
-        """The report of these people; begun where there is none to show. anew: also where answers came since."""
+    def ask(self, study: str, who: str, now: MadeFrom, *, recompute: bool = False) -> WholeReport:
+        """The report of these people; begun where there is none to show. recompute: also where answers came since."""
         with self._lock:
             found = self._known.get((study, who))
             if found is not None and (
-                not found.ready or (found.may_be_shown(now) and not self._is_old(found, now, anew))
+                not found.ready or (found.may_be_shown(now) and not self._is_old(found, now, recompute))
             ):
                 return found
             begun = self._known[study, who] = WholeReport(Future(), now, utc_now())
@@ -127,8 +127,8 @@ class Reports:
         return found.files.result()
 
     @staticmethod
-    def _is_old(found: WholeReport, now: MadeFrom, anew: bool) -> bool:
-        return found.made_from != now and (anew or found.problem is not None)
+    def _is_old(found: WholeReport, now: MadeFrom, recompute: bool) -> bool:
+        return found.made_from != now and (recompute or found.problem is not None)
 
     def _make(self, promised: Future[ReportFiles], study: str, who: str) -> None:
         try:

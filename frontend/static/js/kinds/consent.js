@@ -9,7 +9,7 @@ export const longText = true;
 /** @param {import("../kind.js").KindPage<"consent">} page */
 export function mount(page) {
   readyForm(page.step, formNeeds(page), (form, collected) => {
-    const purposes = Object.entries(collected).map(([key, said]) => [key, said === "yes"]);
+    const purposes = Object.entries(collected).map(([key, answer]) => [key, answer === "yes"]);
     const asked = purposes.length ? { purposes: Object.fromEntries(purposes) } : {};
     /** @type {import("../types.js").AnswerTo<"consent">} */
     const agreed = { given: true, version: String(new FormData(form).get("version")), ...asked };

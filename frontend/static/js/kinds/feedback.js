@@ -17,9 +17,9 @@ class Feedback extends LivePanel {
     return null;
   }
 
-  /** @param {import("../contract.js").LivePaths} found @param {boolean} onward @param {number[] | null} since */
-  draw(found, onward, since) {
-    super.draw(found, onward, since);
+  /** @param {import("../contract.js").LivePaths} reply @param {boolean} onward @param {number[] | null} since */
+  draw(reply, onward, since) {
+    super.draw(reply, onward, since);
     if (this.droveOnce) return;
     this.droveOnce = true;
     this.drive();

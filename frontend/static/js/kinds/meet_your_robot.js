@@ -45,8 +45,8 @@ class Meeting extends LivePanel {
   }
 
   tellWay() {
-    const [own, usual] = (this.found ?? []).map((path) => Math.round(path.track[path.track.length - 1][0]));
-    const arrives = this.found?.every((path) => path.arrives);
+    const [own, usual] = (this.paths ?? []).map((path) => Math.round(path.track[path.track.length - 1][0]));
+    const arrives = this.paths?.every((path) => path.arrives);
     this.text("#live-way", arrives ? this.own("both_arrive", { own, usual }) : this.own("does_not_arrive"));
     /** @type {HTMLElement} */ (this.root.querySelector("#live-way")).dataset.seconds = String(own);
   }

@@ -59,7 +59,7 @@ class Wording extends LivePanel {
   /** How the way is; while a question is open, also why the answer cannot be given yet. */
   tellWay() {
     super.tellWay();
-    if (!this.found || !this.isRead || this.isAnswered) return;
+    if (!this.paths || !this.isRead || this.isAnswered) return;
     const way = this.root.querySelector("#live-way")?.textContent ?? "";
     this.text("#live-way", `${way} ${this.own("question_open")}`);
   }
