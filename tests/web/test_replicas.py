@@ -64,7 +64,7 @@ def test_a_change_in_one_process_wakes_the_page_that_another_serves(two: Pair) -
     async def waits() -> float:
         listener = two.first.listeners.listen(SESSION)
         began = time.monotonic()
-        asyncio.get_running_loop().call_later(0.05, two.second.listeners.changed, SESSION)
+        asyncio.get_running_loop().call_later(0.05, two.second.listeners.tell_changed, SESSION)
         await listener.wait(PATIENCE_S)
         two.first.listeners.leave(SESSION, listener)
         assert not listener.taken_over
