@@ -26,6 +26,7 @@ RUN_BY = {
     ("docs/architecture.md", "States"): "study/test_states.py",
     **{(EXTENDING, section): "test_recipes.py" for section in (*test_recipes.PLUG_INS, *test_recipes.IN_THE_SOURCE)},
     **{(EXTENDING, section): "test_own_setup.py" for section in test_own_setup.SECTIONS},
+    (EXTENDING, "A building"): "simulation/test_ground_maps.py",
     ("docs/analysts-guide.md", "People whom the nine objectives cannot describe"): "here",
     (REFERENCE, "Blocks"): "here",
     (REFERENCE, "Questionnaires"): "here",

@@ -8,9 +8,13 @@ from __future__ import annotations
 import math
 from functools import lru_cache
 
+import numpy as np
+from numpy.typing import NDArray
+
 from desirepath.simulation.scene import Obstacle, Room
 from desirepath_stage.shapes import Colour, Shape, ball, box, merge, rotate
 
+MAP_WALL_HEIGHT_M = 2.0  # as `scene.Room`'s
 CUT_WALL_HEIGHT_M = 0.30  # seen from above, walls are cut low as in a plan, so that they hide nothing
 
 _OAK: Colour = (186, 146, 104)
@@ -314,6 +318,17 @@ def room_walls(room: Room, *, cut: bool) -> Shape:
     if not cut:
         parts += [part for side in (-1, 1) for part in _windows(side * half_x, room.width, side, room.wall_height)]
         parts += _door(half_y, room.length, room.wall_height)
+    return merge(parts).lit()
+
+
+def map_walls(walls: NDArray[np.float64], *, cut: bool) -> Shape:
+    """What is occupied in a map, rectangles (n, 4) in metres, raised to walls; `cut` low as `room_walls`."""
+    height = CUT_WALL_HEIGHT_M if cut else MAP_WALL_HEIGHT_M
+    parts = []
+    for x1, y1, x2, y2 in walls:
+        size, middle = (x2 - x1, y2 - y1), ((x1 + x2) / 2, (y1 + y2) / 2)
+        parts.append(box((*size, height - 0.02), (*middle, (height - 0.02) / 2), _PLASTER))
+        parts.append(box((*size, 0.02), (*middle, height - 0.01), _WALL_CAP))
     return merge(parts).lit()
 
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from desirepath.simulation.pedestrians import where_on_route
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.scenes import walls_of
 from desirepath.simulation.setups import Robot, get_setup
 from desirepath_stage import bodies, furniture, surfaces
 from desirepath_stage.glb import Surface, to_glb
@@ -62,7 +63,7 @@ def build(
     """Add the scene under the node name `root`, robots at the start. Nothing tells the goal; see `add_marks`."""
     meshes = [f"{root}/place"]
     with _drawing:
-        cut = scene.room is not None and view == "top_down"
+        cut = view == "top_down" and (scene.room is not None or scene.ground is not None)
         place = place_file(scene, floor_bounds(scene, camera), detail, cut=cut)
     api.add_glb(f"{root}/place", place, cast_shadow=False, receive_shadow=False)
 
@@ -194,6 +195,8 @@ def place_file(scene: Scene, bounds: Bounds, detail: Detail, *, cut: bool) -> by
     shapes = [furniture.piece(obstacle, index, cut=cut) for index, obstacle in enumerate(scene.obstacles)]
     if scene.room is not None:
         shapes.append(furniture.room_walls(scene.room, cut=cut))
+    if scene.ground is not None:
+        shapes.append(furniture.map_walls(walls_of(scene), cut=cut))
     standing = [Surface(merge(shapes))] if shapes else []
     return to_glb([*(_ground(scene, bounds) if detail == "full" else plain_ground(scene, bounds)), *standing])
 

@@ -9,7 +9,7 @@ from scipy import stats
 from statsmodels.stats.anova import AnovaRM
 
 from desirepath.analysis.anova import assumptions, rm_anova
-from desirepath.analysis.choices import kendall_tau_b
+from desirepath.analysis.estimates import kendall_tau_b
 from desirepath.analysis.factorial import Factorial
 
 TWO = {"outline": ["without", "with"], "lidar": ["without", "with"]}

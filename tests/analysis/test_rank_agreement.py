@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from desirepath.analysis.choices import kendall_tau_b
+from desirepath.analysis.estimates import kendall_tau_b
 
 
 @pytest.mark.parametrize(("columns", "points"), [(2, 9), (3, 3), (5, 4), (9, 3)])

@@ -106,22 +106,6 @@ def cohens_kappa(first: ArrayLike, second: ArrayLike) -> float:
     return (observed - expected) / (1 - expected) if expected < 1 else math.nan
 
 
-def kendall_tau_b(first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
-    """(n,) Kendall's tau-b of n pairs of rows, first (n, k) and second (n, k), ties corrected (Kendall 1945).
-
-    nan where one of the two rows says no order at all. Raises ValueError for shapes that differ or fewer than two
-    columns. scipy's is of one pair, with a p: 1 ms each, where a power analysis ranks a hundred thousand times.
-    """
-    a, b = np.atleast_2d(np.asarray(first, dtype=float)), np.atleast_2d(np.asarray(second, dtype=float))
-    if a.shape != b.shape or a.ndim != 2 or a.shape[1] < 2:
-        raise ValueError(f"first has shape {a.shape}, second {b.shape}; needs the same, at least two columns")
-    i, j = np.triu_indices(a.shape[1], 1)
-    first_order, second_order = np.sign(a[:, i] - a[:, j]), np.sign(b[:, i] - b[:, j])
-    untied = (first_order != 0).sum(axis=1) * (second_order != 0).sum(axis=1)
-    agreeing = (first_order * second_order).sum(axis=1)
-    return np.asarray(np.where(untied > 0, agreeing / np.sqrt(np.maximum(untied, 1)), np.nan))
-
-
 def sign_test(wins: Sequence[int], losses: Sequence[int], *, about: str, names: tuple[str, str]) -> Tested:
     """Sign test over people: who chose the first of two more often than the second. Each person counts once.
 

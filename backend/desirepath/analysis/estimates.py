@@ -1,4 +1,4 @@
-"""Numbers with a 95 % interval: shares by Wilson's score interval, everything else by the percentile bootstrap.
+"""Numbers with a 95 % interval (shares by Wilson's score interval, the rest by the percentile bootstrap), and tau.
 
 NumPy alone, so that a page may use it. Intervals that stand on other distributions live in `intervals.py`.
 """
@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Doubles = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -85,3 +85,19 @@ def mean_estimates(columns: dict[str, NDArray[Any]], *, seed: int = 0) -> dict[s
 def mean_estimate(values: NDArray[Any] | Sequence[float]) -> Estimate:
     """`mean_estimates` of a single column (n,)."""
     return mean_estimates({"values": np.asarray(values)})["values"]
+
+
+def kendall_tau_b(first: ArrayLike, second: ArrayLike) -> NDArray[np.float64]:
+    """(n,) Kendall's tau-b of n pairs of rows, first (n, k) and second (n, k), ties corrected (Kendall 1945).
+
+    nan where one of the two rows says no order at all. Raises ValueError for shapes that differ or fewer than two
+    columns. scipy's is of one pair, with a p: 1 ms each, where a power analysis ranks a hundred thousand times.
+    """
+    a, b = np.atleast_2d(np.asarray(first, dtype=float)), np.atleast_2d(np.asarray(second, dtype=float))
+    if a.shape != b.shape or a.ndim != 2 or a.shape[1] < 2:
+        raise ValueError(f"first has shape {a.shape}, second {b.shape}; needs the same, at least two columns")
+    i, j = np.triu_indices(a.shape[1], 1)
+    first_order, second_order = np.sign(a[:, i] - a[:, j]), np.sign(b[:, i] - b[:, j])
+    untied = (first_order != 0).sum(axis=1) * (second_order != 0).sum(axis=1)
+    agreeing = (first_order * second_order).sum(axis=1)
+    return np.asarray(np.where(untied > 0, agreeing / np.sqrt(np.maximum(untied, 1)), np.nan))

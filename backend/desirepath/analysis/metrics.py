@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from desirepath.simulation import kernels
+from desirepath.simulation.fast import clearance_m
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.scenes import scene_to_row
-from desirepath.simulation.setups import get_setup
 from desirepath.simulation.social_metrics import SocialMetrics, social_metrics
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
@@ -77,16 +76,10 @@ def min_human_distance(poses: ArrayLike, persons: ArrayLike) -> Array:
 def min_obstacle_distance(poses: ArrayLike, scenes: Sequence[Scene]) -> Array:
     """Smallest distance (m) from the robot's surface to an obstacle or wall, the person not counted: (n,).
 
-    poses (n, T + 1, 2 or more), one scene each; infinite in an empty field.
+    poses (n, T + 1, 2 or more), one scene each, with yaw where the robot is a polygon; infinite in an empty field.
     """
-    paths = np.asarray(poses, dtype=float)[..., :2]
-    return np.array(
-        [
-            kernels.path_surface_distance(scene_to_row(scene), np.ascontiguousarray(path))
-            - get_setup(scene.setup).robot.radius_m
-            for path, scene in zip(paths, scenes, strict=True)
-        ]
-    )
+    paths = np.asarray(poses, dtype=float)
+    return np.array([clearance_m(scene, path) for path, scene in zip(paths, scenes, strict=True)])
 
 
 def path_area(poses: ArrayLike, goals: ArrayLike) -> Array:

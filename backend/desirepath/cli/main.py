@@ -17,6 +17,7 @@ with ended_by_interrupt(), without_collecting():
     from desirepath.cli import (
         data,
         jobs,
+        places,
         plots,
         recordings,
         report,
@@ -62,6 +63,8 @@ with ended_by_interrupt():
     app.add_typer(study.commands, name="study")
     app.add_typer(jobs.commands, name="jobs")
     app.add_typer(words.commands, name="words")
+    app.add_typer(places.robots, name="robot")
+    app.add_typer(places.setups, name="setup")
     for further in entry_points(group="desirepath.commands"):
         found = further.load()
         if isinstance(found, typer.Typer):

@@ -7,8 +7,8 @@ command is chosen.
 from __future__ import annotations
 
 import functools
-import importlib
 import inspect
+import pkgutil
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -43,8 +43,7 @@ class OptionsOf:
     @functools.cached_property
     def made(self) -> type[Any]:
         """The class itself, imported."""
-        module, _, name = self.config.partition(":")
-        made: type[Any] = getattr(importlib.import_module(module), name)
+        made: type[Any] = pkgutil.resolve_name(self.config)
         return made
 
     @functools.cached_property

@@ -18,7 +18,7 @@ from desirepath.simulation import kernels as k
 from desirepath.simulation.fast import Floats, replay
 from desirepath.simulation.npz import Arrays
 from desirepath.simulation.scene import Pose, Scene, SceneError
-from desirepath.simulation.scenes import scene_to_row
+from desirepath.simulation.scenes import ground_of, scene_to_row
 from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup
 from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import Outcome, Trajectory
@@ -217,9 +217,9 @@ def _check_turns(setup: Setup, poses: Doubles, commands: Doubles) -> None:
 
 def _check_free(scene: Scene, spline: PathSpline) -> None:
     path = spline.points(np.arange(0.0, spline.length_m, BETWEEN_M))
-    row, radius = scene_to_row(scene), get_setup(scene.setup).robot.radius_m
+    row, radius, ground = scene_to_row(scene), get_setup(scene.setup).robot.radius_m, ground_of(scene)
     for x, y in path:
-        near_solid = k.surface_distance(row, x, y) < radius
+        near_solid = k.surface_distance(row, x, y, ground) < radius
         near_person = k.person_distance(row, x, y) < radius + scene.person.radius
         if near_solid or (near_person and scene.walk is None):  # who walks may be elsewhere by then: the rollout tells
             raise _collision(scene, np.array([x, y]), None)
@@ -245,6 +245,8 @@ def _collision(scene: Scene, at: NDArray[np.float64], step: int | None) -> Strok
     gaps = {"person": math.dist(person[:2], at) - scene.person.radius}
     if scene.room is not None:
         gaps["wall"] = float((np.array([scene.room.length, scene.room.width]) / 2 - np.abs(at)).min())
+    if (ground := ground_of(scene)) is not None:
+        gaps["wall"] = float(k.ground_distance(ground, at[0], at[1]))
     for i, obstacle in enumerate(scene.obstacles):
         gaps[obstacle.kind] = min(
             gaps.get(obstacle.kind, math.inf), k.box_distance(row, k.FIRST_BOX + k.BOX_COLUMNS * i, at[0], at[1])

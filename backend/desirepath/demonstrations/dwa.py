@@ -48,7 +48,7 @@ class Dwa:
     def __init__(self, setup: Setup) -> None:
         self.setup = lidar_setup(setup)
         self.config = DwaConfig()
-        angles = np.arange(self.setup.robot.lidar.beams) * (2 * math.pi / self.setup.robot.lidar.beams)
+        angles = np.array(self.setup.robot.lidar.bearings())
         self._directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
     def act(self, observations: Floats) -> Floats:

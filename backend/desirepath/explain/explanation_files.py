@@ -245,9 +245,8 @@ def _draw_sight(ax: Axes, trajectory: Trajectory, sight: Sight, explained: Expla
     plots.draw_person(ax, scene)
     x, y, yaw = (float(value) for value in trajectory.poses[step])
     ranges, hit = sight.ranges[step].min(axis=0), sight.provider[step] >= 0
-    sectors = len(ranges)
-    for sector in range(sectors):
-        bearing = yaw + (sector + 0.5) * 2 * math.pi / sectors
+    for sector, middle in enumerate(sight.setup.robot.lidar.middles()):
+        bearing = yaw + middle
         end = (x + ranges[sector] * math.cos(bearing), y + ranges[sector] * math.sin(bearing))
         colour, width = (plots.SECOND, 0.5) if hit[sector] else (plots.DATA[0], 0.25)
         ax.plot([x, end[0]], [y, end[1]], color=colour, linewidth=width, alpha=0.55, zorder=1)

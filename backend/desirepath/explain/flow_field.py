@@ -17,7 +17,7 @@ from desirepath.simulation import kernels as k
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy, begin
 from desirepath.simulation.fast import Floats, make_engine, rollout
 from desirepath.simulation.scene import Pose, Scene, SceneError
-from desirepath.simulation.scenes import check_scene, scene_to_row
+from desirepath.simulation.scenes import check_scene, ground_of, scene_to_row
 from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup, require_same
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
@@ -177,14 +177,10 @@ def grid_of(scene: Scene, cell_m: float = CELL_M) -> Grid:
 
 def free_cells(scene: Scene, grid: Grid) -> Flags:
     """(rows, columns): whether the robot's disc, centred in the cell, overlaps neither box, wall nor person."""
-    row, person, robot = scene_to_row(scene), scene.person.radius, get_setup(scene.setup).robot.radius_m
-    return np.array(
-        [
-            [k.surface_distance(row, x, y) >= robot and k.person_distance(row, x, y) >= robot + person for x in grid.xs]
-            for y in grid.ys
-        ],
-        dtype=np.bool_,
-    )
+    places = np.stack(np.meshgrid(grid.xs, grid.ys), axis=-1)
+    free = np.zeros(places.shape[:2], dtype=np.bool_)
+    k.mark_free(scene_to_row(scene), places, get_setup(scene.setup).robot.radius_m, free, ground_of(scene))
+    return free
 
 
 def flow_field(act: ActFunction | EpisodicPolicy, setup: Setup, scene: Scene, *, cell_m: float = CELL_M) -> FlowField:

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from desirepath.explain.flow_field import FlowDifference, FlowField, grid_of
 from desirepath.explain.flow_words import ENGLISH, Words
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.scenes import walls_of
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
@@ -274,8 +275,9 @@ def _frame(axes: Sequence[Axes], scene: Scene, extent: Extent, words: Words, *, 
 
 
 def draw_solids(ax: Axes, scene: Scene) -> None:
-    """Obstacles and the room's outline."""
+    """Obstacles, what a map has, and the room's outline."""
     bodies = [Polygon(solid.corners()) for solid in scene.obstacles]
+    bodies += [Polygon([(x1, y1), (x2, y1), (x2, y2), (x1, y2)]) for x1, y1, x2, y2 in walls_of(scene)]
     ax.add_collection(PatchCollection(bodies, facecolor=SOLID, edgecolor=INK, linewidth=0.7, zorder=3))
     if scene.room is not None:
         x, y = scene.room.length / 2, scene.room.width / 2

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from desirepath.simulation import kernels as k
 from desirepath.simulation.fast import Floats, beams_of
 from desirepath.simulation.scene import Obstacle, Person, Pose, Scene
-from desirepath.simulation.scenes import scene_to_row
+from desirepath.simulation.scenes import ground_of, scene_to_row
 from desirepath.simulation.setups import Setup, get_setup, require_lidar
 from desirepath.simulation.trajectory import Trajectory
 
@@ -26,18 +26,19 @@ NOBODY = Person(Pose(1e6, 1e6))
 """Far outside every lidar's range."""
 FAR, AHEAD = 1.0, 0.0  # scaled inputs: as far as distances are scaled by, straight ahead
 PERSON, GOAL = "person", "goal"
+BUILDING = "building"  # whatever its map has
 WALLS = ("wall east", "wall west", "wall north", "wall south")  # `Room.walls`: +x, -x, +y, -y
 
 
 def thing_names(scene: Scene) -> list[str]:
-    """The scene's obstacles by kind, numbered where there are several, its walls, the person."""
+    """The scene's obstacles by kind, numbered where there are several, its walls, its map, the person."""
     number, kinds = Counter[str](), Counter(obstacle.kind for obstacle in scene.obstacles)
     names = []
     for obstacle in scene.obstacles:
         number[obstacle.kind] += 1
         several = kinds[obstacle.kind] > 1
         names.append(f"{obstacle.kind} {number[obstacle.kind]}" if several else obstacle.kind)
-    return [*names, *(WALLS if scene.room else ()), PERSON]
+    return [*names, *(WALLS if scene.room else ()), *((BUILDING,) if scene.ground else ()), PERSON]
 
 
 @dataclass(frozen=True)
@@ -98,16 +99,20 @@ def sight_of(trajectory: Trajectory) -> Sight:
     people = scene.person_poses(trajectory.times[:steps])
     solids = scene.solids()
     beams = beams_of(setup)
-    ranges = np.empty((steps, len(solids) + 1, setup.robot.lidar.sectors))
+    things = tuple(thing_names(scene))
+    ranges = np.empty((steps, len(things), setup.robot.lidar.sectors))
     for number, solid in enumerate(solids):
         row = scene_to_row(_only(scene, [solid], NOBODY))
         for step, (x, y, yaw) in enumerate(poses):
-            k.scan(row, x, y, yaw, beams, ranges[step, number])
+            ranges[step, number] = k.seen_ranges(row, x, y, yaw, beams)
+    ground, nothing = ground_of(scene), scene_to_row(_only(scene, [], NOBODY))
+    for step, (x, y, yaw) in enumerate(poses if ground is not None else ()):
+        ranges[step, things.index(BUILDING)] = k.seen_ranges(nothing, x, y, yaw, beams, ground)
     row = scene_to_row(_only(scene, [], scene.person))
     for step, (x, y, yaw) in enumerate(poses):
         row[k.PERSON_X], row[k.PERSON_Y] = people[step, :2]
-        k.scan(row, x, y, yaw, beams, ranges[step, -1])
-    return Sight(setup, tuple(thing_names(scene)), trajectory.observations, ranges)
+        ranges[step, -1] = k.seen_ranges(row, x, y, yaw, beams)
+    return Sight(setup, things, trajectory.observations, ranges)
 
 
 def _only(scene: Scene, solids: Sequence[Obstacle], person: Person) -> Scene:

@@ -15,21 +15,18 @@ from itertools import product
 import numpy as np
 
 from desirepath.analysis.anova import Assumptions, assumptions, rm_anova
-from desirepath.analysis.choices import kendall_tau_b
+from desirepath.analysis.estimates import kendall_tau_b
 from desirepath.analysis.factorial import Factorial
 from desirepath.analysis.intervals import end_at_scale
 from desirepath.analysis.tested import Mean, Tested, correct_tests, mean_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.rating_findings import Measure
 from desirepath.report.report_cells import name_in_words
-from desirepath.report.study_data import ImportanceRanking, ItemText
+from desirepath.report.study_data import AWARENESS, ImportanceRanking, ItemText
 
-FACTORS = ("outline", "lidar")
 SHOWN = ("outline", "attention", "lidar")
 """What may be shown: outlines of chapter 8's things, or a policy's attention to people, and the lidar of either."""
 LEVELS = ("without", "with")
-AWARENESS = ("perception", "intelligibility", "prediction")
-"""How the keys of the items begin whose mean, the reversed ones inverted, is the awareness score (two of each)."""
 Rated = Mapping[str, Mapping[str, float]]
 
 

@@ -16,14 +16,14 @@ import numpy as np
 
 from desirepath.analysis.estimates import wilson
 from desirepath.report.analysis_plan import AnalysisPlan
-from desirepath.report.explanation_findings import FACTORS, analyse_rankings
+from desirepath.report.explanation_findings import analyse_rankings
 from desirepath.report.findings import Findings, NothingToReport, analyse
 from desirepath.report.further_findings import Further
 from desirepath.report.own_findings import ARMS
 from desirepath.report.planned_design import Assumed, PlannedDesign, RankedDesign
 from desirepath.report.report_cells import name_in_words, plural
 from desirepath.report.simulated_rankers import RankerCohort, simulate_rankings
-from desirepath.report.study_data import StudyData
+from desirepath.report.study_data import FACTORS, StudyData
 
 Tell = Callable[[float], None]
 FEW_QUERIES = 2  # of null cohorts: what is tested there are ratings, rankings and comparisons

@@ -14,10 +14,17 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.analysis.choices import kendall_tau_b
-from desirepath.report.explanation_findings import AWARENESS, FACTORS
+from desirepath.analysis.estimates import kendall_tau_b
 from desirepath.report.simulated_cohorts import CohortError, rate_opinions
-from desirepath.report.study_data import ImportanceRanking, ItemText, ParticipantRow, Rating, StudyData
+from desirepath.report.study_data import (
+    AWARENESS,
+    FACTORS,
+    ImportanceRanking,
+    ItemText,
+    ParticipantRow,
+    Rating,
+    StudyData,
+)
 
 Doubles = NDArray[np.float64]
 OBJECTS = ("couch", "table", "cupboard", "box", "pillar")

@@ -16,6 +16,9 @@ from desirepath.simulation.trajectory import Trajectory
 PROBES = ("repeat", "swap")  # roles of queries that are asked again
 FARTHEST = 3.0  # of two vectors of nine weights from 0 to 1
 TRIAD = "transitivity"  # role of the three pairs of three trajectories
+FACTORS = ("outline", "lidar")  # of explanations (chapter 8)
+AWARENESS = ("perception", "intelligibility", "prediction")
+"""How the keys of the items begin whose mean, the reversed ones inverted, is the awareness score (two of each)."""
 Load = Callable[[str], Trajectory]
 """A trajectory by its id."""
 

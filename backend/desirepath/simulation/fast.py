@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 from desirepath.simulation import kernels as k
 from desirepath.simulation.acting import ActFunction, ActionError, EpisodicPolicy, begin
 from desirepath.simulation.scene import Pose, Scene
-from desirepath.simulation.scenes import ScenePool, check_scene, columns_of, row_to_scene, scene_to_row, scenes_to_rows
+from desirepath.simulation.scenes import (
+    ScenePool,
+    check_scene,
+    columns_of,
+    ground_of,
+    map_of,
+    row_to_scene,
+    scene_to_row,
+    scenes_to_rows,
+)
 from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup, require_same
 from desirepath.simulation.social_metrics import SocialMetrics, social_metrics
 from desirepath.simulation.trajectory import Outcome, Trajectory
@@ -48,27 +57,48 @@ def rules_of(setup: Setup, progress_weight: float = 0.0) -> k.Rules:
         with_person=setup.with_person,
         near=setup.near.reward if setup.near else 0.0,
         near_m=setup.near.within_m if setup.near else 0.0,
+        v_change=(setup.robot.limits.v_change or math.inf) * CONTROL_DT_S,
+        w_change=(setup.robot.limits.w_change or math.inf) * CONTROL_DT_S,
     )
 
 
 def beams_of(setup: Setup, *, pooled: bool = True) -> k.Beams:
     """The setup's lidar for the compiled scan; unpooled, every beam is a sector of its own."""
     lidar = setup.robot.lidar
-    angles = np.arange(3 * lidar.beams) * (2 * math.pi / lidar.beams)
+    whole = lidar.beams_of_a_turn
+    angles = np.arange(3 * whole) * (2 * math.pi / whole)
     return k.Beams(
-        number=lidar.beams,
-        sectors=lidar.sectors if pooled else lidar.beams,
+        number=whole,
+        sectors=lidar.sectors_of_a_turn if pooled else whole,
         range_m=lidar.range_m,
         directions=np.stack([np.cos(angles), np.sin(angles)], axis=1),
+        seen=lidar.sectors if pooled else lidar.beams,
+        x=lidar.x_m,
+        y=lidar.y_m,
+        yaw=lidar.yaw_rad,
     )
 
 
+def outline_of(setup: Setup) -> NDArray[np.float64] | None:
+    """(corners, 2) of a robot that is a polygon, metres in its frame; None of a round one."""
+    return None if setup.robot.footprint is None else np.array(setup.robot.footprint, dtype=np.float64)
+
+
+def clearance_m(scene: Scene, poses: NDArray[np.floating[Any]]) -> float:
+    """The smallest distance (m) from the robot's body to a box, a wall or what a map has, along poses (n, 3); infinite
+    in an empty field."""
+    setup, row, ground = get_setup(scene.setup), scene_to_row(scene), ground_of(scene)
+    along = np.ascontiguousarray(poses, dtype=np.float64)
+    outline = outline_of(setup)
+    if outline is not None:
+        return float(k.poses_surface_gap(row, along, outline, ground))
+    return float(k.path_surface_distance(row, along[:, :2].copy(), ground)) - setup.robot.radius_m
+
+
 def raw_ranges(setup: Setup, scene: Scene, pose: Pose) -> NDArray[np.float64]:
-    """Every lidar beam from that pose: (beams,) metres, counter-clockwise from straight ahead."""
+    """Every lidar beam from that pose: (beams,) metres, in the order of `Lidar.bearings`."""
     beams = beams_of(setup, pooled=False)
-    ranges = np.empty(beams.number)
-    k.scan(scene_to_row(scene), pose.x, pose.y, pose.yaw, beams, ranges)
-    return ranges
+    return k.seen_ranges(scene_to_row(scene), pose.x, pose.y, pose.yaw, beams, ground_of(scene))
 
 
 class StartPool(Protocol):
@@ -149,6 +179,8 @@ class FastEngine:
             raise ValueError(f"setup {setup.name} has pedestrians: `make_engine` makes the engine that moves them")
         self.setup, self.n_envs, self.auto_reset = setup, n_envs, auto_reset
         self._rules, self._beams = rules_of(setup, progress_weight), beams_of(setup)
+        here = map_of(setup)
+        self._ground, self._outline = here.ground if here else None, outline_of(setup)
         self._step_all = k.step_all_parallel if parallel else k.step_all
         self._pool: StartPool = pool if pool is not None else ScenePool(setup, seed)
         self._scenes = list(scenes) if scenes is not None else None
@@ -291,7 +323,7 @@ class FastEngine:
         walking = which[self._walking[which]]
         if len(walking):
             self._state.rows[walking, k.PERSON_X : k.PERSON_YAW + 1] = self._walks[walking, 0]
-        k.start_episodes(which, self._state, self.observations, self._rules, self._beams)
+        k.start_episodes(which, self._state, self.observations, self._rules, self._beams, self._ground, self._outline)
 
     def step(self, actions: Floats) -> None:
         """One control step (0.2 s) of every environment with `actions` (n, 2) in [-1, 1], clipped.
@@ -306,7 +338,7 @@ class FastEngine:
             worst = int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])
             raise ActionError(f"actions[{worst}] = {actions[worst].tolist()}: must be finite, in [-1, 1]")
         walking, apart = self._advance_people()
-        self._step_all(self._state, self._results, actions, self._rules, self._beams)
+        self._step_all(self._state, self._results, actions, self._rules, self._beams, self._ground, self._outline)
         first = walking[self.steps[walking] == 1]
         self.min_human_distance[first] = np.minimum(apart[first], self.human_distance[first])
         self.observations[:] = self.next_observations
@@ -500,7 +532,7 @@ def table_of(trajectories: Sequence[Trajectory]) -> EpisodeTable:
         raise ValueError("trajectories: none given")
     columns: dict[str, list[float]] = {name: [] for name in EPISODE_COLUMNS}
     for trajectory in trajectories:
-        scene, row = trajectory.scene, scene_to_row(trajectory.scene)
+        scene = trajectory.scene
         path = np.ascontiguousarray(trajectory.poses[:, :2], dtype=np.float64)
         turns = np.diff(trajectory.poses[:, 2].astype(np.float64))
         people = scene.people_at(trajectory.times)
@@ -509,7 +541,7 @@ def table_of(trajectories: Sequence[Trajectory]) -> EpisodeTable:
             "steps": len(trajectory.actions),
             "path_length": np.linalg.norm(np.diff(path, axis=0), axis=1).sum(),
             "min_human_distance": np.linalg.norm(path - people, axis=2).min(),
-            "min_clearance": k.path_surface_distance(row, path) - get_setup(scene.setup).robot.radius_m,
+            "min_clearance": clearance_m(scene, trajectory.poses),
             "self_intersections": trajectory.self_intersections,
             "accumulated_angle": np.abs((turns + np.pi) % (2 * np.pi) - np.pi).sum(),
             "path_area": k.path_area(path, scene.goal.x, scene.goal.y),

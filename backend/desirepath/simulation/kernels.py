@@ -33,7 +33,9 @@ RUNNING, SUCCESS, COLLISION, TIMEOUT = 0, 1, 2, 3  # trajectory.Outcome
 
 SMALLEST_ADVANCE_M = 5e-4  # collision search: the robot moves by its clearance, but at least this far per sub-step
 TOUCH_M = 1e-9  # rounding: a robot that moved exactly up to a surface has not hit it
+OVERLAP_M = 1e-3  # what a polygon that overlaps something is said to be inside it
 GRID_M = 0.05  # cell of the reachability search
+
 
 Compiled = TypeVar("Compiled", bound=Callable[..., object])
 
@@ -98,10 +100,51 @@ def box_distance(row: Row, o: int, x: float, y: float) -> float:
     return max(along, across)
 
 
+class Ground(NamedTuple):
+    """The cells of a map (`ground_maps.py`), whose outermost ones are all occupied; its lower left corner lies at x, y.
+
+    nearest (columns, lines, 2) int16: of each cell the nearest occupied one, by their centres. leaps (columns, lines)
+    float32: how far any point of a cell may move without reaching an occupied one, in cells; -1 where it is occupied
+    itself. cell: side, metres.
+
+    Functions take None where a scene has no map: Numba compiles them without a map then, as fast as if there were none.
+    """
+
+    nearest: NDArray[np.int16]
+    leaps: NDArray[np.float32]
+    x: float
+    y: float
+    cell: float
+
+
 @compiled
-def surface_distance(row: Row, x: float, y: float) -> float:
+def ground_distance(ground: Ground, x: float, y: float) -> float:
+    """Distance (m) from a point to the nearest occupied cell; negative inside one and off the map."""
+    across, up = (x - ground.x) / ground.cell, (y - ground.y) / ground.cell
+    columns, lines = ground.leaps.shape
+    if across < 0.0 or up < 0.0 or across >= columns or up >= lines:
+        return -ground.cell / 2
+    i, j = int(across), int(up)
+    if ground.leaps[i, j] < 0.0:
+        return -ground.cell / 2
+    # Of the four cells around the point, each one's nearest: no other is nearer by more than a hair.
+    beside = 1 if across - i > 0.5 else -1
+    above = 1 if up - j > 0.5 else -1
+    best = math.inf
+    for di in (0, beside):
+        for dj in (0, above):
+            n, m = ground.nearest[i + di, j + dj, 0], ground.nearest[i + di, j + dj, 1]
+            dx, dy = max(abs(across - n - 0.5) - 0.5, 0.0), max(abs(up - m - 0.5) - 0.5, 0.0)
+            best = min(best, dx * dx + dy * dy)
+    return math.sqrt(best) * ground.cell
+
+
+@compiled
+def surface_distance(row: Row, x: float, y: float, ground: Ground | None = None) -> float:
     """Distance (m) from a point to the nearest box or wall surface; infinite in an empty field."""
     nearest = math.inf
+    if ground is not None:
+        nearest = ground_distance(ground, x, y)
     if row[ROOM_HALF_X] > 0.0:
         nearest = min(row[ROOM_HALF_X] - abs(x), row[ROOM_HALF_Y] - abs(y))
     for b in range(int(row[BOX_COUNT])):
@@ -110,11 +153,135 @@ def surface_distance(row: Row, x: float, y: float) -> float:
 
 
 @compiled
-def path_surface_distance(row: Row, path: NDArray[np.float64]) -> float:
+def path_surface_distance(row: Row, path: NDArray[np.float64], ground: Ground | None = None) -> float:
     """The smallest `surface_distance` along the points (points, 2) of a path."""
     nearest = math.inf
     for p in range(path.shape[0]):
-        nearest = min(nearest, surface_distance(row, path[p, 0], path[p, 1]))
+        nearest = min(nearest, surface_distance(row, path[p, 0], path[p, 1], ground))
+    return nearest
+
+
+@compiled
+def _to_box(x: float, y: float, half_length: float, half_width: float) -> float:
+    """Distance from a point in a box's own frame to the box; 0 inside."""
+    along, across = max(abs(x) - half_length, 0.0), max(abs(y) - half_width, 0.0)
+    return math.sqrt(along * along + across * across)
+
+
+@compiled
+def _to_segment(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
+    """Distance from a point to the line segment from a to b."""
+    ex, ey = bx - ax, by - ay
+    squared = ex * ex + ey * ey
+    part = min(max(((px - ax) * ex + (py - ay) * ey) / squared, 0.0), 1.0) if squared > 0.0 else 0.0
+    return math.sqrt((px - ax - part * ex) ** 2 + (py - ay - part * ey) ** 2)
+
+
+@compiled
+def _segment_to_box(ax: float, ay: float, bx: float, by: float, half_length: float, half_width: float) -> float:
+    """Distance from a segment in a box's own frame to the box; -OVERLAP_M where it enters it."""
+    enters, leaves, misses = 0.0, 1.0, False
+    for axis in range(2):
+        origin, step, half = (ax, bx - ax, half_length) if axis == 0 else (ay, by - ay, half_width)
+        half -= TOUCH_M
+        if step == 0.0:
+            misses = misses or abs(origin) > half
+        else:
+            first, last = (-half - origin) / step, (half - origin) / step
+            enters, leaves = max(enters, min(first, last)), min(leaves, max(first, last))
+    if not misses and enters <= leaves:
+        return -OVERLAP_M
+    nearest = min(_to_box(ax, ay, half_length, half_width), _to_box(bx, by, half_length, half_width))
+    for sign_x in (-1.0, 1.0):
+        for sign_y in (-1.0, 1.0):
+            nearest = min(nearest, _to_segment(sign_x * half_length, sign_y * half_width, ax, ay, bx, by))
+    return nearest
+
+
+@compiled
+def _holds(corners: NDArray[np.float64], x: float, y: float) -> bool:
+    """Whether a polygon (corners, 2) holds a point."""
+    inside, before = False, corners.shape[0] - 1
+    for after in range(corners.shape[0]):
+        ay, by = corners[before, 1], corners[after, 1]
+        if (ay > y) != (by > y):
+            crossing = corners[before, 0] + (y - ay) / (by - ay) * (corners[after, 0] - corners[before, 0])
+            inside = inside != (x < crossing)
+        before = after
+    return bool(inside)
+
+
+@compiled
+def body_corners(outline: NDArray[np.float64], x: float, y: float, yaw: float) -> NDArray[np.float64]:
+    """The corners (n, 2) of an outline, given in the robot's frame, of a robot at that pose."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    corners = np.empty_like(outline)
+    for n in range(outline.shape[0]):
+        corners[n, 0] = x + c * outline[n, 0] - s * outline[n, 1]
+        corners[n, 1] = y + s * outline[n, 0] + c * outline[n, 1]
+    return corners
+
+
+@compiled
+def body_person_gap(row: Row, corners: NDArray[np.float64]) -> float:
+    """Distance (m) from a robot's outline (corners, 2) to the person's surface; negative where they overlap."""
+    x, y, before = row[PERSON_X], row[PERSON_Y], corners.shape[0] - 1
+    nearest = math.inf
+    for after in range(corners.shape[0]):
+        to_side = _to_segment(x, y, corners[before, 0], corners[before, 1], corners[after, 0], corners[after, 1])
+        nearest = min(nearest, to_side)
+        before = after
+    gap: float = (-nearest if _holds(corners, x, y) else nearest) - row[PERSON_RADIUS]
+    return gap
+
+
+@compiled
+def body_surface_gap(row: Row, corners: NDArray[np.float64], ground: Ground | None = None) -> float:
+    """Distance (m) from a robot's outline (corners, 2) to the nearest box, wall or occupied cell, below 0 where they
+    overlap; infinite in an empty field."""
+    nearest = math.inf
+    sides = corners.shape[0]
+    if row[ROOM_HALF_X] > 0.0:
+        for n in range(sides):
+            nearest = min(nearest, row[ROOM_HALF_X] - abs(corners[n, 0]), row[ROOM_HALF_Y] - abs(corners[n, 1]))
+    for b in range(int(row[BOX_COUNT])):
+        o = FIRST_BOX + BOX_COLUMNS * b
+        c, s = row[o + BOX_COS], row[o + BOX_SIN]
+        length, width = row[o + BOX_HALF_LENGTH], row[o + BOX_HALF_WIDTH]
+        dx, dy = corners[sides - 1, 0] - row[o + BOX_X], corners[sides - 1, 1] - row[o + BOX_Y]
+        ax, ay = dx * c + dy * s, dy * c - dx * s
+        for n in range(sides):
+            dx, dy = corners[n, 0] - row[o + BOX_X], corners[n, 1] - row[o + BOX_Y]
+            bx, by = dx * c + dy * s, dy * c - dx * s
+            nearest = min(nearest, _segment_to_box(ax, ay, bx, by, length, width))
+            ax, ay = bx, by
+        if _holds(corners, row[o + BOX_X], row[o + BOX_Y]):
+            nearest = min(nearest, -OVERLAP_M)
+    if ground is not None:
+        for n in range(sides):
+            ax, ay = corners[n - 1, 0], corners[n - 1, 1]
+            ex, ey = corners[n, 0] - ax, corners[n, 1] - ay
+            side = math.sqrt(ex * ex + ey * ey)
+            at = 0.0
+            while (
+                at <= side
+            ):  # a place as far off as `apart` has nothing nearer than `nearest` around it: skip that far
+                part = at / side if side > 0.0 else 0.0
+                apart = ground_distance(ground, ax + part * ex, ay + part * ey)
+                at += max(apart - nearest, ground.cell / 8)
+                nearest = min(nearest, apart)
+    return nearest
+
+
+@compiled
+def poses_surface_gap(
+    row: Row, poses: NDArray[np.float64], outline: NDArray[np.float64], ground: Ground | None = None
+) -> float:
+    """The smallest `body_surface_gap` along poses (n, 3) of a robot of that outline."""
+    nearest = math.inf
+    for p in range(poses.shape[0]):
+        corners = body_corners(outline, poses[p, 0], poses[p, 1], poses[p, 2])
+        nearest = min(nearest, body_surface_gap(row, corners, ground))
     return nearest
 
 
@@ -202,16 +369,19 @@ def _passages_form_no_ring(row: Row, radius: float) -> bool:
 
 
 @compiled_exactly
-def reachable(row: Row, radius: float) -> bool:
+def reachable(row: Row, radius: float, ground: Ground | None = None) -> bool:
     """Whether a disc of that radius (m) can get from the start to the goal. Both must be free themselves.
 
     Answers at once where no ring of bodies exists; else a depth-first search on a grid of GRID_M, so a passage less
     than about one cell wider than the disc counts as closed.
     """
-    if _passages_form_no_ring(row, radius):
-        return True
     x0, y0 = row[START_X], row[START_Y]
-    if row[ROOM_HALF_X] > 0.0:
+    if ground is not None:
+        reach_x = ground.cell * ground.leaps.shape[0]
+        reach_y = ground.cell * ground.leaps.shape[1]
+    elif _passages_form_no_ring(row, radius):
+        return True
+    elif row[ROOM_HALF_X] > 0.0:
         reach_x, reach_y = 2 * row[ROOM_HALF_X], 2 * row[ROOM_HALF_Y]
     else:  # a margin around everything, wide enough to walk around the outermost body
         far = max(abs(row[GOAL_X] - x0), abs(row[GOAL_Y] - y0), abs(row[PERSON_X] - x0), abs(row[PERSON_Y] - y0))
@@ -248,7 +418,7 @@ def reachable(row: Row, radius: float) -> bool:
                 continue
             seen[u, w] = True
             nx, ny = x0 + (u - cells_x) * GRID_M, y0 + (w - cells_y) * GRID_M
-            if surface_distance(row, nx, ny) < radius:
+            if surface_distance(row, nx, ny, ground) < radius:
                 continue
             if person_distance(row, nx, ny) < radius + row[PERSON_RADIUS]:
                 continue
@@ -595,12 +765,20 @@ def draw_explained_room(uniforms: NDArray[np.float64], row: Row, spacing: Spacin
 
 
 class Beams(NamedTuple):
-    """The lidar: directions (3 * beams, 2) float64 unit vectors, three turns long so that no index wraps."""
+    """The lidar: directions (3 * beams, 2) float64 unit vectors, three turns long so that no index wraps.
+
+    number, sectors: of a whole turn. seen: of these sectors it sees half to the left of straight ahead and half to the
+    right, all where it looks all round. x, y (m), yaw (rad): where it is mounted, in the robot's frame.
+    """
 
     number: int
     sectors: int
     range_m: float
     directions: NDArray[np.float64]
+    seen: int
+    x: float
+    y: float
+    yaw: float
 
 
 @inlined
@@ -652,10 +830,44 @@ def _see_face(
 
 
 @compiled
-def scan(row: Row, x: float, y: float, yaw: float, beams: Beams, out: NDArray[np.float64]) -> None:
+def scan(
+    row: Row,
+    x: float,
+    y: float,
+    yaw: float,
+    beams: Beams,
+    out: NDArray[np.float64],
+    ground: Ground | None = None,
+) -> None:
     """The lidar seen from a pose: out (sectors,) metres, minimum over each sector's beams, at most the range."""
     dx, dy = row[PERSON_X] - x, row[PERSON_Y] - y
-    scan_knowing(row, x, y, yaw, math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - yaw), beams, out)
+    scan_knowing(row, x, y, yaw, math.sqrt(dx * dx + dy * dy), wrap(math.atan2(dy, dx) - yaw), beams, out, ground)
+
+
+@compiled
+def scan_mounted(
+    row: Row,
+    x: float,
+    y: float,
+    yaw: float,
+    beams: Beams,
+    out: NDArray[np.float64],
+    ground: Ground | None = None,
+) -> None:
+    """`scan` from where the lidar is mounted on a robot at that pose."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    scan(row, x + c * beams.x - s * beams.y, y + s * beams.x + c * beams.y, yaw + beams.yaw, beams, out, ground)
+
+
+@compiled
+def seen_ranges(
+    row: Row, x: float, y: float, yaw: float, beams: Beams, ground: Ground | None = None
+) -> NDArray[np.float64]:
+    """(seen,) metres: what the lidar of a robot at that pose sees, in the order of its observation."""
+    ranges = np.empty(beams.sectors)
+    scan_mounted(row, x, y, yaw, beams, ranges, ground)
+    half = (beams.seen + 1) // 2
+    return np.concatenate((ranges[:half], ranges[beams.sectors - (beams.seen - half) :]))
 
 
 @compiled
@@ -668,6 +880,7 @@ def scan_knowing(
     bearing: float,
     beams: Beams,
     out: NDArray[np.float64],
+    ground: Ground | None = None,
 ) -> None:
     """`scan` for a caller who has the person's distance (m) and bearing (rad) already."""
     out[:] = 1 / beams.range_m
@@ -699,6 +912,8 @@ def scan_knowing(
         elif across < -width:
             _see_face(out, beams, turned + quarter, -st, ct, -width - across, along - length, along + length)
     _see_person(row[PERSON_RADIUS], person, bearing, beams, out)
+    if ground is not None:  # last: what is seen already is as far as it has to look
+        _see_ground(ground, x, y, cr, sr, beams, out)
     for sector in range(beams.sectors):
         out[sector] = 1 / out[sector]
 
@@ -722,6 +937,54 @@ def _see_person(radius: float, person: float, bearing: float, beams: Beams, out:
         if inside >= 0.0:
             index = sector % beams.sectors
             out[index] = max(out[index], 1 / (along - math.sqrt(inside)))
+
+
+@inlined
+def _see_ground(
+    ground: Ground, x: float, y: float, cr: float, sr: float, beams: Beams, out: NDArray[np.float64]
+) -> None:
+    """Note the map in `out` (1 / range) seen from x, y heading along (cr, sr). All lengths in cells.
+
+    A sector's beams leap together, as a cone, until something is near; then one after another, each no farther than
+    what is nearest so far, the outermost two first, since along a wall one of them is nearest: by leaps where the next
+    cells are free, else into the next cell. x, y lie on the map, whose edge is occupied: no ray leaves it.
+    """
+    leaps, per_cell = ground.leaps, 1 / ground.cell
+    x, y = (x - ground.x) * per_cell, (y - ground.y) * per_cell
+    if x < 0.0 or y < 0.0 or x >= leaps.shape[0] or y >= leaps.shape[1]:
+        return
+    per_sector = beams.number // beams.sectors
+    spread = 2 * math.sin(per_sector / 2 * math.pi / beams.number)  # of its beams, for each cell of the middle one
+    for sector in range(beams.sectors):
+        limit = per_cell / out[sector]
+        first = sector * per_sector
+        middle = first + per_sector // 2
+        c = beams.directions[middle, 0] * cr - beams.directions[middle, 1] * sr
+        s = beams.directions[middle, 0] * sr + beams.directions[middle, 1] * cr
+        begin = 0.0
+        while begin < limit:
+            leap = leaps[np.uint32(int(x + begin * c)), np.uint32(int(y + begin * s))] - begin * spread
+            if leap < 1.0:
+                break
+            begin += leap
+        for place in range(per_sector):
+            beam = first + (per_sector - 1 if place == 1 else max(place - 1, 0))
+            c = beams.directions[beam, 0] * cr - beams.directions[beam, 1] * sr
+            s = beams.directions[beam, 0] * sr + beams.directions[beam, 1] * cr
+            at = begin
+            while at < limit:
+                across, up = x + at * c, y + at * s
+                i, j = int(across), int(up)
+                leap = leaps[np.uint32(i), np.uint32(j)]
+                if leap >= 1.0:
+                    at += leap
+                elif leap >= 0.0:
+                    to_side = (i + (1 if c > 0.0 else 0) - across) / c if c != 0.0 else math.inf
+                    to_line = (j + (1 if s > 0.0 else 0) - up) / s if s != 0.0 else math.inf
+                    at += min(to_side, to_line) + 1e-6
+                else:
+                    limit = at
+        out[sector] = max(out[sector], per_cell / max(limit, 1e-9))
 
 
 # --- driving --------------------------------------------------------------------------------------------------------
@@ -750,6 +1013,8 @@ class Rules(NamedTuple):
     with_person: bool
     near: float  # reward of a step that ends with the robot's centre nearer than near_m to anything
     near_m: float
+    v_change: float  # m/s and rad/s that a command may differ from the one before; infinite: as it likes
+    w_change: float
 
 
 class State(NamedTuple):
@@ -796,7 +1061,15 @@ def arc(x: float, y: float, yaw: float, travel: float, turn: float) -> tuple[flo
 
 @compiled
 def drive(
-    row: Row, x: float, y: float, yaw: float, travel: float, turn: float, radius: float, free: float
+    row: Row,
+    x: float,
+    y: float,
+    yaw: float,
+    travel: float,
+    turn: float,
+    radius: float,
+    free: float,
+    ground: Ground | None = None,
 ) -> tuple[float, float, float, float, float, bool]:
     """Drive one arc, stopping at the first contact: (x, y, yaw, surface distance, person distance, hit).
 
@@ -811,16 +1084,48 @@ def drive(
         ahead = min(travel, done + max(free, SMALLEST_ADVANCE_M))
         part = turn * (ahead / travel) if travel > 0.0 else turn
         new_x, new_y = arc(x, y, yaw, ahead, part)
-        new_surface, new_person = surface_distance(row, new_x, new_y), person_distance(row, new_x, new_y)
+        new_surface, new_person = surface_distance(row, new_x, new_y, ground), person_distance(row, new_x, new_y)
         free = min(new_surface, new_person - row[PERSON_RADIUS]) - radius
         if free < -TOUCH_M and ahead > 0.0:
             if not looked:
-                surface, person = surface_distance(row, x, y), person_distance(row, x, y)
+                surface, person = surface_distance(row, x, y, ground), person_distance(row, x, y)
             stopped_turn = turn * (done / travel)
             return here_x, here_y, wrap(yaw + stopped_turn), surface, person, True
         here_x, here_y, surface, person = new_x, new_y, new_surface, new_person
         done, looked = ahead, True
     return here_x, here_y, wrap(yaw + turn), surface, person, False
+
+
+@compiled
+def drive_outline(
+    row: Row,
+    x: float,
+    y: float,
+    yaw: float,
+    travel: float,
+    turn: float,
+    radius: float,
+    outline: NDArray[np.float64],
+    free: float,
+    ground: Ground | None = None,
+) -> tuple[float, float, float, float, bool]:
+    """`drive` of a robot whose body is a polygon: (x, y, yaw, gap to the nearest surface, hit). radius: of the circle
+    around it: no part of the body moves farther than `travel` and what that circle turns."""
+    longest = travel + radius * abs(turn)
+    done, here_x, here_y, here_yaw = 0.0, x, y, yaw
+    corners = body_corners(outline, x, y, yaw)
+    surface = body_surface_gap(row, corners, ground)
+    while done < 1.0:
+        part = min(1.0, done + max(free, SMALLEST_ADVANCE_M) / longest) if longest > 0.0 else 1.0
+        new_x, new_y = arc(x, y, yaw, travel * part, turn * part)
+        new_yaw = yaw + turn * part
+        corners = body_corners(outline, new_x, new_y, new_yaw)
+        new_surface = body_surface_gap(row, corners, ground)
+        free = min(new_surface, body_person_gap(row, corners))
+        if free < -TOUCH_M:
+            return here_x, here_y, wrap(here_yaw), surface, True
+        done, here_x, here_y, here_yaw, surface = part, new_x, new_y, new_yaw, new_surface
+    return here_x, here_y, wrap(here_yaw), surface, False
 
 
 @compiled
@@ -903,6 +1208,7 @@ def observe(
     beams: Beams,
     scratch: NDArray[np.float64],
     out: NDArray[np.float32],
+    ground: Ground | None = None,
 ) -> None:
     """Write the observation of a pose, in the order and scale of the setup's layout."""
     if rules.solids > 0:
@@ -923,9 +1229,13 @@ def observe(
         out[first] = v / rules.v_max
         out[first + 1] = w / rules.w_max
         first += 2
-    scan_knowing(row, x, y, yaw, person, bearing, beams, scratch)
-    for k in range(beams.sectors):
-        out[first + k] = scratch[k] / beams.range_m
+    if beams.x != 0.0 or beams.y != 0.0 or beams.yaw != 0.0:
+        scan_mounted(row, x, y, yaw, beams, scratch, ground)
+    else:
+        scan_knowing(row, x, y, yaw, person, bearing, beams, scratch, ground)
+    blind = beams.sectors - beams.seen
+    for k in range(beams.seen):
+        out[first + k] = scratch[k if 2 * k < beams.seen else k + blind] / beams.range_m
 
 
 @compiled
@@ -955,19 +1265,31 @@ def _step_one(
     rules: Rules,
     beams: Beams,
     scratch: NDArray[np.float64],
+    ground: Ground | None,
+    outline: NDArray[np.float64] | None,
 ) -> None:
     """One control step of environment i, which has not finished."""
     row, pose = state.rows[i], state.poses[i]
     forward, turning = min(max(actions[i, 0], -1.0), 1.0), min(max(actions[i, 1], -1.0), 1.0)
     v = (forward + 1) / 2 * (rules.v_max - rules.v_min) + rules.v_min
     w = turning * rules.w_max
+    v = min(max(v, state.commands[i, 0, 0] - rules.v_change), state.commands[i, 0, 0] + rules.v_change)
+    w = min(max(w, state.commands[i, 0, 1] - rules.w_change), state.commands[i, 0, 1] + rules.w_change)
     x, y, yaw = pose[0], pose[1], pose[2]
     goal_before = math.sqrt((row[GOAL_X] - x) ** 2 + (row[GOAL_Y] - y) ** 2)
     free = min(state.obstacle_clearance[i], state.human_distance[i] - row[PERSON_RADIUS] - rules.robot_radius)
-    pose[0], pose[1], pose[2], surface, person, hit = drive(
-        row, x, y, yaw, v * rules.dt, w * rules.dt, rules.robot_radius, free
-    )
-    clearance = surface - rules.robot_radius
+    if outline is not None:
+        free = max(free, 0.0)  # the circle around it may overlap what its body does not
+        pose[0], pose[1], pose[2], clearance, hit = drive_outline(
+            row, x, y, yaw, v * rules.dt, w * rules.dt, rules.robot_radius, outline, free, ground
+        )
+        surface = surface_distance(row, pose[0], pose[1], ground)
+        person = person_distance(row, pose[0], pose[1])
+    else:
+        pose[0], pose[1], pose[2], surface, person, hit = drive(
+            row, x, y, yaw, v * rules.dt, w * rules.dt, rules.robot_radius, free, ground
+        )
+        clearance = surface - rules.robot_radius
     state.obstacle_clearance[i], state.human_distance[i] = clearance, person
     state.steps[i] += 1
     steps = state.steps[i]
@@ -1003,7 +1325,10 @@ def _step_one(
     results.steps[i] = steps
     # The episode's own values begin anew with its first step: until then they tell of the episode before.
     if first:
-        start_surface = surface_distance(row, x, y) - rules.robot_radius
+        if outline is not None:
+            start_surface = body_surface_gap(row, body_corners(outline, x, y, yaw), ground)
+        else:
+            start_surface = surface_distance(row, x, y, ground) - rules.robot_radius
         results.min_human_distance[i] = min(person_distance(row, x, y), person)
         results.min_clearance[i] = min(start_surface, clearance)
         results.path_length[i] = travelled
@@ -1016,41 +1341,70 @@ def _step_one(
         results.accumulated_angle[i] += turned
     if crossed:
         results.self_intersections[i] += 1
-    observe(row, pose, v, w, rules, beams, scratch, results.next_observations[i])
+    observe(row, pose, v, w, rules, beams, scratch, results.next_observations[i], ground)
 
 
 @compiled
-def step_all(state: State, results: Results, actions: NDArray[np.float32], rules: Rules, beams: Beams) -> None:
+def step_all(
+    state: State,
+    results: Results,
+    actions: NDArray[np.float32],
+    rules: Rules,
+    beams: Beams,
+    ground: Ground | None = None,
+    outline: NDArray[np.float64] | None = None,
+) -> None:
     """One control step of every environment, on one thread."""
     scratch = np.empty(beams.sectors)
     for i in range(state.poses.shape[0]):
         if state.finished[i]:
             results.rewards[i] = 0.0
         else:
-            _step_one(i, state, results, actions, rules, beams, scratch)
+            _step_one(i, state, results, actions, rules, beams, scratch, ground, outline)
 
 
 @compiled
 def _step_unless_finished(
-    i: int, state: State, results: Results, actions: NDArray[np.float32], rules: Rules, beams: Beams
+    i: int,
+    state: State,
+    results: Results,
+    actions: NDArray[np.float32],
+    rules: Rules,
+    beams: Beams,
+    ground: Ground | None,
+    outline: NDArray[np.float64] | None,
 ) -> None:
     if state.finished[i]:
         results.rewards[i] = 0.0
     else:
-        _step_one(i, state, results, actions, rules, beams, np.empty(beams.sectors))
+        _step_one(i, state, results, actions, rules, beams, np.empty(beams.sectors), ground, outline)
 
 
 @compiled_parallel
-def step_all_parallel(state: State, results: Results, actions: NDArray[np.float32], rules: Rules, beams: Beams) -> None:
+def step_all_parallel(
+    state: State,
+    results: Results,
+    actions: NDArray[np.float32],
+    rules: Rules,
+    beams: Beams,
+    ground: Ground | None = None,
+    outline: NDArray[np.float64] | None = None,
+) -> None:
     """One control step of every environment, on all of Numba's threads."""
     for i in numba.prange(state.poses.shape[0]):
         # Everything in a called function: Numba 0.68 loses a parallel loop's own writes to arrays inside tuples.
-        _step_unless_finished(i, state, results, actions, rules, beams)
+        _step_unless_finished(i, state, results, actions, rules, beams, ground, outline)
 
 
 @compiled
 def start_episodes(
-    which: NDArray[np.int64], state: State, observations: NDArray[np.float32], rules: Rules, beams: Beams
+    which: NDArray[np.int64],
+    state: State,
+    observations: NDArray[np.float32],
+    rules: Rules,
+    beams: Beams,
+    ground: Ground | None = None,
+    outline: NDArray[np.float64] | None = None,
 ) -> None:
     """Put the named environments at the start of the scenes in their rows and observe them."""
     scratch = np.empty(beams.sectors)
@@ -1063,9 +1417,13 @@ def start_episodes(
         state.finished[i] = False
         state.commands[i] = 0.0
         state.largest_jerk[i] = 0.0
-        state.obstacle_clearance[i] = surface_distance(row, row[START_X], row[START_Y]) - rules.robot_radius
+        if outline is not None:
+            corners = body_corners(outline, row[START_X], row[START_Y], row[START_YAW])
+            state.obstacle_clearance[i] = body_surface_gap(row, corners, ground)
+        else:
+            state.obstacle_clearance[i] = surface_distance(row, row[START_X], row[START_Y], ground) - rules.robot_radius
         state.human_distance[i] = person_distance(row, row[START_X], row[START_Y])
-        observe(row, state.poses[i], 0.0, 0.0, rules, beams, scratch, observations[i])
+        observe(row, state.poses[i], 0.0, 0.0, rules, beams, scratch, observations[i], ground)
 
 
 @compiled
@@ -1101,13 +1459,15 @@ def path_area(path: NDArray[np.float64], goal_x: float, goal_y: float) -> float:
 
 
 @compiled
-def mark_free(row: Row, places: NDArray[np.float64], radius: float, free: NDArray[np.bool_]) -> None:
+def mark_free(
+    row: Row, places: NDArray[np.float64], radius: float, free: NDArray[np.bool_], ground: Ground | None = None
+) -> None:
     """Write into `free` (columns, lines) where of the places (columns, lines, 2) a disc of that radius (m) fits."""
     for i in range(free.shape[0]):
         for j in range(free.shape[1]):
             x, y = places[i, j, 0], places[i, j, 1]
             apart = person_distance(row, x, y) - row[PERSON_RADIUS]
-            free[i, j] = min(apart, surface_distance(row, x, y)) >= radius
+            free[i, j] = min(apart, surface_distance(row, x, y, ground)) >= radius
 
 
 @compiled

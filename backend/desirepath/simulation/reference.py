@@ -24,7 +24,7 @@ from desirepath.simulation.acting import ActFunction, ActionError, EpisodicPolic
 from desirepath.simulation.fast import EpisodeTable, Floats, rules_of, table_of
 from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import check_scene, scene_to_row
-from desirepath.simulation.setups import CONTROL_DT_S, Setup, SetupError, require_same
+from desirepath.simulation.setups import CONTROL_DT_S, Setup, SetupError, require_plain, require_same
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
 DriveMode = Literal["velocity", "wheels"]
@@ -78,6 +78,7 @@ class ReferenceEngine:
             raise SetupError(
                 f"setup {setup.name}: only {WHEELED_ROBOT} has wheels in PyBullet; use drive_mode velocity"
             )
+        require_plain(setup, "PyBullet")
         if setup.crowded:
             raise SetupError(f"setup {setup.name}: PyBullet has no pedestrians here; the fast engine has")
         self.setup, self.drive_mode = setup, drive_mode

@@ -129,8 +129,9 @@ class Room:
 class Scene:
     """One scene of one setup. Same setup and seed, same scene, on every machine.
 
-    `obstacles` excludes the walls; `solids()` has them all. `walk`: how the person moves, from `person.pose` on;
-    None: they stand there. A recorded scene may have no person (`has_person`).
+    `obstacles` excludes the walls; `solids()` has them all. `ground`: sha256 of the map that it lies in and that its
+    setup names; None: it lies in none. `walk`: how the person moves, from `person.pose` on; None: they stand there.
+    A recorded scene may have no person (`has_person`).
     """
 
     setup: str
@@ -143,6 +144,7 @@ class Scene:
     room: Room | None = None
     walk: Walk | None = None
     crowd: Crowd | None = None
+    ground: str | None = None
 
     def solids(self) -> tuple[Obstacle, ...]:
         """Obstacles and walls: everything box-shaped that stops a robot or a ray."""
@@ -167,6 +169,8 @@ class Scene:
             del data["walk"]  # a standing person's scene keeps the digest it always had
         if self.crowd is None:
             del data["crowd"]
+        if self.ground is None:
+            del data["ground"]
         return data
 
     @classmethod
@@ -190,6 +194,7 @@ class Scene:
                 room=Room(**data["room"]) if data.get("room") else None,
                 walk=Walk(**{name: tuple(knots) for name, knots in data["walk"].items()}) if data.get("walk") else None,
                 crowd=Crowd.from_dict(data["crowd"]) if data.get("crowd") else None,
+                ground=data.get("ground"),
             )
         except KeyError as missing:
             raise SceneError(str(missing.args[0]), None, "is missing") from None

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.simulation import kernels as k
+from desirepath.simulation.ground_maps import GroundMap, load_map
 from desirepath.simulation.scene import OBSTACLE_KINDS, Obstacle, Person, Pose, Room, Scene, SceneError
 from desirepath.simulation.setups import SETUPS, Setup
 from desirepath.simulation.worlds import WORLDS, RowWorld, SceneWorld
@@ -32,10 +33,34 @@ def spacing_of(setup: Setup) -> k.Spacing:
 
 
 def _setup(setup: str | Setup) -> Setup:
-    name = setup.name if isinstance(setup, Setup) else setup
-    if name not in SETUPS:
-        raise SceneError("setup", name, f"unknown; known: {', '.join(SETUPS)}")
-    return SETUPS[name]
+    if isinstance(setup, Setup):
+        return setup
+    if setup not in SETUPS:
+        raise SceneError("setup", setup, f"unknown; known: {', '.join(SETUPS)}")
+    return SETUPS[setup]
+
+
+def map_of(setup: str | Setup) -> GroundMap | None:
+    """The map that a setup's scenes lie in. Raises ProtocolError for one that cannot be read."""
+    plan = _setup(setup).plan
+    return load_map(plan.map) if plan and plan.map else None
+
+
+def ground_of(scene: Scene) -> k.Ground | None:
+    """What the compiled functions need of the map that a scene lies in. Raises SceneError where its setup has another
+    one by now."""
+    if scene.ground is None:
+        return None
+    here = map_of(scene.setup)
+    if here is None or here.sha256 != scene.ground:
+        raise SceneError("ground", scene.ground[:12], f"is not the map that setup {scene.setup} has now")
+    return here.ground
+
+
+def walls_of(scene: Scene) -> NDArray[np.float64]:
+    """(n, 4) what is occupied in the map that a scene lies in, as rectangles: smallest x and y, largest x and y (m)."""
+    here = map_of(scene.setup) if scene.ground else None
+    return here.walls if here else np.zeros((0, 4))
 
 
 @lru_cache(maxsize=2 * MOST_SLOW)
@@ -56,8 +81,9 @@ def row_columns(boxes: int = 8) -> int:
 
 def columns_of(setup: str | Setup) -> int:
     """Width of the rows that are drawn for the setup."""
-    world = WORLDS[_setup(setup).world]
-    return row_columns(max(8, len(world.kinds) if isinstance(world, RowWorld) else world.boxes))
+    setup = _setup(setup)
+    world, own = WORLDS[setup.world], len(setup.plan.obstacles) if setup.plan else 0
+    return row_columns(max(8, len(world.kinds) if isinstance(world, RowWorld) else max(world.boxes, own)))
 
 
 def draw_rows(setup: str | Setup, seeds: Sequence[int] | NDArray[np.int64]) -> k.Rows:
@@ -233,7 +259,7 @@ def _check_numbers(scene: Scene) -> None:
             raise SceneError(name, value, "must be a finite number above 0 m")
 
 
-def _check_bodies(scene: Scene, row: k.Row, robot_m: float) -> None:
+def _check_bodies(scene: Scene, row: k.Row, robot_m: float, ground: k.Ground | None) -> None:
     columns = [k.FIRST_BOX + k.BOX_COLUMNS * i for i in range(len(scene.obstacles))]
     person = scene.person
     for i, o in enumerate(columns):
@@ -241,17 +267,21 @@ def _check_bodies(scene: Scene, row: k.Row, robot_m: float) -> None:
         if k.nearest_wall_gap(row, i) < -OVERLAP_TOLERANCE_M:
             raise SceneError(f"obstacles[{i}].pose", where, "reaches into a wall; move it into the room")
         for j in range(i):
-            if k.boxes_gap(row, o, columns[j]) < -OVERLAP_TOLERANCE_M:
+            both_walls = scene.obstacles[i].kind == scene.obstacles[j].kind == "wall"  # which meet at corners
+            if not both_walls and k.boxes_gap(row, o, columns[j]) < -OVERLAP_TOLERANCE_M:
                 raise SceneError(f"obstacles[{i}].pose", where, f"overlaps obstacles[{j}]; move them apart")
         if k.box_distance(row, o, person.pose.x, person.pose.y) < person.radius - OVERLAP_TOLERANCE_M:
             raise SceneError("person.pose", person.pose, f"overlaps obstacles[{i}]; move them apart")
     if k.nearest_wall_gap(row, len(columns)) < -OVERLAP_TOLERANCE_M:
         raise SceneError("person.pose", person.pose, "stands in a wall or outside the room")
+    at_ground = math.inf if ground is None else k.ground_distance(ground, person.pose.x, person.pose.y)
+    if at_ground < person.radius - OVERLAP_TOLERANCE_M:
+        raise SceneError("person.pose", person.pose, "stands where the map is occupied or unknown")
     for name, pose in (("start", scene.start), ("goal", scene.goal)):
         for i, o in enumerate(columns):
             if k.box_distance(row, o, pose.x, pose.y) < robot_m:
                 raise SceneError(name, pose, f"the robot would touch obstacles[{i}]")
-        if k.surface_distance(row, pose.x, pose.y) < robot_m:
+        if k.surface_distance(row, pose.x, pose.y, ground) < robot_m:
             raise SceneError(name, pose, "the robot would touch a wall or be outside the room")
         if k.person_distance(row, pose.x, pose.y) < robot_m + person.radius:
             raise SceneError(name, pose, "the robot would touch the person")
@@ -272,6 +302,8 @@ def check_scene(scene: Scene) -> None:
         raise SceneError("crowd", len(scene.crowd.pedestrians), f"no pedestrians walk in setup {setup.name}")
     if scene.crowd is None and setup.crowded:
         raise SceneError("crowd", None, f"is missing: pedestrians walk in setup {setup.name}")
+    if scene.ground is None and setup.plan is not None and setup.plan.map is not None:
+        raise SceneError("ground", None, f"is missing: setup {setup.name} lies in a map")
     _check_seed(scene.seed)
     _check_numbers(scene)
     heights = {f"obstacles[{i}].height": obstacle.height for i, obstacle in enumerate(scene.obstacles)}
@@ -281,11 +313,11 @@ def check_scene(scene: Scene) -> None:
     for name, height in heights.items():
         if height <= setup.robot.lidar.height_m:
             raise SceneError(name, height, f"must exceed the lidar's {setup.robot.lidar.height_m} m")
-    row = scene_to_row(scene)
-    _check_bodies(scene, row, setup.robot.radius_m)
+    row, ground = scene_to_row(scene), ground_of(scene)
+    _check_bodies(scene, row, setup.robot.radius_m, ground)
     _check_walk(scene)
     if math.dist((scene.start.x, scene.start.y), (scene.goal.x, scene.goal.y)) <= scene.goal_radius:
         raise SceneError("goal", scene.goal, f"lies within goal_radius {scene.goal_radius} m of the start")
-    if not k.reachable(row, setup.robot.radius_m):
+    if not k.reachable(row, setup.robot.radius_m, ground):
         problem = f"cannot be reached from the start by a robot of {setup.robot.radius_m:g} m radius"
         raise SceneError("goal", scene.goal, problem)

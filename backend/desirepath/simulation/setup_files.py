@@ -2,25 +2,95 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from desirepath.grammar.error_words import meant, parse
-from desirepath.grammar.parts import Part, Slug
+from desirepath.grammar.parts import FileName, Part, Slug
 from desirepath.grammar.source import Problem, ProtocolError, Source, file_text
+from desirepath.installed import DATASETS
+from desirepath.simulation.ground_maps import load_map
 from desirepath.simulation.pedestrians import CrowdConditions
+from desirepath.simulation.scene import OBSTACLE_KINDS, Obstacle, Pose
 from desirepath.simulation.setup_parts import ConditioningSettings, DemonstrationSettings, PreferenceSettings
-from desirepath.simulation.setups import SETUP_FILE, CoreReward, NearPenalty, Robot, Setup, SetupError
+from desirepath.simulation.setups import (
+    SETUP_FILE,
+    CoreReward,
+    FloorPlan,
+    NearPenalty,
+    Robot,
+    Setup,
+    SetupError,
+    require_plain,
+)
 from desirepath.simulation.worlds import WORLDS
+
+Metres = Annotated[float, Field(ge=-1_000, le=1_000)]
+Side = Annotated[float, Field(gt=0, le=1_000)]
+
+
+class Place(Part):
+    """A place in the building's frame, metres and radians."""
+
+    x: Metres
+    y: Metres
+    yaw: float = Field(0.0, ge=-7, le=7)
+
+    def pose(self) -> Pose:
+        return Pose(self.x, self.y, self.yaw)
+
+
+class Furniture(Place):
+    """A box on the floor: length along its own x axis, width along y, metres."""
+
+    kind: Literal[OBSTACLE_KINDS]  # type: ignore[valid-type]
+    length: Side
+    width: Side
+    height: Side
+
+
+class Building(Part):
+    """A lab's own building. map: a `map.yaml` of ROS; walls: x1, y1, x2, y2 of each one's middle line; starts, goals,
+    people: where they may be, anywhere with room if none are named; way_m: how far goals are from starts, straight."""
+
+    map: FileName | None = None
+    walls: list[Annotated[list[Metres], Field(min_length=4, max_length=4)]] = Field([], max_length=300)
+    wall_thickness_m: Side = 0.1
+    wall_height_m: Side = 2.0
+    furniture: list[Furniture] = Field([], max_length=100)
+    starts: list[Place] = Field([], max_length=1_000)
+    goals: list[Place] = Field([], max_length=1_000)
+    people: list[Place] = Field([], max_length=1_000)
+    way_m: Annotated[list[Side], Field(min_length=2, max_length=2)] = [1.5, 8.0]
+
+    def plan(self, folder: Path) -> FloorPlan:
+        walls = [_wall(wall, self.wall_thickness_m, self.wall_height_m) for wall in self.walls]
+        pieces = [Obstacle(one.kind, one.pose(), one.length, one.width, one.height) for one in self.furniture]
+        starts, goals, people = (
+            tuple(place.pose() for place in named) for named in (self.starts, self.goals, self.people)
+        )
+        place = (folder / self.map).resolve() if self.map else None
+        return FloorPlan(place, (*walls, *pieces), starts, goals, people, (self.way_m[0], self.way_m[1]))
+
+
+def _wall(line: Sequence[float], thickness_m: float, height_m: float) -> Obstacle:
+    """The wall along a line, as much longer at both ends as it is thick by half: walls that meet leave no gap."""
+    x1, y1, x2, y2 = line
+    middle = Pose((x1 + x2) / 2, (y1 + y2) / 2, math.atan2(y2 - y1, x2 - x1))
+    return Obstacle("wall", middle, math.dist((x1, y1), (x2, y2)) + thickness_m, thickness_m, height_m)
 
 
 class World(Part):
-    """Where scenes come from. people: who walks in them beside the person; without it nobody does."""
+    """Where scenes come from. people: who walks in them beside the person; without it nobody does. building: a lab's
+    own, for the world of that name."""
 
     name: Slug
     people: CrowdConditions | None = None
+    building: Building | None = None
 
 
 class Observation(Part):
@@ -53,6 +123,8 @@ class SetupFile(Part):
     """A whole `setup.yaml`. What it does not say of preferences and conditioning is computed where it is needed; paths
     are drawn where it says `demonstrations`."""
 
+    """A whole `setup.yaml`. robot: its description, the name of a shipped one, or that of a file in the same folder."""
+
     robot: Robot
     world: World
     task: Task
@@ -61,10 +133,41 @@ class SetupFile(Part):
     demonstrations: DemonstrationSettings | None = None
 
 
+class RobotFile(Part):
+    """A `robot.yaml`."""
+
+    robot: Robot
+
+
+def shipped_robots() -> dict[str, Path]:
+    """Name -> file of the robots that are shipped."""
+    return {file.stem: file for file in sorted((DATASETS / "robots").glob("*.yaml"))}
+
+
+def read_robot(path: Path) -> Robot:
+    """The robot in a `robot.yaml`. Raises ProtocolError with every problem, by line and field."""
+    return parse(Source(str(path), file_text(path)), RobotFile).robot
+
+
+def _fill_in_robot(source: Source, folder: Path) -> None:
+    """Put the description of the robot in the place of its name. Raises ProtocolError for one that cannot be read."""
+    named = source.value(("robot",))
+    if not isinstance(named, str):
+        return
+    shipped = shipped_robots()
+    path = shipped.get(named, folder / named)
+    if (path.parent != folder and named not in shipped) or not path.is_file():
+        problem = f"is no file in this folder and no shipped robot, {', '.join(shipped)}{meant(named, list(shipped))}"
+        raise ProtocolError([source.problem(("robot",), problem)])
+    read_robot(path)
+    source.data["robot"] = Source(str(path), file_text(path)).data["robot"]
+
+
 def check_setup(folder: Path) -> Setup:
     """The setup in that folder, whose name it bears. Raises ProtocolError with every problem, by line and field."""
     path = folder / SETUP_FILE
     source = Source(str(path), file_text(path))
+    _fill_in_robot(source, folder)
     found = parse(source, SetupFile)
     task, observed, known = found.task, found.task.observation, list(WORLDS)
     problems: list[Problem] = []
@@ -74,13 +177,27 @@ def check_setup(folder: Path) -> Setup:
     if observed.pedestrians and found.world.people is None:
         where = ("task", "observation", "pedestrians")
         problems.append(source.problem(where, "must be 0, or world.people say who walks"))
+    building = found.world.building
+    if (found.world.name == "building") != (building is not None):
+        problem = "must be there for the world `building`, and for no other"
+        problems.append(source.problem(("world", "building"), problem))
+    plan = building.plan(folder) if building else None
+    if plan and plan.map:
+        if plan.map.parent != folder.resolve():
+            problems.append(source.problem(("world", "building", "map"), "must be the name of a file in this folder"))
+        else:
+            try:
+                load_map(plan.map)
+            except ProtocolError as wrong:
+                problems += wrong.problems
     if problems:
         raise ProtocolError(problems)
-    return Setup(
+    setup = Setup(
         name=folder.name,
         robot=found.robot,
         world=found.world.name,
         people=found.world.people,
+        plan=plan,
         reward=task.reward,
         near=task.near,
         goal_radius_m=task.goal_radius_m,
@@ -97,6 +214,12 @@ def check_setup(folder: Path) -> Setup:
         conditioning=found.conditioning,
         demonstrations=found.demonstrations,
     )
+    if setup.crowded:
+        try:
+            require_plain(setup, "the engine of pedestrians")
+        except SetupError as wrong:
+            raise ProtocolError([source.problem(("world", "people"), str(wrong))]) from None
+    return setup
 
 
 def read_setup(folder: Path) -> Setup:

@@ -20,6 +20,7 @@ from pydantic import ConfigDict, Field
 
 from desirepath.installed import DATASETS
 from desirepath.simulation.pedestrians import CrowdConditions
+from desirepath.simulation.scene import Obstacle, Pose
 from desirepath.simulation.setup_parts import ConditioningSettings, DemonstrationSettings, PreferenceSettings
 
 CONTROL_DT_S = 0.2  # 5 Hz everywhere
@@ -33,6 +34,8 @@ _STRICT = ConfigDict(extra="forbid")
 _NAME = re.compile("[a-z][a-z0-9_]{0,59}")
 Length = Annotated[float, Field(gt=0, le=1_000)]  # m
 Speed = Annotated[float, Field(ge=0, le=100)]  # m/s or rad/s
+Offset = Annotated[float, Field(ge=-5, le=5)]  # m
+Corner = tuple[Offset, Offset]
 
 
 class SetupError(ValueError):
@@ -41,11 +44,14 @@ class SetupError(ValueError):
 
 @dataclass(frozen=True)
 class Limits:
-    """Robot command limits: v in [v_min, v_max] m/s, w in [-w_max, w_max] rad/s. Never backwards."""
+    """Robot command limits: v in [v_min, v_max] m/s, w in [-w_max, w_max] rad/s. Never backwards. v_change, w_change:
+    the most that speeds change in a second, m/s^2 and rad/s^2; None: as quick as commanded."""
 
     v_min: Speed
     v_max: Speed
     w_max: Speed
+    v_change: Length | None = None
+    w_change: Length | None = None
 
     __pydantic_config__ = _STRICT
 
@@ -58,31 +64,133 @@ class Limits:
 
 @dataclass(frozen=True)
 class Lidar:
-    """`beams` rays over 360 degrees from straight ahead, counter-clockwise, pooled by minimum into `sectors`."""
+    """`beams` rays in the order of `bearings`, pooled by minimum into `sectors`. field_of_view_rad: all round, or half
+    to either side of straight ahead; x_m, y_m, yaw_rad: where it is mounted, in the robot's frame."""
 
     beams: Annotated[int, Field(ge=1, le=7_200)]
     sectors: Annotated[int, Field(ge=1, le=7_200)]
     range_m: Length
     height_m: Length
+    field_of_view_rad: Annotated[float, Field(gt=0, le=2 * math.pi + 1e-6)] = 2 * math.pi
+    x_m: Offset = 0.0
+    y_m: Offset = 0.0
+    yaw_rad: Annotated[float, Field(ge=-math.pi, le=math.pi)] = 0.0
 
     __pydantic_config__ = _STRICT
 
     def __post_init__(self) -> None:
         if self.beams % self.sectors:
             raise SetupError(f"sectors = {self.sectors}: must divide the {self.beams} beams")
+        if self.all_round:
+            return
+        whole = self.sectors * 2 * math.pi / self.field_of_view_rad
+        if self.sectors % 2 or abs(whole - round(whole)) > 1e-3:
+            raise SetupError(
+                f"sectors = {self.sectors}: must be even, and of a size of which a whole number makes a turn; "
+                f"{math.degrees(self.field_of_view_rad):g} degrees have {whole:g} of them in a turn"
+            )
+
+    @property
+    def all_round(self) -> bool:
+        return self.field_of_view_rad > 2 * math.pi - 1e-3
+
+    @property
+    def sectors_of_a_turn(self) -> int:
+        """How many sectors of this size a whole turn has."""
+        return self.sectors if self.all_round else round(self.sectors * 2 * math.pi / self.field_of_view_rad)
+
+    @property
+    def beams_of_a_turn(self) -> int:
+        return self.beams // self.sectors * self.sectors_of_a_turn
+
+    def bearings(self) -> tuple[float, ...]:
+        """Of every beam, radians in the lidar's frame: from straight ahead counter-clockwise; where it does not see all
+        round, those to the left, then those to the right up to straight ahead."""
+        whole = self.beams_of_a_turn
+        return tuple(2 * math.pi * n / whole for n in _seen(self.beams, whole))
+
+    def middles(self) -> tuple[float, ...]:
+        """Of every sector likewise, the bearing of its middle."""
+        whole = self.sectors_of_a_turn
+        return tuple((n + 0.5) * (2 * math.pi / whole) for n in _seen(self.sectors, whole))
+
+
+def _seen(number: int, whole: int) -> list[int]:
+    """Of `whole` parts of a turn from straight ahead, those within a field of view of `number` of them."""
+    left = (number + 1) // 2
+    return [*range(left), *range(whole - number + left, whole)]
 
 
 @dataclass(frozen=True)
 class Robot:
-    """What drives: a disc of `radius_m` on the floor, `height_m` tall, with differential drive."""
+    """What drives, with differential drive, `height_m` tall: a disc of `radius_m` on the floor, or the polygon
+    `footprint`: corners x, y (m) in the robot's frame, x ahead, y to the left. Of a polygon, `radius_m` is that of the
+    circle around it. source: where its numbers are from."""
 
     name: Annotated[str, Field(min_length=1, max_length=60)]
-    radius_m: Annotated[float, Field(gt=0, le=5)]
     height_m: Annotated[float, Field(gt=0, le=5)]
     limits: Limits
     lidar: Lidar
+    radius_m: Annotated[float, Field(gt=0, le=5)] = 0.0
+    footprint: Annotated[tuple[Corner, ...], Field(min_length=3, max_length=40)] | None = None
+    source: Annotated[str, Field(max_length=400)] = ""
 
     __pydantic_config__ = _STRICT
+
+    def __post_init__(self) -> None:
+        if (self.footprint is None) == (self.radius_m == 0.0):
+            raise SetupError("radius_m: give it for a round robot, or else `footprint`, its corners")
+        if self.footprint is not None:
+            check_outline(self.footprint)
+            object.__setattr__(self, "radius_m", max(math.hypot(x, y) for x, y in self.footprint))
+
+    @property
+    def inscribed_m(self) -> float:
+        """Radius (m) of the largest circle around its centre within its body."""
+        if self.footprint is None:
+            return self.radius_m
+        sides = zip(self.footprint, self.footprint[1:] + self.footprint[:1], strict=True)
+        return min(_to_side((0.0, 0.0), a, b) for a, b in sides)
+
+
+def _to_side(point: Corner, a: Corner, b: Corner) -> float:
+    """Distance from a point to the line segment from a to b."""
+    along, squared = (b[0] - a[0], b[1] - a[1]), math.dist(a, b) ** 2
+    part = ((point[0] - a[0]) * along[0] + (point[1] - a[1]) * along[1]) / squared
+    part = min(max(part, 0.0), 1.0)
+    return math.dist(point, (a[0] + part * along[0], a[1] + part * along[1]))
+
+
+def check_outline(corners: tuple[Corner, ...]) -> None:
+    """Raise SetupError unless the corners go once around the robot's centre without crossing themselves."""
+    sides = list(zip(corners, corners[1:] + corners[:1], strict=True))
+    if any(math.dist(a, b) < 1e-4 for a, b in sides):
+        raise SetupError("footprint: two neighbouring corners are one; leave one of them out")
+    turned = sum(math.remainder(math.atan2(b[1], b[0]) - math.atan2(a[1], a[0]), 2 * math.pi) for a, b in sides)
+    if abs(abs(turned) - 2 * math.pi) > 1e-6:
+        raise SetupError("footprint: must go once around 0, 0, the middle between the robot's wheels")
+    for i, (a, b) in enumerate(sides):
+        for c, d in sides[i + 2 : len(sides) - (i == 0)]:
+            if _left(a, b, c) * _left(a, b, d) < 0 and _left(c, d, a) * _left(c, d, b) < 0:
+                raise SetupError(f"footprint: its sides cross near {a[0]:g}, {a[1]:g}; name the corners in their order")
+
+
+def _left(a: Corner, b: Corner, point: Corner) -> float:
+    return (b[0] - a[0]) * (point[1] - a[1]) - (b[1] - a[1]) * (point[0] - a[0])
+
+
+@dataclass(frozen=True)
+class FloorPlan:
+    """A lab's own building (`worlds/building.py`), metres, in one frame. map: a `map.yaml` of ROS (`ground_maps.py`);
+    obstacles: walls and furniture beside it; starts, goals, people: where they may be, anywhere with room where none
+    are named; way_m: how far goals are from starts, straight."""
+
+    map: Path | None = None
+    obstacles: tuple[Obstacle, ...] = ()
+    starts: tuple[Pose, ...] = ()
+    goals: tuple[Pose, ...] = ()
+    people: tuple[Pose, ...] = ()
+    way_m: tuple[float, float] = (1.5, 8.0)
 
 
 @dataclass(frozen=True)
@@ -115,7 +223,7 @@ class NearPenalty:
 @dataclass(frozen=True)
 class Setup:
     """Everything a policy is bound to. world: the name of what draws its scenes (`worlds.py`); people: who walks in
-    them beside the person, None: nobody. Observation: float32 vector of
+    them beside the person, None: nobody; plan: what a lab's own building is. Observation: float32 vector of
 
     [goal distance / distance_scale_m, goal bearing / pi,
      (person distance / distance_scale_m, person bearing / pi if with_person),
@@ -151,6 +259,7 @@ class Setup:
     preferences: PreferenceSettings = field(default_factory=PreferenceSettings, hash=False)
     conditioning: ConditioningSettings = field(default_factory=ConditioningSettings, hash=False)
     demonstrations: DemonstrationSettings | None = None
+    plan: FloorPlan | None = None
 
     @property
     def crowded(self) -> bool:
@@ -332,6 +441,21 @@ def check_names(setup: str, part: str, given: Mapping[str, float], known: Sequen
 
 def _names(can: Callable[[Setup], bool]) -> str:
     return ", ".join(setup.name for setup in SETUPS.values() if can(setup))
+
+
+def require_plain(setup: Setup, where: str) -> None:
+    """Raise SetupError for what only the fast engine knows, where nobody walks: some robots, and maps."""
+    lidar, limits = setup.robot.lidar, setup.robot.limits
+    special = {
+        "footprint": setup.robot.footprint is not None,
+        "limits.v_change or w_change": limits.v_change is not None or limits.w_change is not None,
+        "lidar.x_m, y_m or yaw_rad": (lidar.x_m, lidar.y_m, lidar.yaw_rad) != (0, 0, 0),
+        "lidar.field_of_view_rad": not lidar.all_round,
+        "map": setup.plan is not None and setup.plan.map is not None,
+    }
+    for what, given in special.items():
+        if given:
+            raise SetupError(f"setup {setup.name}: {where} cannot do with `{what}`; leave it out there")
 
 
 def require_lidar(setup: Setup) -> None:

@@ -267,6 +267,8 @@ class Policy(StoredArrays, DrivingPolicy):
                 "range_m": lidar.range_m,
                 "height_m": lidar.height_m,
                 "pooling": "minimum per sector",
+                "field_of_view_rad": lidar.field_of_view_rad,
+                "mounted_at": [lidar.x_m, lidar.y_m, lidar.yaw_rad],
                 "order": "from straight ahead, counter-clockwise",
             },
             "action": {

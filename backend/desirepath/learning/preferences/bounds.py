@@ -14,7 +14,7 @@ from desirepath.simulation.crowds.crowd_setups import PED_DEPTH_M
 from desirepath.simulation.kernels import surface_distance
 from desirepath.simulation.pedestrians import Pedestrian
 from desirepath.simulation.scene import Pose, Scene
-from desirepath.simulation.scenes import scene_to_row
+from desirepath.simulation.scenes import ground_of, scene_to_row
 from desirepath.simulation.setups import get_setup
 
 
@@ -61,7 +61,7 @@ def straight_right(bounds: SceneBounds) -> float:
 def start_clearance_m(bounds: SceneBounds) -> float:
     """What the start has, at most 0.8 m."""
     scene = bounds.scene
-    free = surface_distance(scene_to_row(scene), scene.start.x, scene.start.y) - bounds.robot_m
+    free = surface_distance(scene_to_row(scene), scene.start.x, scene.start.y, ground_of(scene)) - bounds.robot_m
     return min(free, CLEARANCE_CAP_M)
 
 

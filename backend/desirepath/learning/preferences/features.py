@@ -39,9 +39,9 @@ def obstacle_clearance_m(observations: Floats, setup: Setup) -> Floats:
     for a setup without lidar, or whose robot is not told where the person is.
     """
     require_person(setup)
-    sectors = setup.robot.lidar.sectors
-    width = 2 * math.pi / sectors
-    centres = ((np.arange(sectors) + 0.5) * width).astype(np.float32)
+    lidar = setup.robot.lidar
+    width = 2 * math.pi / lidar.sectors_of_a_turn
+    centres = np.array(lidar.middles()).astype(np.float32)
     person_m = np.maximum(observations[:, 2] * setup.distance_scale_m, PERSON_RADIUS_M)
     half_angle = np.arcsin(PERSON_RADIUS_M / person_m) + width / 2 + MASK_MARGIN_RAD
     apart = np.abs(centres[None] - (observations[:, 3] * math.pi)[:, None])  # in [0, 3 pi]

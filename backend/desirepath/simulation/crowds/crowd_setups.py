@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from desirepath.simulation.setups import Setup, SetupError, get_setup
+from desirepath.simulation.setups import Setup, SetupError, get_setup, require_plain
 
 PED_DEPTH_M, PED_WIDTH_M, PED_HEIGHT_M = 0.4, 0.5, 1.7  # cuboids, ours: the thesis gives no size
 LIDAR_NOISE_M = 0.025  # section 4.4.7, amplitude
@@ -35,4 +35,5 @@ def get_crowd_setup(name: str) -> Setup:
     setup = get_setup(name)
     if not setup.crowded:
         raise SetupError(f"setup {name}: no pedestrians walk in it")
+    require_plain(setup, "the engine of pedestrians")
     return setup

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.scenes import walls_of
 from desirepath.simulation.trajectory import Trajectory
 
 INK, SOFT, LINE, PAPER = "#211f1a", "#575247", "#d9d1c0", "#fffdf8"
@@ -331,6 +332,10 @@ class _Plan:
 
     def _add(self, scene: Scene) -> None:
         drawing, scale, at = self.drawing, self._scale, self.at
+        for x1, y1, x2, y2 in walls_of(scene):
+            corners = [at(*corner) for corner in ((x1, y1), (x2, y1), (x2, y2), (x1, y2))]
+            if all(0 <= x <= self._width and 0 <= y <= self._legend_top for x, y in corners):
+                drawing.polygon(corners, fill="#b9ae97", css="solid wall")
         for solid in scene.solids():
             drawing.polygon([at(*corner) for corner in solid.corners()], fill="#b9ae97", css=f"solid {solid.kind}")
         drawing.circle(*at(scene.goal.x, scene.goal.y), scene.goal_radius * scale, fill="none", css="goal", stroke=INK)

@@ -1,0 +1,167 @@
+"""A lab's own building: a map of ROS, walls and furniture, or both (`setups.FloorPlan`)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from desirepath.simulation import kernels as k
+from desirepath.simulation.crowds import planning_kernels as plan_on
+from desirepath.simulation.ground_maps import GroundMap, load_map
+from desirepath.simulation.scene import Person, Pose, Scene, SceneError
+from desirepath.simulation.setups import FloorPlan, Setup
+from desirepath.simulation.worlds import SceneWorld
+
+CELL_M = 0.1  # of the places that are drawn from
+TRIES = 400
+AT_ENDS_M, ON_THE_WAY_M, BESIDE_M = 0.15, 0.05, 0.1  # room left, as `scenes.spacing_of`
+LARGEST_DETOUR = 1.3  # of the way around corners to the straight one: who is told only where the goal is gets there
+NEAR_THE_WAY_M = 0.6  # of a person from the way
+
+Bools = NDArray[np.bool_]
+Cells = NDArray[np.int64]
+Doubles = NDArray[np.float64]
+
+
+class _Places:
+    """Where there is room in a building, on a grid. free: for the robot on its way; roomy: to begin and to end."""
+
+    def __init__(self, setup: Setup, plan: FloorPlan) -> None:
+        here = load_map(plan.map) if plan.map else None
+        self.ground = here.ground if here else None
+        self.sha256 = here.sha256 if here else None
+        low, high = _extent(plan, here)
+        xs, ys = (np.arange(a + CELL_M / 2, b, CELL_M) for a, b in zip(low, high, strict=True))
+        if not len(xs) * len(ys):
+            raise SceneError("plan", setup.name, "has no inside: its walls enclose nothing")
+        self.places = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1)
+        self.low = low
+        self.row = _row(Scene(setup.name, 0, Pose(0, 0), Pose(0, 0), 1.0, FAR_AWAY, plan.obstacles))
+        robot_m = setup.robot.radius_m
+        self.free = _largest(self._fits(robot_m + ON_THE_WAY_M))
+        self.roomy = np.argwhere(self.free & self._fits(robot_m + AT_ENDS_M))
+        self.standing = self._fits(FAR_AWAY.radius + BESIDE_M) & ndimage.binary_dilation(self.free, iterations=5)
+        if len(self.roomy) < 2:
+            raise SceneError("plan", setup.name, f"leaves a robot of {robot_m:g} m radius no room")
+
+    def _fits(self, radius_m: float) -> Bools:
+        free = np.zeros(self.places.shape[:2], dtype=np.bool_)
+        k.mark_free(self.row, self.places, radius_m, free, self.ground)
+        return free
+
+    def cell(self, x: float, y: float) -> tuple[int, int]:
+        i, j = np.floor((np.array([x, y]) - self.low) / CELL_M).astype(int)
+        return int(np.clip(i, 0, self.free.shape[0] - 1)), int(np.clip(j, 0, self.free.shape[1] - 1))
+
+    def way(self, start: Pose, goal: Pose, around: Pose | None = None, gap_m: float = 0.0) -> Doubles:
+        """(n, 2) the shortest way on the grid, m; (0, 2) for none, or none but a long detour. It keeps `gap_m` away
+        from who stands there, `around`."""
+        aside = 5 + int(0.5 * math.dist((start.x, start.y), (goal.x, goal.y)) / CELL_M)
+        (i, j), (u, v) = self.cell(start.x, start.y), self.cell(goal.x, goal.y)
+        low_i, low_j = max(min(i, u) - aside, 0), max(min(j, v) - aside, 0)
+        window = (slice(low_i, max(i, u) + aside), slice(low_j, max(j, v) + aside))
+        free = self.free[window].copy()
+        if around is not None:
+            free &= np.linalg.norm(self.places[window] - (around.x, around.y), axis=-1) >= gap_m
+        cells = plan_on.a_star(free, (i - low_i, j - low_j), (u - low_i, v - low_j))
+        return self.places[cells[:, 0] + low_i, cells[:, 1] + low_j]
+
+
+FAR_AWAY = Person(Pose(1e6, 1e6))
+
+
+def _row(scene: Scene) -> k.Row:
+    from desirepath.simulation.scenes import scene_to_row  # which draws from the worlds
+
+    return scene_to_row(scene)
+
+
+def _extent(plan: FloorPlan, here: GroundMap | None) -> tuple[Doubles, Doubles]:
+    """Smallest and largest x and y of the map, else of what stands there."""
+    if here is not None:
+        return np.asarray(here.origin), np.asarray(here.origin) + here.size_m
+    corners = np.array([corner for obstacle in plan.obstacles for corner in obstacle.corners()]).reshape(-1, 2)
+    if not len(corners):
+        raise SceneError("plan", None, "has neither a map nor walls")
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _largest(free: Bools) -> Bools:
+    parts, count = ndimage.label(free)
+    return np.asarray(parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])) if count else free
+
+
+@lru_cache(maxsize=8)
+def _places(setup: Setup) -> _Places:
+    return _Places(setup, setup.plan or FloorPlan())
+
+
+def draw_in_building(setup: Setup, seed: int) -> Scene:
+    """Start, goal and a person near the way between them. Raises SceneError where the building leaves no room."""
+    if setup.plan is None:
+        raise SceneError("plan", setup.name, "is missing: this world needs a map or walls")
+    plan, here = setup.plan, _places(setup)
+    random = np.random.Generator(np.random.PCG64([seed, WORLD.number]))
+    for _ in range(TRIES):
+        start = _pose(plan.starts, here, here.roomy, random)
+        goal = _pose(plan.goals, here, here.roomy, random)
+        straight = math.dist((start.x, start.y), (goal.x, goal.y))
+        if not plan.way_m[0] <= straight <= plan.way_m[1]:
+            continue
+        way = here.way(start, goal)
+        if len(way) < 2 or np.linalg.norm(np.diff(way, axis=0), axis=1).sum() > LARGEST_DETOUR * straight:
+            continue
+        stand = _person(plan.people, here, way, random)
+        if stand is None:
+            continue
+        scene = Scene(
+            setup.name, seed, start, goal, setup.goal_radius_m, Person(stand), plan.obstacles, ground=here.sha256
+        )
+        if _fits(scene, here, setup.robot.radius_m):
+            return scene
+    raise SceneError("seed", seed, f"gave no {setup.name} scene; name starts, goals and people, or make way_m wider")
+
+
+def _pose(named: Sequence[Pose], here: _Places, free: Cells, random: np.random.Generator) -> Pose:
+    """One of the named poses, else anywhere in the cells `free` (n, 2), looking anywhere."""
+    if named:
+        return named[int(random.integers(len(named)))]
+    i, j = free[random.integers(len(free))]
+    x, y = here.places[i, j] + random.uniform(-CELL_M / 2, CELL_M / 2, 2)
+    return Pose(_tidy(x), _tidy(y), _tidy(random.uniform(-math.pi, math.pi)))
+
+
+def _person(named: Sequence[Pose], here: _Places, way: Doubles, random: np.random.Generator) -> Pose | None:
+    """One of the named poses, else between 0.3 and 0.7 of the way, somewhere near it; None where there is no room."""
+    if named:
+        return named[int(random.integers(len(named)))]
+    x, y = way[int(random.uniform(0.3, 0.7) * len(way))] + random.uniform(-NEAR_THE_WAY_M, NEAR_THE_WAY_M, 2)
+    if not here.standing[here.cell(x, y)]:
+        return None
+    return Pose(_tidy(x), _tidy(y), _tidy(random.uniform(-math.pi, math.pi)))
+
+
+def _fits(scene: Scene, here: _Places, robot_m: float) -> bool:
+    """Whether start, goal and person leave each other room, and the robot a way."""
+    row, person = _row(scene), scene.person
+    for pose in (scene.start, scene.goal):
+        if k.person_distance(row, pose.x, pose.y) < robot_m + person.radius + AT_ENDS_M:
+            return False
+        if k.surface_distance(row, pose.x, pose.y, here.ground) < robot_m + AT_ENDS_M:
+            return False
+    if k.surface_distance(row, person.pose.x, person.pose.y, here.ground) < person.radius:
+        return False
+    around = here.way(scene.start, scene.goal, person.pose, robot_m + person.radius + ON_THE_WAY_M)
+    return len(around) > 1
+
+
+def _tidy(value: float) -> float:
+    return round(float(value), 6)
+
+
+WORLD = SceneWorld(10, draw_in_building)

@@ -1,0 +1,295 @@
+"""A lab's own building: a map of ROS, read, driven in and seen; parity with the same walls as boxes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from desirepath.cli.main import app
+from desirepath.explain.sight import BUILDING, sight_of
+from desirepath.grammar.source import ProtocolError
+from desirepath.installed import DATASETS
+from desirepath.simulation import kernels as k
+from desirepath.simulation import setups
+from desirepath.simulation.fast import beams_of, evaluate, make_engine, raw_ranges, rollout
+from desirepath.simulation.ground_maps import GroundMap, read_map
+from desirepath.simulation.scene import Obstacle, Pose, Scene, SceneError
+from desirepath.simulation.scenes import check_scene, draw_scenes, ground_of, scene_to_row
+from desirepath.simulation.setups import SetupError, get_setup
+from desirepath.simulation.trajectory import Outcome
+from desirepath_stage.scene_nodes import place_file
+from tests.fences import fences_of
+from tests.simulation.simple_policies import towards_goal
+
+CELL_M = 0.05
+MAP = """\
+image: map.pgm
+resolution: 0.05
+origin: [-4.0, -3.0, 0.0]
+negate: 0
+occupied_thresh: 0.65
+free_thresh: 0.196
+"""
+BOXES = (
+    (-4, -3, -3.8, 3),
+    (3.8, -3, 4, 3),
+    (-4, -3, 4, -2.8),
+    (-4, 2.8, 4, 3),
+    (-0.6, -1.0, 0.4, 0.2),
+    (1.5, 1, 2, 2.8),
+)
+"""Walls and two blocks on whole cells: smallest x and y, largest x and y."""
+
+
+def draw_map(folder: Path, boxes: tuple[tuple[float, ...], ...] = BOXES) -> Path:
+    """A map of 8 x 6 m with those boxes; white is free, as map_server writes it."""
+    grey = np.full((120, 160), 254, dtype=np.uint8)
+    for x1, y1, x2, y2 in boxes:
+        i, j, u, v = (round((value + half) / CELL_M) for value, half in ((x1, 4), (y1, 3), (x2, 4), (y2, 3)))
+        grey[j:v, i:u] = 0
+    Image.fromarray(grey[::-1]).save(folder / "map.pgm")
+    (folder / "map.yaml").write_text(MAP)
+    return folder / "map.yaml"
+
+
+def boxes_as_obstacles() -> tuple[Obstacle, ...]:
+    return tuple(
+        Obstacle("wall", Pose((x1 + x2) / 2, (y1 + y2) / 2), x2 - x1, y2 - y1, 2.0) for x1, y1, x2, y2 in BOXES
+    )
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], setups.Setup]]:
+    """Makes a setup of the study room's robot and task in a building of its own."""
+
+    def make(building: str) -> setups.Setup:
+        folder = tmp_path / "setups" / "own_place"
+        folder.mkdir(parents=True, exist_ok=True)
+        draw_map(folder)
+        text = (DATASETS / "study_room/setup.yaml").read_text()
+        (folder / "setup.yaml").write_text(
+            text.replace("  name: study_room", f"  name: building\n  building: {building}")
+        )
+        forget()
+        return get_setup("own_place")
+
+    monkeypatch.setenv("DESIREPATH_SETUPS", str(tmp_path / "setups"))
+    (tmp_path / "setups").mkdir()
+    yield make
+    monkeypatch.delenv("DESIREPATH_SETUPS")
+    forget()
+
+
+def forget() -> None:
+    for cached in (setups.setup_folders, setups.get_setup, setups.preference_setups, setups.trainable_setups):
+        cached.cache_clear()
+
+
+def test_rays_and_clearances_on_the_grid_are_those_of_the_same_boxes(own):
+    """Within a cell, wherever the robot stands and however it is turned."""
+    setup = own("{map: map.yaml}")
+    scene = draw_scenes(setup, [1])[0]
+    bare = scene_to_row(scene)
+    boxed = scene_to_row(setups_free_of_ground(scene))
+    ground, beams, random = ground_of(scene), beams_of(setup, pooled=False), np.random.default_rng(3)
+    on_grid, on_boxes = np.empty(beams.number), np.empty(beams.number)
+    looked = 0
+    while looked < 200:
+        x, y, yaw = random.uniform(-3.6, 3.6), random.uniform(-2.6, 2.6), random.uniform(-np.pi, np.pi)
+        apart = k.surface_distance(boxed, x, y)
+        if apart < 0.02:
+            continue
+        assert k.surface_distance(bare, x, y, ground) == pytest.approx(apart, abs=1e-6)
+        k.scan(bare, x, y, yaw, beams, on_grid, ground)
+        k.scan(boxed, x, y, yaw, beams, on_boxes)
+        off = np.abs(on_grid - on_boxes)
+        assert np.quantile(off, 0.99) <= CELL_M
+        # A ray that grazes a corner passes it here and meets it there: never more than one in a hundred beams.
+        assert np.median(off) < 1e-4
+        looked += 1
+
+
+def setups_free_of_ground(scene: Scene) -> Scene:
+    """The same place with boxes instead of the map."""
+    return replace(scene, ground=None, obstacles=boxes_as_obstacles())
+
+
+def empty(scene: Scene) -> Scene:
+    return replace(scene, ground=None)
+
+
+def test_robots_drive_and_collide_as_among_the_same_boxes(own):
+    setup = own("{map: map.yaml}")
+    scenes = draw_scenes(setup, range(12))
+    random = np.random.default_rng(1)
+    actions = [random.uniform(-1, 1, (200, 2)).astype(np.float32) for _ in scenes]
+    for scene in scenes:
+        check_scene(scene)
+    on_grid = make_engine(setup, 12, auto_reset=False, scenes=scenes)
+    rows = np.stack([scene_to_row(setups_free_of_ground(scene)) for scene in scenes])
+    on_boxes = make_engine(setup, 12, auto_reset=False, scenes=scenes)
+    on_boxes._ground = None
+    on_boxes._state = on_boxes._state._replace(rows=rows)
+    for step in range(200):
+        taken = np.stack([one[step] for one in actions])
+        on_grid.step(taken)
+        on_boxes.step(taken)
+    assert (on_grid.outcomes == on_boxes.outcomes).all()
+    assert (on_grid.outcomes == Outcome.COLLISION).sum() > 6
+    assert np.abs(on_grid.poses[:, :2] - on_boxes.poses[:, :2]).max() < 0.002
+
+
+def test_scenes_in_a_map_are_solvable_and_the_same_again(own):
+    setup = own("{map: map.yaml}")
+    for scene in draw_scenes(setup, range(30)):
+        check_scene(scene)
+        assert scene == draw_scenes(setup, [scene.seed])[0]
+        assert type(scene).from_dict(scene.as_dict()) == scene
+    table = evaluate(towards_goal(setup), setup, draw_scenes(setup, range(30)))
+    assert table.success.any()
+    assert np.isfinite(table.min_clearance).all()
+
+
+def test_named_places_are_used(own):
+    setup = own("{map: map.yaml, starts: [{x: -3, y: -2}], goals: [{x: -3, y: 2}], people: [{x: -2, y: 0, yaw: 3.1}]}")
+    scene = draw_scenes(setup, [5])[0]
+    assert (scene.start, scene.goal, scene.person.pose) == (Pose(-3, -2), Pose(-3, 2), Pose(-2, 0, 3.1))
+
+
+def test_a_room_may_be_a_list_of_walls_and_furniture(own):
+    table = "{kind: table, x: 2, y: 3, length: 1.2, width: 0.8, height: 0.75}"
+    walls = "[[0,0,8,0],[8,0,8,6],[8,6,0,6],[0,6,0,0],[4,0,4,2.5],[4,3.8,4,6]]"
+    setup = own(f"{{walls: {walls}, furniture: [{table}]}}")
+    scenes = draw_scenes(setup, range(20))
+    for scene in scenes:
+        check_scene(scene)
+        assert 0 < scene.start.x < 8
+        assert 0 < scene.start.y < 6
+    assert len(scenes[0].obstacles) == 7
+    assert rollout(setup, towards_goal(setup), scenes[:1])[0].observations.shape[1] == setup.observation_size
+
+
+def test_a_map_is_seen_raised_on_the_stage_and_explained(own):
+    setup = own("{map: map.yaml}")
+    scene = draw_scenes(setup, [2])[0]
+    bounds = (-4.0, -3.0, 4.0, 3.0)
+    low, high = (place_file(scene, bounds, "plain", cut=cut) for cut in (True, False))
+    assert low != high
+    walls = len(place_file(scene, bounds, "plain", cut=True)) - len(place_file(empty(scene), bounds, "plain", cut=True))
+    assert walls > 4_000  # bytes: blocks of some hundred each
+    sight = sight_of(rollout(setup, towards_goal(setup), [scene])[0])
+    assert sight.things == (BUILDING, "person")
+    seen = sight.ranges.min(axis=1) / setup.robot.lidar.range_m
+    assert np.allclose(seen, sight.observations[:, sight.first_ray :], atol=1e-5)
+
+
+def test_a_scene_of_another_map_is_refused(own):
+    setup = own("{map: map.yaml}")
+    scene = draw_scenes(setup, [1])[0]
+    with pytest.raises(SceneError, match="is not the map that setup own_place has now"):
+        check_scene(replace(scene, ground="0" * 64))
+    with pytest.raises(SceneError, match="is missing: setup own_place lies in a map"):
+        check_scene(replace(scene, ground=None))
+
+
+def test_unknown_cells_stop_rays_and_robots(tmp_path):
+    path = draw_map(tmp_path)
+    grey = np.asarray(Image.open(tmp_path / "map.pgm")).copy()
+    grey[50:60, 70:90] = 205
+    Image.fromarray(grey).save(tmp_path / "map.pgm")
+    read = read_map(path)
+    assert isinstance(read, GroundMap)
+    assert read.unknown[1:-1, 1:-1].sum() == 200
+    assert k.ground_distance(read.ground, 0.0, 0.25) < 0
+
+
+@pytest.mark.parametrize(
+    ("was", "instead", "problem"),
+    [
+        ("map.pgm", "gone.pgm", "map.yaml:1: image = 'gone.pgm': no file gone.pgm lies beside it"),
+        ("map.pgm", "../map.pgm", "must be the name of a picture in the same folder"),
+        ("map.pgm", "map.yaml", "is no whole PGM, PNG or BMP"),
+        ("resolution: 0.05", "resolution: 5", "map.yaml:2: resolution = 5: .*less than or equal to 1|at most 1"),
+        ("resolution: 0.05\n", "", "resolution: is missing"),
+        ("origin: [-4.0, -3.0, 0.0]\n", "", "origin: is missing"),
+        ("-3.0, 0.0]", "-3.0, 0.7]", "its yaw must be 0"),
+        ("-3.0, 0.0]", ".nan, 0.0]", "map.yaml:3: .*holds a number"),
+        ("free_thresh: 0.196", "free_thresh: 0.7", "free_thresh = 0.7: must be below occupied_thresh"),
+        ("negate: 0", "negate: 1", "has no free cell by these thresholds|is `negate` right"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_a_map_is_said_by_line_and_field(tmp_path, was, instead, problem):
+    path = draw_map(tmp_path, ())
+    path.write_text(MAP.replace(was, instead))
+    with pytest.raises(ProtocolError, match=problem):
+        read_map(path)
+
+
+def test_a_cut_or_vast_picture_is_refused_before_it_is_read(tmp_path):
+    path = draw_map(tmp_path)
+    whole = (tmp_path / "map.pgm").read_bytes()
+    (tmp_path / "map.pgm").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ProtocolError, match="is no whole PGM"):
+        read_map(path)
+    (tmp_path / "map.pgm").write_bytes(b"P5 100000 100000 255\n" + b"\0" * 100)
+    with pytest.raises(ProtocolError, match=r"has too many cells; at most 16,000,000 are read"):
+        read_map(path)
+    (tmp_path / "map.pgm").write_bytes(b"P5 5000 5000 255\n" + b"\0" * 100)
+    with pytest.raises(ProtocolError, match=r"has 5000 x 5000 cells; at most 16,000,000 are read"):
+        read_map(path)
+
+
+def test_a_setup_says_what_is_wrong_with_its_building(own):
+    with pytest.raises(SetupError, match=r"world.building.map = 'nowhere.yaml'|nowhere.yaml:1"):
+        own("{map: nowhere.yaml}")
+    with pytest.raises(SetupError, match=r"world.building.mop.* did you mean map"):
+        own("{mop: map.yaml}")
+
+
+def test_raw_ranges_are_the_map_s(own):
+    setup = own("{map: map.yaml, starts: [{x: -3, y: -2}], goals: [{x: -3, y: 2}]}")
+    scene = draw_scenes(setup, [5])[0]
+    assert raw_ranges(setup, scene, Pose(-3, -2))[360] == pytest.approx(0.8, abs=CELL_M)
+
+
+def run(*words: str) -> dict[str, object]:
+    """What a command says, as an object; its exit code beside."""
+    result = CliRunner().invoke(app, [*words, "--json"])
+    return {**json.loads(result.stdout), "exit_code": result.exit_code}
+
+
+def test_the_building_of_the_guide_is_checked_and_driven_in(tmp_path):
+    (fence,) = fences_of("docs/extending.md", "A building", "yaml")
+    folder = (tmp_path / fence.file).parent
+    folder.mkdir(parents=True)
+    (tmp_path / fence.file).write_text(fence.text)
+    told = run("setup", "check", str(folder))
+    assert (told["valid"], told["exit_code"], told["setup"]) == (True, 0, "our_flat")
+    assert told["scenes"]["drawn"] == 20
+    assert told["scenes"]["longest_m"] <= 6.0
+    (tmp_path / fence.file).write_text(fence.text.replace("turtlebot3_burger", "turtlebot3_burgr"))
+    told = run("setup", "check", str(folder))
+    assert (told["valid"], told["exit_code"]) == (False, 1)
+    assert "did you mean turtlebot3_burger?" in told["errors"][0]["message"]
+    assert told["errors"][0]["line"] == 1
+
+
+def test_robots_are_checked_by_name_and_by_file(tmp_path):
+    told = run("robot", "check", "turtlebot3_waffle_pi", "--picture", str(tmp_path / "robot.png"))
+    assert (told["valid"], told["left_out"]) == (True, [])
+    assert told["inscribed_m"] == 0.077
+    assert Image.open(tmp_path / "robot.png").width > 100
+    (tmp_path / "robot.yaml").write_text(
+        "robot:\n  name: own\n  height_m: 0.3\n  footprint: [[0.1, 0.1], [0.2, 0.1], [0.2, 0.2]]\n"
+        "  limits: {v_min: 0, v_max: 1, w_max: 1}\n  lidar: {beams: 10, sectors: 3, range_m: 5, height_m: 0.2}\n"
+    )
+    told = run("robot", "check", str(tmp_path / "robot.yaml"))
+    assert told["exit_code"] == 1
+    assert [error["field"] for error in told["errors"]] == ["robot.lidar"]
