@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
 
+from desirepath.cli.options import Configured, OptionsOf, configured
 from desirepath.cli.output import COMMAND_LINE, INTERRUPTED, JsonFlag, in_data_folder, say, takes_long, working
 from desirepath.cli.study import open_store
 from desirepath.settings import get_settings
@@ -25,6 +26,7 @@ from desirepath.store.database import Database
 if TYPE_CHECKING:
     from sqlalchemy.orm import Session
 
+    from desirepath.jobs.kinds import TrainDemonstrationsParams
     from desirepath.jobs.params import Params
     from desirepath.learning.policies.policy import DrivingPolicy
 
@@ -52,45 +54,50 @@ def register(app: typer.Typer) -> None:
     app.command()(evaluate)
 
 
-@train.command()
+def _params(of: str, kind: str, without: tuple[str, ...] = (), **given: str) -> OptionsOf:
+    """Parameters of a kind of job as options. of: their class; their words are those of the analysts' form."""
+
+    def help_of(name: str) -> str:
+        from desirepath.installed import FRONTEND
+        from desirepath.web.core.catalogues import DEFAULT_LANGUAGE, read_catalogue
+
+        entry = read_catalogue(FRONTEND / "locales" / DEFAULT_LANGUAGE / "analyst.yaml")["kinds"][kind]["fields"][name]
+        return ". ".join(entry[part] for part in ("label", "hint") if part in entry)
+
+    return OptionsOf(f"desirepath.jobs.kinds:{of}", without=without, given=given, help_of=help_of)
+
+
+@train.command(cls=Configured)
 @in_data_folder
-def base(
-    setup: Annotated[str, typer.Option(help="Name of a setup, such as study_room.")] = "study_room",
-    seed: SeedFlag = 0,
-    out: OutFlag = None,
-    more: SetFlag = None,
-    as_json: JsonFlag = False,
-) -> None:
+@configured(params=_params("TrainBaseParams", "train_base"))
+def base(params: Params, out: OutFlag = None, more: SetFlag = None, as_json: JsonFlag = False) -> None:
     """Train a base policy from scratch."""
-    run_job("train_base", {"setup": setup, "seed": seed, **parse_settings(more)}, out, as_json)
+    run_job("train_base", params.asked() | parse_settings(more), out, as_json)
 
 
-@train.command()
+@train.command(cls=Configured)
 @in_data_folder
-def ensemble(
-    base_policy: Annotated[str, typer.Option("--base", help="The base policy to start from.")] = "study_room/base",
-    seed: SeedFlag = 0,
-    more: SetFlag = None,
-    as_json: JsonFlag = False,
-) -> None:
+@configured(params=_params("EnsembleParams", "ensemble"))
+def ensemble(params: Params, more: SetFlag = None, as_json: JsonFlag = False) -> None:
     """Train an ensemble whose members behave differently."""
-    run_job("ensemble", {"base": base_policy, "seed": seed, **parse_settings(more)}, None, as_json)
+    run_job("ensemble", params.asked() | parse_settings(more), None, as_json)
 
 
-@train.command("reward-model")
+@train.command("reward-model", cls=Configured)
 @in_data_folder
+@configured(params=_params("RewardModelParams", "reward_model", snapshot=NOT_TAKEN))
 def reward_model(
+    params: Params,
     study: StudyFlag = None,
     snapshot: SnapshotFlag = None,
     answers: AnswersFlag = None,
-    seed: SeedFlag = 0,
     out: OutFlag = None,
     more: SetFlag = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Learn a reward model from answers, with its accuracy on answers it did not see."""
     taking = _snapshot(study, snapshot, answers)
-    run_job("reward_model", {"seed": seed, **parse_settings(more)}, out, as_json, taking)
+    run_job("reward_model", params.asked() | parse_settings(more), out, as_json, taking)
 
 
 @train.command()
@@ -112,9 +119,11 @@ def align(
     run_job("align", {"recipe": recipe, "seed": seed, **parse_settings(more)}, out, as_json, taking)
 
 
-@train.command()
+@train.command(cls=Configured)
 @in_data_folder
+@configured(params=_params("TrainDemonstrationsParams", "train_demonstrations", snapshot=NOT_TAKEN))
 def demonstrations(
+    params: TrainDemonstrationsParams,
     environment: Annotated[str, typer.Option(help="corridor, room or home.")] = "room",
     study: Annotated[str | None, typer.Option(help="Id of a study: what was kept there is learned from.")] = None,
     participant: Annotated[str | None, typer.Option(help="With --study, only this participant's (code).")] = None,
@@ -129,7 +138,6 @@ def demonstrations(
         str, typer.Option(help="With --style, what the person does: still, or walks opposite or random.")
     ] = "still",
     snapshot: SnapshotFlag = None,
-    seed: SeedFlag = 0,
     out: OutFlag = None,
     more: SetFlag = None,
     as_json: JsonFlag = False,
@@ -153,27 +161,28 @@ def demonstrations(
             return snapshot
         if style is not None:
             return take_simulated_demonstrations(
-                s, files, style=style, environment=environment, per_pair=per_pair, seed=seed, person=person
+                s, files, style=style, environment=environment, per_pair=per_pair, seed=params.seed, person=person
             ).id
-        one = None
+        person_id = None
         if participant is not None:
-            asked = select(Participant.id).where(Participant.study_id == study, Participant.code == participant)
-            one = s.scalars(asked).one_or_none()
-            if one is None:
+            query = select(Participant.id).where(Participant.study_id == study, Participant.code == participant)
+            person_id = s.scalars(query).one_or_none()
+            if person_id is None:
                 raise LookupError(f"--participant {participant}: nobody of that code takes part in {study}")
         return take_demonstrations(
-            s, files, study_id=study or "", environment=environment, participant_id=one, whose=whose
+            s, files, study_id=study or "", environment=environment, participant_id=person_id, whose=whose
         ).id
 
-    params = {"seed": seed, **parse_settings(more)}
-    run_job("train_demonstrations", params, out, as_json, taking, makes=style is not None)
+    asked = params.asked() | parse_settings(more)
+    run_job("train_demonstrations", asked, out, as_json, taking, makes=style is not None)
 
 
-@queries.command()
+@queries.command(cls=Configured)
 @in_data_folder
+@configured(params=_params("QueriesParams", "queries", ("members", "seed")))
 def generate(
+    params: Params,
     setup: Annotated[str, typer.Option(help="Name of a setup that an ensemble is shipped for.")] = "study_room",
-    count: Annotated[int, typer.Option(min=1)] = 200,
     seed: SeedFlag = 1,
     out: OutFlag = None,
     more: SetFlag = None,
@@ -181,7 +190,8 @@ def generate(
 ) -> None:
     """Make queries from an ensemble's trajectories."""
     members = [f"{setup}/ensemble/{k}" for k in range(4)]
-    run_job("queries", {"members": members, "count": count, "seed": seed, **parse_settings(more)}, out, as_json)
+    asked = params.asked() | {"members": members, "seed": seed} | parse_settings(more)
+    run_job("queries", asked, out, as_json)
 
 
 @queries.command()

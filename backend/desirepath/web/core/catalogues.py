@@ -132,9 +132,9 @@ class Texts:
         one would replace a text."""
         self._catalogues = {}
         for entry in sorted(child for child in folder.iterdir() if child.is_dir()):
-            entries: dict[str, Any] = {file.stem: _read(file) for file in sorted(entry.glob("*.yaml"))}
+            entries: dict[str, Any] = {file.stem: read_catalogue(file) for file in sorted(entry.glob("*.yaml"))}
             for file in beside(entry.name):
-                _add(entries, _read(file), str(file))
+                _add(entries, read_catalogue(file), str(file))
             self._catalogues[entry.name] = Catalogue(entry.name, entries)
         if DEFAULT_LANGUAGE not in self._catalogues:
             raise TextError(f"no catalogue for {DEFAULT_LANGUAGE!r} under {folder}; it needs {DEFAULT_LANGUAGE}/*.yaml")
@@ -189,5 +189,6 @@ def _add(entries: dict[str, Any], more: Mapping[str, Any], file: str) -> None:
             raise TextError(f"{file}: {key!r} has a text already; a plug-in only adds texts")
 
 
-def _read(file: Path) -> dict[str, Any]:
+def read_catalogue(file: Path) -> dict[str, Any]:
+    """The raw texts of one file."""
     return dict(Source(str(file), file_text(file)).data)
