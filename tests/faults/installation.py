@@ -123,9 +123,9 @@ class Visitor:
     def watch(self, step: str) -> None:
         """Go through both drives of a trial as a bot may: at once."""
         state = self.post(f"trials/{step}/start").json()
-        for drive in ("a", "b"):
+        for side in ("a", "b"):
             shown = state["step"]["trial"]["playback_id"]
-            state = self.post(f"trials/{step}/seen", drive=drive, playback_id=shown).json()
+            state = self.post(f"trials/{step}/seen", side=side, playback_id=shown).json()
 
     @contextmanager
     def stage(self, *, token: str | None = None, origin: str | None = None) -> Iterator[ClientConnection]:

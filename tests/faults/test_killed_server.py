@@ -114,5 +114,5 @@ def test_the_person_returns_to_the_same_trial_and_the_restart_is_counted(story: 
         playback = story.person.post(f"trials/{story.step}/start").json()["step"]["trial"]["playback_id"]
         assert playback != story.before["playback_id"], "news of the lost showing must not count for the new one"
         hear(stage, playback)
-    told = story.person.post(f"trials/{story.step}/seen", drive="a", playback_id=story.before["playback_id"])
+    told = story.person.post(f"trials/{story.step}/seen", side="a", playback_id=story.before["playback_id"])
     assert told.json()["error"]["code"] in ("other_playback", "not_playing")

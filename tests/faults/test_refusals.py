@@ -34,7 +34,7 @@ def test_an_answer_before_both_drives_could_have_been_seen(served: Served) -> No
         hear(stage, '"type": "show"')
         playback = person.post(f"trials/{step}/start").json()["step"]["trial"]["playback_id"]
         hear(stage, playback)
-        refused(person.post(f"trials/{step}/seen", drive="a", playback_id=playback), 409, "too_early")
+        refused(person.post(f"trials/{step}/seen", side="a", playback_id=playback), 409, "too_early")
         refused(person.answer(step, {"choice": "a"}), 409, "too_early")
     logged = served.installation.refusals("too_early")
     assert {event.session_id for event in logged} >= {served.installation.session(person.token).id}
@@ -52,7 +52,7 @@ def test_an_answer_to_another_trial_or_to_anothers(served: Served) -> None:
     refused(bot.answer("made-up", {"choice": "a"}), 404, "unknown_step")
     playback = other.post(f"trials/{step}/start").json()["step"]["trial"]["playback_id"]
     bot.post(f"trials/{step}/start")
-    refused(bot.post(f"trials/{step}/seen", drive="a", playback_id=playback), 409, "other_playback")
+    refused(bot.post(f"trials/{step}/seen", side="a", playback_id=playback), 409, "other_playback")
     bot.post(f"trials/{step}/interrupted", reason="connection")
     bot.watch(step)
     request_id = uuid4().hex

@@ -140,6 +140,7 @@ def test_onnx_acts_alike_and_carries_its_manifest(policy: Policy) -> None:
 
 def test_sb3_zip_acts_alike_and_trains_on(policy: Policy) -> None:
     model = TD3.load(io.BytesIO(policy_to_sb3_zip(policy)), device="cpu")
+    assert type(model.actor.features_extractor).__module__ == "desirepath.learning.policies.sb3_extractor"
     observations = seen_by(policy)
     np.testing.assert_allclose(model.predict(observations, deterministic=True)[0], policy.act(observations), atol=1e-5)
     again = policy_of_sb3(model, get_setup(policy.setup), policy.shape.heads)
@@ -196,14 +197,3 @@ def acts_alike_in_onnx(setup: str, shape: NetworkShape) -> Policy:
     session = onnxruntime.InferenceSession(policy_to_onnx(policy), providers=["CPUExecutionProvider"])
     np.testing.assert_allclose(session.run(None, {"observation": observations})[0], policy.act(observations), atol=1e-5)
     return policy
-
-
-def test_sb3_zip_of_before_the_rooms_were_rebuilt_still_opens() -> None:
-    """Its class travels by value under the module name it had then, `backend.learning.sb3_extractor`."""
-    model = TD3.load(Path(__file__).parent / "old" / "policy_of_before_the_rooms.zip", device="cpu")
-    assert type(model.actor.features_extractor).__module__ == "backend.learning.sb3_extractor"
-    seen = np.full((1, OPEN_FIELD.observation_size), 0.25, dtype=np.float32)
-    acted = [-0.16083994507789612, 0.15350012481212616]  # by the policy it was exported from
-    np.testing.assert_allclose(model.predict(seen, deterministic=True)[0][0], acted, atol=1e-5)
-    again = policy_of_sb3(model, OPEN_FIELD, (4, 4))
-    np.testing.assert_allclose(again.act(seen)[0], acted, atol=1e-5)

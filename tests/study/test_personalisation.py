@@ -23,7 +23,6 @@ from desirepath.store.models import (
     utc_now,
 )
 from desirepath.store.outbox import Queue, queue_of
-from desirepath.study.kind import read_step
 from desirepath.study.personalising.lending import policy_key
 from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.refusals import Refused
@@ -587,9 +586,3 @@ def test_arms_that_there_cannot_be_are_refused(comparison, recipe, field, told):
     with pytest.raises(ProtocolError) as refused:
         freeze_text(text)
     assert any(field in problem.field and told in problem.message for problem in refused.value.problems)
-
-
-def test_plans_of_before_have_a_base_arm_only():
-    """A step as it was stored before there were other arms."""
-    step = read_step({"kind": "comparison", "key": "c.1", "stage": "c", "number": 1, "of": 1, "turned": True})
-    assert (step.against, step.sides_swapped) == ("base", True)

@@ -35,11 +35,11 @@ from desirepath.study.session.devices import device_problems, fit_device
 from tests.study.small_protocol import BLOCK, protocol_text, write_files
 
 QUICK = PROTOCOLS / "quick_preference_study.yaml"
-INFORMATION = {"key": "information", "kind": "information", "stage": "information"}
+INFORMATION = {"key": "information", "kind": "information", "stage": "information", "text": "texts/information.md"}
 
 
 def page_of(frozen, step, language):
-    """What the page of a step is given; also of steps as plans of before held them."""
+    """What the page of a step is given."""
     found = read_step({"key": "page", **step})
     return kind_of(found).payload(found, Page(frozen, language))
 
@@ -246,7 +246,7 @@ def test_every_stage_is_readable_in_both_languages():
     for stage in stages:
         assert stage.kind not in ("information", "consent", "debriefing") or len(stage.texts) == 2
     for language in ("en", "de"):
-        consent = page_of(frozen, {"kind": "consent", "stage": "consent"}, language)
+        consent = page_of(frozen, {"kind": "consent", "stage": "consent", "text": "texts/consent.md"}, language)
         assert len(consent["points"]) == 4
         assert "[ ]" not in consent["text"]
         items = page_of(

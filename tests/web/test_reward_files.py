@@ -52,7 +52,7 @@ def done(services, monkeypatch) -> str:
     with services.database.session() as s:
         job = s.scalars(select(Job).where(Job.kind == "ask_person").order_by(Job.created_at.desc())).first()
     context = JobContext(services.settings, services.database, services.files, job, Progress(services.database, job.id))
-    result = ask_person(context, get_kind("ask_person").read(job.params))
+    result = ask_person(context, get_kind("ask_person").parse(job.params))
     with services.database.transaction() as s:
         row = s.get_one(Job, job.id)
         row.keep_result(json.loads(json.dumps(result)))

@@ -147,10 +147,10 @@ def known_job(database: Database, kind: str, params: dict[str, Any]) -> dict[str
 
 
 def _asks(job: Job, wanted: Params) -> bool:
-    """Whether a stored job, of any version, was asked just that."""
+    """Whether a stored job was asked just that."""
     from desirepath.jobs.kinds import JobParamsError, get_kind
 
     try:
-        return get_kind(job.kind).read(job.params) == wanted
+        return get_kind(job.kind).parse(job.params) == wanted
     except JobParamsError:
         return False

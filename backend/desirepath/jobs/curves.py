@@ -49,6 +49,6 @@ def _drawable(lines: Mapping[str, Points]) -> dict[str, Points]:
 
 def step_of(job: Job) -> str:
     """What a job's curves are drawn over: a key below `curves.steps`."""
-    if job.params.get("recipe") == "conditioning_search" or job.params.get("start") == "conditioned":
+    if job.params.get("recipe") == "conditioning_search":
         return "tried"
     return STEPS.get(job.kind, "updates" if job.kind == "align" else "step")

@@ -6,11 +6,11 @@ Labels and hints live in `locales/*/analyst.yaml` under `kinds.KIND.fields.NAME`
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
 from operator import or_
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
@@ -24,7 +24,6 @@ from desirepath.jobs.params import (
     TrainedSetup,
     artefact,
     from_source,
-    with_new_names,
 )
 
 
@@ -105,29 +104,8 @@ ALIGNMENTS: Mapping[str, type[AlignParams]] = {
 AnyAlignment: Any = Annotated[reduce(or_, ALIGNMENTS.values()), Field(discriminator="recipe")]
 
 
-def alignment_in_new_words(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of an alignment as they were asked before algorithms had names of their own, in today's words.
-
-    `refine` was fine-tuning, and with `start: conditioned` the conditioning search, whose `updates` were the candidates
-    it tried and whose gate had at least 1,500 scenes. What was left open (null) is left out.
-    """
-    new = with_new_names(given, {"gate_least_success": "gate_min_success", "gate_most_loss": "gate_max_loss"})
-    start = new.pop("start", None)
-    searches = start == "conditioned" and new.get(RECIPE, "refine") == "refine"
-    if searches:
-        new[RECIPE] = "conditioning_search"
-        new = with_new_names(new, {"updates": "tried"})
-        if isinstance(new.get("gate_scenes"), int):
-            new["gate_scenes"] = max(new["gate_scenes"], 1_500)
-    elif new.get(RECIPE, "refine") == "refine":
-        new[RECIPE] = next(iter(ALIGNMENTS))
-    return {name: value for name, value in new.items() if value is not None}
-
-
 class TrainBaseParams(Params):
     """Train a policy from scratch on a setup's task reward."""
-
-    RENAMED: ClassVar[Mapping[str, str]] = {"calm_weight": "smoothness_penalty"}
 
     setup: TrainedSetup = from_source("ours", "study_room")
     seed: int = from_source("ours", 0, ge=0, le=LARGEST_SEED)
@@ -180,8 +158,6 @@ class TrainDemonstrationsParams(Params):
     comparisons: int = from_source("thesis_2_6_1", 4, ge=0, le=4, advanced=True)
     gate_min_success: float = from_source("ours_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
 
-    RENAMED: ClassVar[Mapping[str, str]] = {"gate_least_success": "gate_min_success"}
-
 
 class AskPersonParams(Params):
     """Ask a reward model as if it were a participant: how well, and how surely, its answers are predicted, and what its
@@ -197,10 +173,6 @@ class AskPersonParams(Params):
     )
     choose: Literal["information", "random"] = from_source("ours", "information", advanced=True)
     seed: int = from_source("ours", 0, ge=0, le=LARGEST_SEED, advanced=True)
-
-
-def _as_it_is(given: Mapping[str, Any]) -> dict[str, Any]:
-    return dict(given)
 
 
 class TaskParams(Params):
@@ -223,7 +195,6 @@ class Kind:
     name: str
     variants: Mapping[str, type[Params]]
     union: Any = None  # of the variants, discriminated by `recipe`
-    in_new_words: Callable[[Mapping[str, Any]], dict[str, Any]] = _as_it_is
 
     @property
     def params(self) -> type[Params]:
@@ -235,25 +206,20 @@ class Kind:
         return self.variants.get(self.algorithm_of(given), self.params)
 
     def algorithm_of(self, given: Mapping[str, Any]) -> str:
-        """The algorithm that these parameters name; empty where there is only one way."""
-        return str(self.in_new_words(given).get(RECIPE, "")) if self.union is not None else ""
+        """The algorithm that these parameters name, or the one that is meant; empty where there is only one way."""
+        return str(given.get(RECIPE, DEFAULT)) if self.union is not None else ""
 
     def parse(self, given: Mapping[str, Any]) -> Params:
         """Check parameters. Raises JobParamsError naming every field that is wrong and what would work."""
-        asked = self.in_new_words(given)
         try:
-            parsed: Params = TypeAdapter(self.union or self.params).validate_python(asked)
+            if self.union is None:
+                return self.params.model_validate(given)
+            parsed: Params = TypeAdapter(self.union).validate_python({RECIPE: DEFAULT, **given})
         except ValidationError as wrong:
             raise JobParamsError(
                 self.name, [self._problem(error) for error in wrong.errors(include_url=False)]
             ) from None
         return parsed
-
-    def read(self, stored: Mapping[str, Any]) -> Params:
-        """Parameters of a stored job, of any version: what its algorithm never looked at is left out."""
-        known = self.model_for(stored).model_fields
-        others = {name for variant in self.variants.values() for name in variant.model_fields} - set(known)
-        return self.parse({name: v for name, v in self.in_new_words(stored).items() if name not in others})
 
     def _in_words(self, error: Any) -> str:
         """What is wrong with one parameter, and what would work."""
@@ -293,7 +259,7 @@ def _one(name: str, params: type[Params]) -> Kind:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("align", ALIGNMENTS, AnyAlignment, alignment_in_new_words),
+        Kind("align", ALIGNMENTS, AnyAlignment),
         _one("reward_model", RewardModelParams),
         _one("compare", CompareParams),
         _one("evaluate", EvaluateParams),

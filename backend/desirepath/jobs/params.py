@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import PydanticUndefined
 
 from desirepath.learning.rewards.kinds import FITTINGS
@@ -27,25 +26,9 @@ class Params(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    RENAMED: ClassVar[Mapping[str, str]] = {}
-    """Old name -> name, of parameters in stored job rows and on old command lines: read, never written."""
-
     def asked(self) -> dict[str, Any]:
         """What differs from the defaults, JSON-ready: enough to ask for the same again."""
         return self.model_dump(mode="json", exclude_defaults=True)
-
-    @model_validator(mode="before")
-    @classmethod
-    def _take_old_names(cls, given: Any) -> Any:
-        return with_new_names(given, cls.RENAMED) if isinstance(given, dict) else given
-
-
-def with_new_names(given: Mapping[str, Any], renamed: Mapping[str, str]) -> dict[str, Any]:
-    """`given` with its old names replaced; an old name beside its new one stays, and is refused as unknown."""
-    return {
-        renamed[name] if name in renamed and renamed[name] not in given else name: value
-        for name, value in given.items()
-    }
 
 
 def from_source(source: str, default: Any = PydanticUndefined, *, advanced: bool = False, **limits: Any) -> Any:

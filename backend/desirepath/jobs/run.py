@@ -144,7 +144,7 @@ def _log_into(file: Path) -> None:
 
 
 def _work(context: JobContext) -> dict[str, object]:
-    params = get_kind(context.job.kind).read(context.job.params)
+    params = get_kind(context.job.kind).parse(context.job.params)
     # Imported late, so that its failure is written to the row, too.
     if isinstance(params, TaskParams):
         return _do_task(context, params)

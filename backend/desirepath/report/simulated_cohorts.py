@@ -48,9 +48,9 @@ class Cohort:
     ratings: item -> condition -> shift in standard deviations of the ratings behind the scale's steps (people and
     moments together have 1). first_choice: ranking -> condition -> share of people who put it first; the others share
     the rest. consistency: condition -> chance of the same answer when the same query is asked again; missing: `steady`.
-    preferences: condition -> oracle whose preference decides, where it is not everybody's own (`tastes` in files of
-    before). second_shown: chance that the second trajectory is taken whatever is asked. own: mean chance that the own
-    policy is preferred to another; only of data sets made here, since bots that see rollouts decide by preference.
+    preferences: condition -> oracle whose preference decides, where it is not everybody's own. second_shown: chance
+    that the second trajectory is taken whatever is asked. own: mean chance that the own policy is preferred to another;
+    only of data sets made here, since bots that see rollouts decide by preference.
     own_against_other: the same against another participant's policy, where it differs. items_alike: correlation of a
     person's opinions on two items about the same condition. drop_out: share of people who do not finish. shown: share
     of those who are shown a policy as theirs, and so compare; the gate refuses the others.

@@ -336,7 +336,7 @@ def _readers() -> tuple[TypeAdapter[Step], TypeAdapter[list[Step]]]:
 
 
 def read_step(stored: Mapping[str, Any]) -> Step:
-    """A step as plans hold it, also those that older versions made."""
+    """A step as plans hold it."""
     return _readers()[0].validate_python(stored)
 
 

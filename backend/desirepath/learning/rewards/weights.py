@@ -86,12 +86,12 @@ class WeightsRewardModel(RewardModel):
             "shares": self.shares,
             "weights": self.weights,
             "rationality": self.rationality,
-            "mistakes": self.lapse_rate,  # the name in stored files since the first release
+            "lapse_rate": self.lapse_rate,
         }
 
     @classmethod
     def from_arrays(cls, meta: dict[str, Any], arrays: dict[str, Floats]) -> WeightsRewardModel:
-        return cls(meta["setup"], arrays["shares"], arrays["weights"], arrays["rationality"], arrays["mistakes"])
+        return cls(meta["setup"], arrays["shares"], arrays["weights"], arrays["rationality"], arrays["lapse_rate"])
 
 
 def answers_of(preferences: Sequence[Preference]) -> tuple[str, Doubles]:

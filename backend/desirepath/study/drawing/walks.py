@@ -30,9 +30,7 @@ BEGINS_WITHIN_S = 0.2
 
 
 class PathStep(Step):
-    """A step at which a path is drawn. pair: the environment's situation, from 0. person: steps of plans that are older
-    than walks stand still. optional: it can be left out.
-    """
+    """A step at which a path is drawn. pair: the environment's situation, from 0. optional: it can be left out."""
 
     environment: str
     pair: int

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal, TypeVar
 
-from pydantic import AliasChoices, Field, field_validator
+from pydantic import Field, field_validator
 
 from desirepath.grammar.words import View
 from desirepath.store.job_results import Learned, Rollouts
@@ -105,7 +105,7 @@ class ComparisonStep(PairStep):
     """sides_swapped: the own policy's trajectory is shown as A. against: base (also DWA), neutral or other."""
 
     kind: Literal["comparison"]
-    sides_swapped: bool = Field(validation_alias=AliasChoices("sides_swapped", "turned"))
+    sides_swapped: bool
     against: Literal["base", "neutral", "other"] = "base"
 
 

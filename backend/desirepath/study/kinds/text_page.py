@@ -11,13 +11,13 @@ from desirepath.study.wire import Answer
 
 
 class TextStep(Step):
-    """A page of text. text: its file; plans of before named only the stage."""
+    """A page of text. text: its file."""
 
-    text: str | None = None
+    text: str
 
     @property
     def title_of(self) -> tuple[Literal["text", "questionnaire"], str] | None:
-        return ("text", self.text) if self.text is not None else None
+        return ("text", self.text)
 
 
 class TextStage(Stage):
@@ -34,4 +34,4 @@ class TextPage(Kind[S, A]):
     """A kind whose page shows a text."""
 
     def payload(self, step: S, page: Page) -> dict[str, Any]:
-        return page.show_text(step.text or page.frozen.stage_text(step.stage))
+        return page.show_text(step.text)

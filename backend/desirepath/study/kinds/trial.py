@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from pydantic import AliasChoices, Field
+from pydantic import Field
 from sqlalchemy import select
 
 from desirepath.grammar.parts import Part
@@ -109,7 +109,7 @@ class TrialStep(Step):
     role: Role
     number: int
     of: int
-    sides_swapped: bool = Field(validation_alias=AliasChoices("sides_swapped", "turned"))
+    sides_swapped: bool
     viewing: Viewing = Viewing()
     query: str | None = None
     trajectory_a: str | None = None

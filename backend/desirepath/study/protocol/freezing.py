@@ -30,7 +30,7 @@ from desirepath.study.protocol.analysis_checks import analysis_problems
 from desirepath.study.protocol.checking import problems_across
 from desirepath.study.protocol.reading import Read, Reader, check_size, too_long, valid_part
 from desirepath.study.protocol.schema import Protocol, all_questionnaires, all_texts, fill_in
-from desirepath.study.protocol.stages import T, stage_keys
+from desirepath.study.protocol.stages import T
 
 Content = tuple[str, tuple[tuple[str, Any], ...]]
 """YAML and the files that it names."""
@@ -75,11 +75,6 @@ class FrozenProtocol:
         found = self.protocol.stage_of(kind)
         assert found is not None, f"the protocol has no {kind.__name__}"  # noqa: S101
         return found
-
-    def stage_text(self, key: str) -> str:
-        """Name of a stage's text, by the stage's key."""
-        stages = self.protocol.stages
-        return next(name for name, _ in stages[stage_keys(stages).index(key)].stage.texts())
 
     @property
     def consent(self) -> ConsentStage:

@@ -99,7 +99,7 @@ def new_job(request: Request, kind_name: str, database: Db, again: str = "", stu
     with database.session() as s:
         if again:
             earlier = _seen(s, rights_in(request), again)
-            values = {**kind.in_new_words(earlier.params), **values}
+            values = {**earlier.params, **values}
             study = study or earlier.study_id or ""
         return _form(request, s, kind, values, study=study, again=again)
 
@@ -332,7 +332,7 @@ def _problem(field: str, value: object, type_: str, message: str) -> dict[str, A
 
 def _command(job: Job) -> str | None:
     try:
-        return command_of(job.kind, get_kind(job.kind).read(job.params))
+        return command_of(job.kind, get_kind(job.kind).parse(job.params))
     except JobParamsError:
         return None
 

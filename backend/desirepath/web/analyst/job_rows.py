@@ -126,7 +126,7 @@ def params_of(s: DatabaseSession, rights: Rights, job: Job, made: list[Artefact]
         return [Param(name, value, "yours", True, ()) for name, value in job.params.items()]
     shown = []
     kind = KINDS[job.kind]
-    given = kind.in_new_words(job.params)
+    given = job.params
     for name, info in kind.model_for(given).model_fields.items():
         extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
         default = None if info.is_required() else info.get_default()

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
-    AliasChoices,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -76,7 +75,7 @@ class Start(Sent):
 class Seen(Sent):
     """A trajectory of a pair was watched to its end."""
 
-    side: Side = Field(validation_alias=AliasChoices("side", "drive"))  # pages from before an update say `drive`
+    side: Side
     playback_id: str | None = Field(None, max_length=64)
 
 

@@ -59,7 +59,6 @@ def stroke(token: str, key: str, request: Request, body: StrokeSent) -> Response
 
 
 @changing("/api/session/{token}/drawing/{key}/rollout")
-@changing("/api/session/{token}/drawing/{key}/drive", include_in_schema=False)  # of pages from before an update
 def roll_out(token: str, key: str, request: Request) -> Response:
     """Let the robot drive the path, again if it did before."""
     return _on_drawing(
@@ -72,7 +71,6 @@ def roll_out(token: str, key: str, request: Request) -> Response:
 
 
 @changing("/api/session/{token}/drawing/{key}/rollout-seen")
-@changing("/api/session/{token}/drawing/{key}/driven", include_in_schema=False)  # of pages from before an update
 def rollout_seen(token: str, key: str, request: Request, body: RolloutSeen) -> Response:
     """The stage reported that the rollout has been watched to its end."""
     services, playback = services_of(request), body.playback_id
