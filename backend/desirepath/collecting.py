@@ -1,13 +1,15 @@
 """While much is loaded that stays: Python's garbage collector would look at all of it again and again, and Ctrl-C would
-be told as an error of whatever is just being loaded."""
+be told as an error of whatever is just being loaded. And what else a process does about signals."""
 
 from __future__ import annotations
 
 import contextlib
 import gc
+import os
+import select
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 
@@ -49,3 +51,27 @@ def _on_interrupt(handler: Any) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
+def wake_on_signals() -> Iterator[Callable[[float | None], bool]]:
+    """Yields a sleep, at most for so many seconds, which ends when a child of this process does or SIGINT or SIGTERM
+    comes; returns whether one of these two has come."""
+    ends = {signal.SIGINT, signal.SIGTERM}
+    for number in (*ends, signal.SIGCHLD):
+        signal.signal(number, lambda *_: None)
+    heard, told = os.pipe()  # Python writes the number of each signal into it
+    for end in (heard, told):
+        os.set_blocking(end, False)
+    signal.set_wakeup_fd(told, warn_on_full_buffer=False)
+
+    def sleep(at_most_s: float | None) -> bool:
+        woken = select.select([heard], [], [], at_most_s)[0]
+        return bool(woken) and not ends.isdisjoint(os.read(heard, 4_096))
+
+    try:
+        yield sleep
+    finally:
+        signal.set_wakeup_fd(-1)
+        os.close(heard)
+        os.close(told)

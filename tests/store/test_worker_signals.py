@@ -10,7 +10,7 @@ import pytest
 
 from desirepath.store.database import Database
 from desirepath.store.outbox import enqueue_job
-from desirepath.store.worker_signals import Signal, SignalListener, signal_workers
+from desirepath.store.worker_signals import Signal, SignalListener, remove_silent_pipes, signal_workers
 
 PATIENCE_S = 30
 Heard = queue.SimpleQueue[Signal]
@@ -61,6 +61,9 @@ def test_what_killed_workers_and_backups_leave_hinders_nobody(database, listen):
     with database.transaction() as s:
         enqueue_job(s, "evaluate", {})
     assert heard.get(timeout=PATIENCE_S) is Signal.JOB_QUEUED
+    remove_silent_pipes(database)
+    assert not left.exists()
+    assert copied.is_fifo(), "somebody reads it"
 
 
 def test_a_worker_that_cannot_heed_one_signal_hears_the_next(database):

@@ -39,6 +39,7 @@ def serve(
     """Run the pages, the 3D stage and a background worker."""
     with without_collecting():
         from desirepath.store.database import Database
+        from desirepath.store.worker_signals import remove_silent_pipes
         from desirepath.web.application import build_services
         from desirepath.web.replicas.only_server import only_server
         from desirepath.web.server import check_ports
@@ -52,6 +53,7 @@ def serve(
         try:
             _serve(services, demo=demo, processes=processes)
         finally:
+            remove_silent_pipes(services.database)
             for database in (services.database, Database(settings.jobs_database)):  # the worker's, which has ended
                 database.close()
 

@@ -9,6 +9,7 @@ import contextlib
 import fcntl
 import os
 import platform
+import queue
 import signal
 import subprocess
 import threading
@@ -163,11 +164,11 @@ class Worker:
     def tidy_logs(self) -> None:
         """Delete logs of jobs that were erased on another machine; an erasure reaches its own data folder only."""
         before = time.time() - LEFT_OVER_S
-        old = [one for one in log_folder(self._settings).glob("*.log") if one.stat().st_mtime < before]
+        old = [path for path in log_folder(self._settings).glob("*.log") if path.stat().st_mtime < before]
         with self._database.session() as s:
-            gone = [one for one in old if s.get(Job, one.stem) is None]
-        for one in gone:
-            one.unlink(missing_ok=True)
+            gone = [path for path in old if s.get(Job, path.stem) is None]
+        for path in gone:
+            path.unlink(missing_ok=True)
 
     def _give_up(self, waiting: Job) -> None:
         job_id = waiting.id
@@ -196,8 +197,16 @@ def run_worker(settings: Settings, *, parent: int | None = None) -> None:
 
     if parent is not None:
         threading.Thread(target=stop_with_parent, args=(parent,), daemon=True).start()
+    # A handler that sets an event itself waits for ever where it interrupts this thread's waiting for that event.
+    asked: queue.SimpleQueue[None] = queue.SimpleQueue()
+
+    def stop_when_asked() -> None:
+        asked.get()
+        stop()
+
+    threading.Thread(target=stop_when_asked, daemon=True).start()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop())
+        signal.signal(number, lambda *_: asked.put(None))
     worker = Worker(settings, stopping, woken)
     worker.run()
     worker.close()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import os
 import shutil
 import sqlite3
@@ -189,15 +190,24 @@ class Database:
             raise StorageError(f"database url {url!r}: known are sqlite:///FILE and postgresql://USER@HOST/NAME")
         self.engine = engine
         self.turns = Turns()
+        self._done_at: dict[str, float] = {}
         self._reading = engine.execution_options(**reading)
         self._passing = engine.execution_options(**passing)
+
+    def is_due(self, what: str, *, every_s: float) -> bool:
+        """Whether that was last due so many seconds ago, or never; asking means to do it now."""
+        now = time.monotonic()
+        due = now - self._done_at.get(what, -math.inf) >= every_s
+        if due:
+            self._done_at[what] = now
+        return due
 
     def migrate(self) -> None:
         """Bring the tables to the newest revision; does nothing where they are. Safe from several processes at once.
 
         Raises StorageError if the database cannot be opened or is newer than this version.
         """
-        with self.explained():
+        with self.explain_errors():
             if self.file is not None:
                 self.file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
                 _make_private(self.file)
@@ -218,7 +228,7 @@ class Database:
         if self.is_sqlite:
             yield
             return
-        with self.explained(), self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+        with self.explain_errors(), self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
             # Asked again and again: a statement that waits would hold up the indexes that the jobs' engine makes.
             while not connection.execute(text("SELECT pg_try_advisory_lock(:key)"), {"key": START_LOCK}).scalar_one():
                 time.sleep(START_LOOK_S)
@@ -251,7 +261,7 @@ class Database:
         set. Raises DatabaseBusy if the turn does not come in time.
         """
         engine = self.engine if durable else self._passing
-        with self._turn(), self.explained(), Session(engine, expire_on_commit=False) as s, s.begin():
+        with self._turn(), self.explain_errors(), Session(engine, expire_on_commit=False) as s, s.begin():
             if not (durable or self.is_sqlite):
                 s.execute(text("SET LOCAL synchronous_commit = off"))
             yield s
@@ -265,20 +275,20 @@ class Database:
             try:
                 held.enter_context(self.turns.turn(TURN_PATIENCE_S))
             except TimeoutError:
-                said = f"others kept writing for more than {TURN_PATIENCE_S:.0f} s; nothing was stored"
-                raise DatabaseBusy(f"database {self.file}: {said}") from None
+                problem_words = f"others kept writing for more than {TURN_PATIENCE_S:.0f} s; nothing was stored"
+                raise DatabaseBusy(f"database {self.file}: {problem_words}") from None
             yield
 
     @contextlib.contextmanager
     def session(self) -> Iterator[Session]:
         """A session that only reads, one consistent view; the database refuses writes in it."""
-        with self.explained(), Session(self._reading, expire_on_commit=False) as s:
+        with self.explain_errors(), Session(self._reading, expire_on_commit=False) as s:
             yield s
 
     def compact(self) -> bool:
         """Make sure that deleted rows are read by nobody any more, while others read and write.
 
-        On SQLite they are in no file afterwards: the write-ahead log is truncated and the file written anew. PostgreSQL
+        On SQLite they are in no file afterwards: the write-ahead log is truncated and the file rewritten. PostgreSQL
         removes them from tables and indexes and keeps the freed bytes until new rows take their place; these, the
         server's own write-ahead log and its backups are its administrator's (docs/deployment.md). Returns False if
         somebody kept reading what was before; an erasure's is then done at the next start.
@@ -300,7 +310,7 @@ class Database:
         deadline = time.monotonic() + COMPACT_TRIES_S
         quoted = self.engine.dialect.identifier_preparer.quote
         tables = ", ".join(quoted(table.name) for table in Base.metadata.sorted_tables)
-        with self.explained(), self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+        with self.explain_errors(), self.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
             now = connection.execute(text("SELECT CAST(CAST(pg_current_xact_id() AS xid) AS text)")).scalar_one()
             while seen := connection.execute(_SEES_OLDER, {"now": now}).scalar_one():
                 if time.monotonic() > deadline:
@@ -310,7 +320,7 @@ class Database:
             return not seen
 
     def _vacuum_sqlite(self) -> bool:
-        """Write the file anew, once: nobody else writes meanwhile. Then empty the log, once nobody is in it."""
+        """Rewrite the file, once: nobody else writes meanwhile. Then empty the log, once nobody is in it."""
         for statement in ("VACUUM", "PRAGMA wal_checkpoint(TRUNCATE)"):
             deadline = time.monotonic() + COMPACT_TRIES_S
             while not self._done_alone(statement):
@@ -343,7 +353,7 @@ class Database:
                 s.delete(row)
 
     @contextlib.contextmanager
-    def explained(self) -> Iterator[None]:
+    def explain_errors(self) -> Iterator[None]:
         """Turn what the disk or the connection did into a StorageError with a sentence, what SQLAlchemy wraps of
         `dump_json` back into Unstorable; other errors pass."""
         try:
@@ -400,9 +410,9 @@ def _make_private(file: Path) -> None:
     """For its owner alone; SQLite gives the files beside it the same mode."""
     with contextlib.suppress(OSError):  # another user's, or read-only: opening it says what is wrong
         file.touch(mode=0o600)
-        for one in (file, file.with_name(f"{file.name}-wal"), file.with_name(f"{file.name}-shm")):
-            if one.exists() and one.stat().st_mode & 0o077:
-                one.chmod(0o600)
+        for part in (file, file.with_name(f"{file.name}-wal"), file.with_name(f"{file.name}-shm")):
+            if part.exists() and part.stat().st_mode & 0o077:
+                part.chmod(0o600)
 
 
 def shared_now(s: Session) -> datetime:

@@ -7,11 +7,12 @@ may be lost (a worker that is just starting, a lost connection), so workers look
 from __future__ import annotations
 
 import contextlib
+import errno
 import glob
 import os
 import select
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -61,13 +62,29 @@ def signal_workers(s: Session, signal: Signal) -> None:
 
 def _write_to_pipes(database: Path, signal: Signal) -> None:
     with contextlib.suppress(OSError):  # what is committed stays so, whether or not the folder can be listed
-        for pipe in database.parent.glob(f"{glob.escape(database.name)}.worker-*"):
+        for pipe in _pipes_beside(database):
             with contextlib.suppress(OSError):  # its worker is gone, or has more to read than it needs to wake up
                 descriptor = os.open(pipe, os.O_WRONLY | os.O_NONBLOCK | os.O_NOFOLLOW)
                 try:
                     os.write(descriptor, signal.value.encode())
                 finally:
                     os.close(descriptor)
+
+
+def remove_silent_pipes(database: Database) -> None:
+    """Take away the pipes that no worker reads: of workers that were killed."""
+    if database.file is None:
+        return
+    for pipe in _pipes_beside(database.file):
+        try:
+            os.close(os.open(pipe, os.O_WRONLY | os.O_NONBLOCK | os.O_NOFOLLOW))
+        except OSError as problem:
+            if problem.errno == errno.ENXIO:
+                pipe.unlink(missing_ok=True)
+
+
+def _pipes_beside(database: Path) -> Iterator[Path]:
+    return database.parent.glob(f"{glob.escape(database.name)}.worker-*")
 
 
 class SignalListener:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import tempfile
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,6 +24,7 @@ from desirepath.store.database import Database
 from desirepath.store.outbox import enqueue_job
 from desirepath_experiments.benchmarks.processes import Usage, family, processor_s, usage_of
 from desirepath_experiments.benchmarks.results import Progress
+from desirepath_experiments.own_postgres import own_postgres, own_postgres_pid
 
 SETTLE_S = 60.0  # after the start: DBOS looks more often at first, what the first visitors need is loaded
 JOB_PATIENCE_S = 60.0
@@ -41,10 +43,16 @@ class RestConfig:
     minutes: Annotated[float, Field(ge=0.1, description="How long nobody is there.")] = 3.0
     restarts: Annotated[int, Field(ge=1, description="Starts on a folder that is there.")] = 3
     jobs: Annotated[int, Field(ge=0, description="Jobs that are queued one after another then.")] = 10
+    processes: Annotated[
+        int, Field(ge=1, description="Server processes; more than one on a PostgreSQL server of the benchmark's own.")
+    ] = 1
+    postgresql: Annotated[bool, Field(description="On PostgreSQL with one process, too.")] = False
 
 
 def benchmark_rest(config: RestConfig, progress: Progress) -> dict[str, Any]:
     """Start `desirepath serve --demo` on a new folder, then again on the same one, and look at it while nobody comes.
+
+    On PostgreSQL its server is told beside (`database`) and counts in no total.
 
     Returns seconds of the wall clock and of the server's processor until the sign-in page was read: `new_folder`, and
     `restart` (median of `restarts`); per minute at rest, of all processes: `processor_s`, `written_kb` (what they gave
@@ -53,34 +61,46 @@ def benchmark_rest(config: RestConfig, progress: Progress) -> dict[str, Any]:
     Raises RestBenchmarkError.
     """
     minutes, load = config.minutes, os.getloadavg()[0]
-    with tempfile.TemporaryDirectory(prefix="desirepath-rest-") as folder:
-        settings = Settings(data=Path(folder) / "data", database_url=None, artefacts_url=None)
-        new_folder = _time_start(settings)
-        again = [_time_start(settings) for _ in range(config.restarts)]
-        with loopback_server(settings, arguments=("--demo",)) as (_, server):
+    arguments = ("--demo", "--processes", str(config.processes))
+    with (
+        tempfile.TemporaryDirectory(prefix="desirepath-rest-") as folder,
+        own_postgres() if config.postgresql or config.processes > 1 else nullcontext() as url,
+    ):
+        settings = Settings(data=Path(folder) / "data", database_url=url, artefacts_url=None)
+        new_folder = _time_start(settings, arguments)
+        again = [_time_start(settings, arguments) for _ in range(config.restarts)]
+        with loopback_server(settings, arguments=arguments) as (_, server):
             progress.tell(f"at rest for {minutes:g} minutes, after {SETTLE_S:.0f} s")
             time.sleep(SETTLE_S)
-            before = {pid: usage_of(pid) for pid in family(server.pid)}
+            roots = [server.pid, *([own_postgres_pid(url.partition("host=")[2])] if url else [])]
+            before = [{pid: usage_of(pid) for pid in family(root)} for root in roots]
             time.sleep(minutes * 60)
-            used = [usage_of(pid) - before[pid] for pid in family(server.pid) if pid in before]
+            used, *beside = [
+                [usage_of(pid) - known[pid] for pid in family(root) if pid in known]
+                for root, known in zip(roots, before, strict=True)
+            ]
             progress.tell(f"{config.jobs} jobs")
             waits = [_time_job(settings) for _ in range(config.jobs)]
     rows = [_per_minute(one, minutes) for one in used]
-    totals = {name: round(sum(row[name] for row in rows), 2) for name in rows[0] if name != "process"}
     return {
         "minutes": minutes,
         "new_folder": new_folder,
         "restart": {name: round(float(np.median([one[name] for one in again])), 2) for name in again[0]},
-        **totals,
+        **_total(rows),
         "processes": rows,
+        "database": _total([_per_minute(one, minutes) for one in beside[0]]) if beside else None,
         "job_start_ms": {"median": round(float(np.median(waits))), "slowest": round(max(waits))} if waits else None,
         "load_average": round(load, 1),
     }
 
 
-def _time_start(settings: Settings) -> dict[str, float]:
+def _total(rows: list[dict[str, Any]]) -> dict[str, float]:
+    return {name: round(sum(row[name] for row in rows), 2) for name in rows[0] if name != "process"}
+
+
+def _time_start(settings: Settings, arguments: tuple[str, ...]) -> dict[str, float]:
     began = time.perf_counter()
-    with loopback_server(settings, arguments=("--demo",)) as (url, server):
+    with loopback_server(settings, arguments=arguments) as (url, server):
         httpx.get(f"{url}/lab/sign-in", trust_env=False).raise_for_status()
         return {"seconds": round(time.perf_counter() - began, 2), "processor_s": round(processor_s(server.pid), 2)}
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
@@ -68,7 +66,7 @@ def acting(
     try:
         with db.transaction(durable=durable) as s:
             session = find_session(s, token, now=now)
-            if _presence_is_due(db):
+            if db.is_due("presence", every_s=PRESENCE_TOLD_EVERY_S):
                 signal_workers(s, Signal.PARTICIPANT_PRESENT)
             session.last_seen_at = now
             if session.step_since is None and (session.opens_at is None or now >= session.opens_at):
@@ -79,18 +77,6 @@ def acting(
             _expire(db, refused.session_id)
         log_refusal(db, refused, request=request)
         raise
-
-
-_presence_told: dict[str, float] = {}  # database -> when this process last said that somebody is there, monotonic
-
-
-def _presence_is_due(db: Database) -> bool:
-    """Whether workers have not heard for a while that somebody takes part, whoever it is."""
-    now, key = time.monotonic(), str(db.url)
-    due = now - _presence_told.get(key, -math.inf) >= PRESENCE_TOLD_EVERY_S
-    if due:
-        _presence_told[key] = now
-    return due
 
 
 def _expire(db: Database, session_id: str) -> None:

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import queue
 import secrets
+import select
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -25,7 +27,8 @@ from desirepath.store.database import Database, StorageError
 
 CHANNEL = "desirepath"
 LARGEST_NOTICE = 7_000  # bytes; PostgreSQL takes 7,999
-LISTEN_S = 1.0  # how long a closing server waits for its listening thread at most
+CHECK_CONNECTION_S = 60.0  # of silence, then a question shows whether the connection lives
+CLOSE_PATIENCE_S = 2.0
 AGAIN_AFTER_S = 1.0  # a lost connection is asked for again
 HOLD_PATIENCE_S = 5.0
 log = structlog.get_logger("desirepath.replicas")
@@ -111,6 +114,7 @@ class PostgresNotices(Notices):
         self._orders: queue.SimpleQueue[tuple[str, str, Future[None] | None] | None] = queue.SimpleQueue()
         self._held: set[str] = set()
         self._ending = threading.Event()
+        self._ended, self._end = os.pipe()  # the first is read when the second is written: it ends a sleep
         self._listening = threading.Event()
         self._threads = [
             threading.Thread(target=one, daemon=True, name=f"replicas-{name}")
@@ -128,10 +132,11 @@ class PostgresNotices(Notices):
 
     def close(self) -> None:
         self._ending.set()
+        os.write(self._end, b".")
         self._orders.put(None)
         for thread in self._threads:
             if thread.is_alive():
-                thread.join(2 * LISTEN_S)
+                thread.join(CLOSE_PATIENCE_S)
 
     def tell(self, topic: str, key: str, **data: Any) -> None:
         payload = json.dumps({"from": self.process_id, "topic": topic, "key": key, "data": data})
@@ -173,8 +178,11 @@ class PostgresNotices(Notices):
                         self.tell_missed()
                     before = True
                     while not self._ending.is_set():
-                        for notification in connection.notifies(timeout=LISTEN_S):
-                            self._take(notification.payload)
+                        # psycopg's own waiting wakes up ten times a second
+                        if not select.select([connection.fileno(), self._ended], [], [], CHECK_CONNECTION_S)[0]:
+                            connection.execute("SELECT 1")
+                        for notify in connection.notifies(timeout=0):
+                            self._take(notify.payload)
             except self._psycopg.Error as problem:
                 log.warning("the connection for notices was lost and is made again", problem=str(problem)[:200])
                 self._ending.wait(AGAIN_AFTER_S)

@@ -14,13 +14,13 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import structlog
 
+from desirepath.collecting import wake_on_signals
 from desirepath.jobs.process import environment_of, start_worker
 from desirepath.settings import Settings
 from desirepath.store.database import Database
@@ -32,7 +32,7 @@ from desirepath.web.server import ServerError, check_ports, run
 AGAIN_AFTER_S = 2.0  # a process that dies at once is not started faster than this
 START_PATIENCE_S = 60.0
 STOP_PATIENCE_S = 15.0
-LOOK_S = 0.2
+LOOK_S = 0.2  # until all processes are listening
 MOST_PROCESSES = 64  # ours
 COUNTS = "desirepath-counts-"
 UNHELD_S = 60.0  # between making a folder and locking it lies next to nothing
@@ -54,34 +54,50 @@ def check_can_share(database: Database, processes: int) -> None:
 def serve_many(settings: Settings, peers: Peers, processes: int, *, on_ready: Callable[[], None]) -> None:
     """Serve until SIGINT or SIGTERM. on_ready: called once when all processes are listening."""
     check_ports(settings)
-    stopping = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stopping.set())
     began, begun_at, ready = time.monotonic(), peers.now(), False
     counts, held = _counts_folder()
-    servers = [_start(settings, str(counts)) for _ in range(processes)]
-    worker = None
-    started_at = [began] * processes
+
+    def start_server() -> subprocess.Popen[bytes]:
+        return _start(settings, str(counts))
+
+    children: list[_Child] = []
     try:
-        while not stopping.wait(LOOK_S):
-            now = time.monotonic()
-            for place, process in enumerate(servers):
-                if process.poll() is not None and now - started_at[place] > AGAIN_AFTER_S:
-                    if not ready:
-                        raise ServerError(f"a server process ended with {process.returncode}; its log says why")
-                    log.warning("a server process ended and is started again", exit_code=process.returncode)
-                    servers[place], started_at[place] = _start(settings, str(counts)), now
-            if not ready and len(peers.living(since=begun_at)) >= processes:
-                ready = True
-                on_ready()
-            if not ready and now - began > START_PATIENCE_S:
-                raise ServerError(f"the server processes were not listening within {START_PATIENCE_S:.0f} s")
-            if ready and settings.worker and (worker is None or worker.poll() is not None):
-                worker = start_worker(settings)
+        with wake_on_signals() as sleep:
+            children += [_Child(start_server) for _ in range(processes)]
+            wait_s: float | None = LOOK_S
+            while not sleep(wait_s):
+                ended = [child for child in children if child.process.poll() is not None]
+                if ended and not ready:
+                    raise ServerError(f"a server process ended with {ended[0].process.returncode}; its log says why")
+                if not ready and len(peers.living(since=begun_at)) >= processes:
+                    ready = True
+                    on_ready()
+                    children += [_Child(lambda: start_worker(settings))] if settings.worker else []
+                if not ready and time.monotonic() - began > START_PATIENCE_S:
+                    raise ServerError(f"the server processes were not listening within {START_PATIENCE_S:.0f} s")
+                waits = [child.start_again() for child in ended]
+                wait_s = min((left for left in waits if left > 0), default=None) if ready else LOOK_S
     finally:
-        _stop([*servers, *([worker] if worker is not None else [])])
+        _stop([child.process for child in children])
         shutil.rmtree(counts, ignore_errors=True)
         os.close(held)
+
+
+class _Child:
+    """A process that is to run as long as this one does."""
+
+    def __init__(self, start: Callable[[], subprocess.Popen[bytes]]) -> None:
+        self._start = start
+        self.process, self._started_at = start(), time.monotonic()
+
+    def start_again(self) -> float:
+        """Start it once more, after it has ended. Returns how many seconds that has to wait yet; then nothing is
+        done."""
+        left = self._started_at + AGAIN_AFTER_S - time.monotonic()
+        if left <= 0:
+            log.warning("a process ended and is started again", exit_code=self.process.returncode)
+            self.process, self._started_at = self._start(), time.monotonic()
+        return left
 
 
 def serve_one(services: Services) -> None:
