@@ -39,7 +39,7 @@ def test_fitting_at_once_believes_the_same_as_answering_in_turn(example: dict[st
     answers = [True, False, True, True]
     in_turn = dp.Posterior.prior("study_room")
     for query, answer in zip(asked, answers, strict=True):
-        in_turn = in_turn.answered(query, answer)
+        in_turn = in_turn.update(query, answer)
     at_once = dp.Posterior.fit(asked, answers)
     assert at_once.weights == pytest.approx(in_turn.weights)
     assert np.all((at_once.predict(asked) > 0) & (at_once.predict(asked) < 1))

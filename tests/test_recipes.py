@@ -163,7 +163,7 @@ queries = dp.load_queries("study_room/queries_varied_200").queries
 posterior = dp.Posterior.prior("study_room")
 for query in queries[:20]:
     steady = [abs(t.actions[1:, 0] - t.actions[:-1, 0]).mean() for t in (query.trajectory_a, query.trajectory_b)]
-    posterior = posterior.answered(query, steady[0] < steady[1])
+    posterior = posterior.update(query, steady[0] < steady[1])
 print(posterior.weights["steadier"], dp.Posterior.prior("crowd_hall").weights["steadier"])
 dp.load_policy("study_room/conditioned")
 """

@@ -99,7 +99,7 @@ class Posterior:
         setup = require_same(**{f"query {k}": one.scene.setup for k, one in enumerate(queries)})
         return cls(setup, beliefs.Posterior.from_answers(setup, seen_in(queries), list(a_chosen)))
 
-    def answered(self, query: Query, a_chosen: bool) -> Posterior:
+    def update(self, query: Query, a_chosen: bool) -> Posterior:
         """After one more answer."""
         return Posterior(self.setup, self.belief.updated(seen_in([query])[0], a_chosen))
 
@@ -118,8 +118,8 @@ class Posterior:
     @property
     def weights(self) -> dict[str, float]:
         """Mean preference weights by objective, each in [0, 1]."""
-        found = zip(names_of(self.setup), self.belief.mean_weights(), strict=True)
-        return {name: float(weight) for name, weight in found}
+        weights = zip(names_of(self.setup), self.belief.mean_weights(), strict=True)
+        return {name: float(weight) for name, weight in weights}
 
 
 def align(posterior: Posterior) -> Policy:

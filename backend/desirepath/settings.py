@@ -132,7 +132,7 @@ class Settings(BaseSettings):
     @property
     def openid_allowed(self) -> frozenset[str]:
         """Domains and addresses of `openid_admits`, in lower case."""
-        return frozenset(one.strip().lower().lstrip("@") for one in self.openid_admits.split(",") if one.strip())
+        return frozenset(name.strip().lower().lstrip("@") for name in self.openid_admits.split(",") if name.strip())
 
     @property
     def _database_server(self) -> str | None:

@@ -20,7 +20,7 @@ from desirepath.jobs.answers import snapshot_of as snapshot_artefact_of
 from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.kept_artefacts import ArtefactError
 from desirepath.jobs.kinds import RewardModelParams
-from desirepath.jobs.reward_models import learn_reward_model
+from desirepath.jobs.runners import learn_reward_model
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_conditioned, load_policy

@@ -8,7 +8,7 @@ from sqlalchemy import select, update
 from desirepath.store.artefact_upkeep import (
     archive_artefact,
     delete_artefact,
-    offered,
+    is_offered,
     rename_artefact,
     restore_artefact,
     uses_of,
@@ -59,11 +59,11 @@ def test_an_archived_one_is_offered_no_more_and_all_that_hangs_on_it_goes_on(
         assert archive_artefact(s, model, by="bob", now=utc_now()).archived_at == first
     with study.database.session() as s:
         assert s.get_one(Artefact, model).archived_by == "ada"
-        assert set(s.scalars(select(Artefact.id).where(offered()))) == {snapshot, policy}
+        assert set(s.scalars(select(Artefact.id).where(is_offered()))) == {snapshot, policy}
         assert lineage(s, policy).all_answers() == lineage(s, snapshot).all_answers()
     with study.database.transaction() as s:
         restore_artefact(s, model)
-        assert model in set(s.scalars(select(Artefact.id).where(offered())))
+        assert model in set(s.scalars(select(Artefact.id).where(is_offered())))
 
 
 def test_what_something_was_made_from_stays_until_that_is_gone(study: SmallStudy, chain: tuple[str, str, str]):

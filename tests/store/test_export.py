@@ -17,7 +17,7 @@ from sqlalchemy import select, update
 from desirepath.store.artefacts import ArtefactError, ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.dataset.columns import CHECKSUMS_FILE
-from desirepath.store.dataset.dictionary import data_dictionary
+from desirepath.store.dataset.descriptions import data_dictionary
 from desirepath.store.dataset.importing import import_dataset
 from desirepath.store.dataset.reading import DatasetError
 from desirepath.store.dataset.tables import TABLES

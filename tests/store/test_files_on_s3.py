@@ -18,7 +18,7 @@ from desirepath.store.database import Database, StorageError
 from desirepath.store.dataset.reading import read_dataset
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.models import Response
-from desirepath.store.places import StoreAway, read_from, written_at
+from desirepath.store.places import StoreAway, read_from, write_to
 from tests.s3 import BUCKET, S3, s3_store
 from tests.store.small_study import SmallStudy
 
@@ -103,14 +103,14 @@ def test_a_store_that_goes_away_is_named() -> None:
 def test_exports_and_backups_go_there_and_come_back(shared: S3, study: SmallStudy, tmp_path: Path) -> None:
     _, session = study.participant("P1")
     where = f"s3://{BUCKET}/exports/monday"
-    with written_at(where) as folder:
+    with write_to(where) as folder:
         export_study(study.database, study.files, study.id, folder)
     with read_from(where) as fetched:
         assert len(read_dataset(fetched).tables["responses"]) == 6
-    with pytest.raises(StorageError, match="something is there already"), written_at(where):
+    with pytest.raises(StorageError, match="something is there already"), write_to(where):
         pass
     saved = f"s3://{BUCKET}/backups/monday.tar"
-    with written_at(saved) as file:
+    with write_to(saved) as file:
         backup(study.database, study.files, file)
     artefacts = f"s3://{BUCKET}/restored"
     with read_from(saved) as file:
@@ -124,7 +124,7 @@ def test_exports_and_backups_go_there_and_come_back(shared: S3, study: SmallStud
 
 def test_an_export_that_fails_in_the_middle_leaves_nothing_that_reads_as_one(shared: S3) -> None:
     where = f"s3://{BUCKET}/exports/cut"
-    with contextlib.suppress(InterruptedError), written_at(where) as folder:
+    with contextlib.suppress(InterruptedError), write_to(where) as folder:
         folder.mkdir()
         (folder / "half.csv").write_text("a,b")
         raise InterruptedError

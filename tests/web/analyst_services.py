@@ -12,7 +12,7 @@ from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.kinds import CompareParams, EvaluateParams, RewardModelParams
 from desirepath.jobs.params import Params
 from desirepath.jobs.process import finish, log_file
-from desirepath.jobs.reward_models import learn_reward_model
+from desirepath.jobs.runners import learn_reward_model
 from desirepath.settings import Settings
 from desirepath.store.models import Job, utc_now
 from desirepath.store.outbox import enqueue_job

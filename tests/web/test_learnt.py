@@ -41,7 +41,7 @@ def test_the_part_that_changes_comes_alone(lab, walked):
 
 def test_what_takes_long_to_compute_keeps_no_page_waiting(lab, lab_services, walked, monkeypatch):
     monkeypatch.setattr("desirepath.study.personalising.learnt.SOON", 6)
-    lab_services.files.derived(Known).clear()
+    lab_services.files.derive(Known).clear()
     address = page_of(walked, walked.half_way)
     page = lab.get(address).text
     assert "It is being computed" in page
@@ -89,7 +89,7 @@ def test_weights_are_named_only_where_answers_are_predicted_better_than_chance(l
     address = page_of(walked, walked.half_way)
     told = "Preference weights the policy is conditioned on"
     for odds, one_sided, said in ((1.2, False, False), (80.0, False, True), (80.0, True, False)):
-        lab_services.files.derived(Known).clear()
+        lab_services.files.derive(Known).clear()
         monkeypatch.setattr("desirepath.learning.preferences.predictive_power.odds_against_chance", lambda _, o=odds: o)
         letters = ["a"] * 8 if one_sided else ["a", "b"] * 4
         monkeypatch.setattr("desirepath.study.personalising.learnt.find_letters", lambda *_, of=letters: of)

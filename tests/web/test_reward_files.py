@@ -10,10 +10,10 @@ import torch
 from sqlalchemy import select
 from torch import nn
 
-from desirepath.jobs.asking_person import ask_person
 from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.kinds import get_kind
 from desirepath.jobs.process import finish
+from desirepath.jobs.runners import ask_person
 from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_people import PeopleConfig
 from desirepath.learning.people.reward_manifest import FILE_BYTES
@@ -46,9 +46,7 @@ def take_in(lab, manifest: object = MANIFEST, content: bytes = b"", name: str = 
 
 def done(services, monkeypatch) -> str:
     """Do the newest job here and now, with few pairs, as its process would; returns its id."""
-    monkeypatch.setattr(
-        "desirepath.jobs.asking_person.PeopleConfig", lambda **given: PeopleConfig(**{**given, **SMALL})
-    )
+    monkeypatch.setattr("desirepath.jobs.runners.PeopleConfig", lambda **given: PeopleConfig(**{**given, **SMALL}))
     with services.database.session() as s:
         job = s.scalars(select(Job).where(Job.kind == "ask_person").order_by(Job.created_at.desc())).first()
     context = JobContext(services.settings, services.database, services.files, job, Progress(services.database, job.id))

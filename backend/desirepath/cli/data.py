@@ -35,10 +35,10 @@ def export(
     """Write a study's data set: CSV, Parquet, trajectories, dictionary, checksums."""
     from desirepath.store.audit import record
     from desirepath.store.dataset.writing import export_study
-    from desirepath.store.places import written_at
+    from desirepath.store.places import write_to
 
     database, files = open_store()
-    with written_at(out) as folder:
+    with write_to(out) as folder:
         written = export_study(database, files, study, folder, pilots=pilots, open_data=open_data)
     with database.transaction() as s:
         record(s, "study_exported", by=COMMAND_LINE, study_id=study, pilots=pilots, open_data=open_data)
@@ -50,7 +50,7 @@ def export(
 def _summary(study: str, files: list[dict[str, Any]], out: str) -> dict[str, Any]:
     """What a person wants to know of an export; every file with its hash is in `--json` and in the folder. Tables are
     the files beside the dictionary; what lies in folders is counted by folder."""
-    paths = [PurePosixPath(one["path"]) for one in files]
+    paths = [PurePosixPath(file["path"]) for file in files]
     tables = [
         {"table": path.stem, "rows": one["rows"]}
         for path, one in zip(paths, files, strict=True)
@@ -84,10 +84,10 @@ def backup(
     """Copy the database and all artefacts into one file; the server may keep running."""
     from desirepath.store.audit import record
     from desirepath.store.backup import backup as write_backup
-    from desirepath.store.places import written_at
+    from desirepath.store.places import write_to
 
     database, files = open_store()
-    with written_at(out) as file:
+    with write_to(out) as file:
         written = write_backup(database, files, file) | {"file": out}
     with database.transaction() as s:
         record(s, "backup_made", by=COMMAND_LINE)

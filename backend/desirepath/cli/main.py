@@ -66,11 +66,11 @@ with ended_by_interrupt():
     app.add_typer(places.robots, name="robot")
     app.add_typer(places.setups, name="setup")
     for further in entry_points(group="desirepath.commands"):
-        found = further.load()
-        if isinstance(found, typer.Typer):
-            app.add_typer(found, name=further.name)
+        command = further.load()
+        if isinstance(command, typer.Typer):
+            app.add_typer(command, name=further.name)
         else:
-            app.command(further.name)(found)
+            app.command(further.name)(command)
 
 
 def main() -> None:

@@ -86,14 +86,14 @@ def say(result: dict[str, Any], as_json: bool) -> None:
     facts = Table(show_header=False, box=None, pad_edge=False)
     lists: list[Table] = []
     for key, value in result.items():
-        if isinstance(value, list) and value and all(isinstance(one, dict) for one in value):
-            columns = list(dict.fromkeys(column for one in value for column in one))
+        if isinstance(value, list) and value and all(isinstance(row, dict) for row in value):
+            columns = list(dict.fromkeys(column for row in value for column in row))
             rows = Table(box=None, pad_edge=False)
             for number, column in enumerate(columns):  # the first names the row, for the next command: it stays whole
-                width = max(len(_shown(one.get(column))) for one in value) if number == 0 else None
+                width = max(len(_shown(row.get(column))) for row in value) if number == 0 else None
                 rows.add_column(column.replace("_", " "), overflow="fold", min_width=width)
-            for one in value:
-                rows.add_row(*[_shown(one.get(column)) for column in columns])
+            for row in value:
+                rows.add_row(*[_shown(row.get(column)) for column in columns])
             lists.append(rows)
         else:
             facts.add_row(key.replace("_", " "), _shown(value) if value != [] else "none")

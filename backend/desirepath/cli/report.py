@@ -77,7 +77,7 @@ def report(
                 data, load = read_study(s, files, row)
                 say_who_is_left_out(s, study)
             if policies:
-                views = sorted({one.view for one in data.choices})
+                views = sorted({choice.view for choice in data.choices})
                 learned = _learned(database, files, study, views, chosen, model.split(","), recipe, scenes)
                 command += f" --policies --model {model} --recipe {recipe} --scenes {scenes}"
         say(write_study_report(data, load, out, who=chosen, plan=used, command=command, policies=learned), as_json)
@@ -104,10 +104,10 @@ def _learned(
     aligning = {"comparisons": 0, "recipe": recipe, "hold_out": FOLDS}
     for model in models:  # what cannot be asked is refused before any answers are frozen
         check_params("align", aligning | {"model": model}, takes=True)
-    with jobs_at_hand() as finished:
+    with jobs_at_hand() as finish_job:
 
         def done(kind: str, params: dict[str, Any]) -> dict[str, Any]:
-            return known_job(database, kind, params) or finished(kind, params)[1]
+            return known_job(database, kind, params) or finish_job(kind, params)[1]
 
         for view in views:
             with database.transaction() as s:

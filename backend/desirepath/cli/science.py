@@ -290,8 +290,8 @@ def run_job(
     taking: takes the snapshot that it learns from, once nothing else can be refused any more. makes: the installation,
     where there is none; without a snapshot always.
     """
-    with jobs_at_hand(makes=makes or taking is None) as finished:
-        job, result = finished(kind, params, taking)
+    with jobs_at_hand(makes=makes or taking is None) as finish_job:
+        job, result = finish_job(kind, params, taking)
     if out is not None:
         _write(open_store()[1], result, out)
     say({"job": job, **result}, as_json)
@@ -320,7 +320,7 @@ def jobs_at_hand(*, makes: bool = True) -> Iterator[Finishing]:
     an installation, where there is none."""
     own_worker: list[subprocess.Popen[bytes]] = []
 
-    def finished(kind: str, params: dict[str, Any], taking: Taking | None = None) -> tuple[str, dict[str, Any]]:
+    def finish_job(kind: str, params: dict[str, Any], taking: Taking | None = None) -> tuple[str, dict[str, Any]]:
         with working(f"{kind}: looking at what it needs"):
             parsed = check_params(kind, params, takes=taking is not None)
             from desirepath.jobs.kept_artefacts import find_artefact
@@ -333,14 +333,14 @@ def jobs_at_hand(*, makes: bool = True) -> Iterator[Finishing]:
                 register_shipped(s, files)
             with database.transaction() as s:
                 # what is not there is said now, not by a job that fails
-                there = [one for one in named_artefacts(parsed) if one[0] != NOT_TAKEN]
+                there = [name for name in named_artefacts(parsed) if name[0] != NOT_TAKEN]
                 named = [find_artefact(s, reference, wanted) for reference, wanted in there]
                 asked = parsed.model_dump(mode="json")
                 if taking is not None:
                     asked["snapshot"] = taking(s, files)
                     kept = "demonstrations" if kind == "train_demonstrations" else "snapshot"
                     named.append(find_artefact(s, asked["snapshot"], kept))
-                study = next((one.study_id for one in named if one.study_id is not None), None)
+                study = next((artefact.study_id for artefact in named if artefact.study_id is not None), None)
                 job = enqueue_job(s, kind, asked, study_id=study, created_by=COMMAND_LINE).id
         state, result, error = follow_job(database, job, own_worker)
         if state != "succeeded":
@@ -348,7 +348,7 @@ def jobs_at_hand(*, makes: bool = True) -> Iterator[Finishing]:
         return job, result
 
     try:
-        yield finished
+        yield finish_job
     finally:
         for worker in own_worker:
             worker.terminate()

@@ -126,13 +126,13 @@ def go_live(study: Annotated[str, typer.Argument(help="Id of the study.")], as_j
 
     database, _ = open_store()
     with database.transaction() as s:
-        found = s.get(Study, study, with_for_update=True)
-        if found is None:
+        row = s.get(Study, study, with_for_update=True)
+        if row is None:
             raise ValueError(f"no study with id {study!r}; `desirepath study list` names them")
-        if found.pilot:
-            found.pilot = False
-            log_event(s, "pilot_ended", study_id=found.id, by=COMMAND_LINE)
-            record(s, "study_pilot_changed", by=COMMAND_LINE, study_id=found.id, pilot=False)
+        if row.pilot:
+            row.pilot = False
+            log_event(s, "pilot_ended", study_id=row.id, by=COMMAND_LINE)
+            record(s, "study_pilot_changed", by=COMMAND_LINE, study_id=row.id, pilot=False)
     say({"study": study, "pilot": False}, as_json)
 
 
@@ -250,7 +250,7 @@ def power_command(
     from desirepath.study.planned_power import plan_power
 
     sizes = [int(number) if number.strip().isdecimal() else 0 for number in participants.split(",")]
-    found = plan_power(
+    planned = plan_power(
         frozen_protocol(study),
         sizes,
         assumed,
@@ -258,11 +258,11 @@ def power_command(
         cohorts=cohorts,
         tell=lambda words: typer.echo(words, err=True),
     )
-    result = found.as_dict()
+    result = planned.as_dict()
     if out is not None:
         from desirepath.report.report_figures import power_picture
 
-        picture = power_picture(found.power, found.assumed, queried=found.design.queries > 0)
+        picture = power_picture(planned.power, planned.assumed, queried=planned.design.queries > 0)
         result["files"] = [str(path) for path in picture.save(out)]
         result["caption"] = picture.caption
     say(result, as_json)
@@ -301,8 +301,8 @@ def erase(
 
     database, files = open_store()
     with database.session() as s:
-        found = s.scalars(select(Participant.id).where(Participant.study_id == study, Participant.code == participant))
-        identity = found.first()
+        coded = s.scalars(select(Participant.id).where(Participant.study_id == study, Participant.code == participant))
+        identity = coded.first()
     if identity is None:
         raise LookupError(f"no participant {participant!r} in study {study!r}")
     if not yes:

@@ -30,18 +30,18 @@ def read(
     from desirepath.learning.words.understanding import words_reader
 
     got = words_reader(language).understand(text)
-    found = got.as_dict(text)
+    understood = got.as_dict(text)
     if as_json:
-        typer.echo(json.dumps(found, ensure_ascii=False))
+        typer.echo(json.dumps(understood, ensure_ascii=False))
         return
     if got.language != language:
         typer.echo(f"read as {'German' if got.language == 'de' else 'English'}")
-    for one in found["understood"]:
-        typer.echo(f"{one['direction']} {one['objective']:20} {one['weight']:<5g} {one['words']!r}")
+    for wish in understood["understood"]:
+        typer.echo(f"{wish['direction']} {wish['objective']:20} {wish['weight']:<5g} {wish['words']!r}")
     for question in got.questions:
         words = text[question.start : question.end]
         typer.echo(f"asked back ({question.about}): {words!r}: {' or '.join(question.offered)}?")
     for start, end in got.not_understood:
         typer.echo(f"not understood: {text[start:end]!r}")
-    if not found["understood"] and not got.questions and not got.not_understood:
+    if not understood["understood"] and not got.questions and not got.not_understood:
         typer.echo("nothing is said about driving")

@@ -86,7 +86,9 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     if believed is not None and decide(made.gate, beside_instant=made.beside_instant).passed:
         verdict = better_for_person(believed[0], made.policy, base, seed=params.seed, needed=params.surely_better)
     if believed is not None and not (verdict is not None and verdict.passed):
-        otherwise = free_form(context, params, base, believed[0], [one for of in independent.values() for one in of])
+        otherwise = free_form(
+            context, params, base, believed[0], [preference for of in independent.values() for preference in of]
+        )
         if otherwise is not None and decide(otherwise[0].gate, surely=otherwise[1].passed).passed:
             made, verdict = otherwise
     surely = verdict.passed if verdict is not None else None
@@ -124,11 +126,11 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     further: dict[str, list[dict[str, Any]]] = {}
     if decision.passed and params.comparisons:
         comparisons = comparison_rollouts(context, params, "base", (base, base_artefact.id), (made.policy, policy))
-        seen = {one["scene_seed"] for one in comparisons}
+        seen = {comparison["scene_seed"] for comparison in comparisons}
         for against, rival in _rivals(context, params, setup).items():
             count = params.neutral if isinstance(params, ConditionedAlignParams) and against == "neutral" else None
             further[against] = comparison_rollouts(context, params, against, rival, (made.policy, policy), seen, count)
-            seen |= {one["scene_seed"] for one in further[against]}
+            seen |= {comparison["scene_seed"] for comparison in further[against]}
     return {
         "policy": policy,
         "reward_model": reward_model,

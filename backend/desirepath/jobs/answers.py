@@ -57,15 +57,15 @@ def preferences_of(
     def preference(answer: Answer) -> Preference:
         return Preference(trajectory(answer.chosen), trajectory(answer.rejected), answer.source, answer.participant)
 
-    found: dict[str, list[Preference]] = {}
+    by_participant: dict[str, list[Preference]] = {}
     for answer in snapshot.training_answers():
-        found.setdefault(answer.participant, []).append(preference(answer))
+        by_participant.setdefault(answer.participant, []).append(preference(answer))
     for better, worse in (independent_choices if independent else implied_choices)(snapshot.ratings):
         pair = Preference(
             trajectory(better.trajectory), trajectory(worse.trajectory), better.source, better.participant
         )
-        found.setdefault(better.participant, []).append(pair)
-    return found
+        by_participant.setdefault(better.participant, []).append(pair)
+    return by_participant
 
 
 def fit_of(
@@ -105,7 +105,9 @@ def prediction_of(
         [preference for of_one in of_participant.values() for preference in of_one],
         fit,
         majority=majority_share(
-            [one.choice for one in training], [one.chosen for one in training], [one.rejected for one in training]
+            [answer.choice for answer in training],
+            [answer.chosen for answer in training],
+            [answer.rejected for answer in training],
         )
         if training
         else CHANCE,
@@ -128,7 +130,7 @@ def posterior_of_person(
     except TooFewAnswers:
         return None
     mirrored = symmetry == "left_right"
-    pairs = [(one.chosen, one.rejected) for one in kept]
+    pairs = [(preference.chosen, preference.rejected) for preference in kept]
     return check_answers(
         PairDifferences.of(setup.name, pairs, left_right_symmetry=mirrored),
         np.ones(len(kept), dtype=np.bool_),
@@ -140,7 +142,7 @@ def posterior_of_person(
 def earlier_people(context: JobContext, snapshots: str, setup: str, symmetry: str = "none") -> list[EarlierPerson]:
     """Whoever answered before, of snapshots by id, with commas between. Who was erased since is left out: their
     snapshot is gone or locked away."""
-    mirrored, found = symmetry == "left_right", []
+    mirrored, people = symmetry == "left_right", []
     for reference in snapshots.split(",") if snapshots else []:
         try:
             _, snapshot = snapshot_of(context, reference.strip())
@@ -150,10 +152,10 @@ def earlier_people(context: JobContext, snapshots: str, setup: str, symmetry: st
         if snapshot.setup != setup:
             continue
         for preferences in preferences_of(context, snapshot, independent=True).values():
-            pairs = [(one.chosen, one.rejected) for one in preferences]
+            pairs = [(preference.chosen, preference.rejected) for preference in preferences]
             differences = PairDifferences.of(setup, pairs, left_right_symmetry=mirrored)
-            found.append(EarlierPerson(differences, np.ones(len(pairs), dtype=np.bool_)))
-    return found
+            people.append(EarlierPerson(differences, np.ones(len(pairs), dtype=np.bool_)))
+    return people
 
 
 def describe_model(model: RewardModel) -> dict[str, Any]:

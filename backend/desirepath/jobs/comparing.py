@@ -119,10 +119,10 @@ def _rolled_out(
         tables.append(episodes(policy, scenes[start : start + SCENES_AT_ONCE]))
         done = min(len(scenes), start + SCENES_AT_ONCE)
         part(done / len(scenes), {"scenes": done})
-    return concatenated(tables)
+    return concatenate(tables)
 
 
-def concatenated(tables: list[EpisodeTable]) -> EpisodeTable:
+def concatenate(tables: list[EpisodeTable]) -> EpisodeTable:
     """The tables' episodes in one table, in order."""
     if len(tables) == 1:
         return tables[0]

@@ -27,7 +27,7 @@ def curves_of(s: Session, job_id: str) -> dict[str, dict[str, Points]]:
 
 def split(metrics: Iterable[JobMetric]) -> dict[str, dict[str, Points]]:
     """As `curves_of`, of metrics in the order in which they were reported."""
-    found: dict[str, dict[str, Points]] = {}
+    curves: dict[str, dict[str, Points]] = {}
     line, at = "", None
     for metric in metrics:
         if metric.name == WHICH:
@@ -35,8 +35,8 @@ def split(metrics: Iterable[JobMetric]) -> dict[str, dict[str, Points]]:
         if metric.step != at:
             line = ""
         if metric.name not in UNTOLD:
-            found.setdefault(metric.name, {}).setdefault(line, []).append((metric.step, metric.value))
-    return {name: drawn for name, lines in found.items() if (drawn := _drawable(lines))}
+            curves.setdefault(metric.name, {}).setdefault(line, []).append((metric.step, metric.value))
+    return {name: drawn for name, lines in curves.items() if (drawn := _drawable(lines))}
 
 
 def _drawable(lines: Mapping[str, Points]) -> dict[str, Points]:

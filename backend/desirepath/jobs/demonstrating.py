@@ -62,7 +62,7 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
         for one, trajectory in zip(kept, keep_trajectories(context, made, policy_id), strict=True)
     ]
     context.progress(0.95)
-    pairs = sorted({one.pair for one in kept})
+    pairs = sorted({path.pair for path in kept})
     situations, both_arrive = _situations(context, pairs, learned, policy_id) if decision.passed else ([], [])
     return {
         "policy": policy_id,
@@ -83,7 +83,7 @@ def _demonstrations(
     with context.database.session() as s:
         artefact = find_artefact(s, reference, "demonstrations")
     _, kept = read_demonstrations(context.files.get(artefact.id))
-    return artefact, kept, [Demonstration.from_bytes(context.files.get(one.demonstration)) for one in kept]
+    return artefact, kept, [Demonstration.from_bytes(context.files.get(path.demonstration)) for path in kept]
 
 
 def _situations(
@@ -93,7 +93,7 @@ def _situations(
     scenes = [demonstration_scene(learned.setup, pair) for pair in pairs]
     own = learned.roll_out(scenes)
     dwa, social = (roll_out(controller, scenes) for controller in BASELINES)
-    found = zip(
+    rolled_out = zip(
         scenes,
         own,
         dwa,
@@ -111,6 +111,6 @@ def _situations(
             "social_cost": social_id,
             "look_alike": look_alike(of_dwa, of_own, QueryConfig()),
         }
-        for scene, of_own, of_dwa, own_id, dwa_id, social_id in found
+        for scene, of_own, of_dwa, own_id, dwa_id, social_id in rolled_out
     ]
     return situations, [a.outcome == b.outcome == Outcome.SUCCESS for a, b in zip(own, dwa, strict=True)]

@@ -31,6 +31,7 @@ IDLE_POLL_S = 10.0  # while nothing runs: for what another worker submitted
 STILL_BUSY_S = 5.0  # after a job: DBOS counts it as running for a moment longer
 UNUSED_SCHEDULE_S = 3_600.0
 
+MOST_ATTEMPTS = 2  # of a job whose process crashes
 MOST_SUBMITTED = 3  # of one job, each after the engine ended it without a result
 
 Attempt = Callable[[str, int], str]
@@ -56,12 +57,9 @@ class Engine:
         attempt: `(job id, number of the attempt from 1) -> outcome`; "crashed" asks for one more attempt. It must be
             safe to call again after a kill in its middle.
         conclude: `(job id, outcome of the last attempt)`, called once all attempts are over.
-        attempts: how many attempts a crashing job gets.
     """
 
-    def __init__(
-        self, url: str, *, executor_id: str, processes: int, attempt: Attempt, conclude: Conclude, attempts: int = 2
-    ) -> None:
+    def __init__(self, url: str, *, executor_id: str, processes: int, attempt: Attempt, conclude: Conclude) -> None:
         _use_wal(url)
         self._processes = processes
         self._pause = _Pause()
@@ -90,7 +88,7 @@ class Engine:
         def job(job_id: str) -> str:
             with self._pause.busy():
                 outcome = "crashed"
-                for number in range(1, attempts + 1):
+                for number in range(1, MOST_ATTEMPTS + 1):
                     outcome = one_attempt(job_id, number)
                     if outcome != "crashed":
                         break
@@ -123,7 +121,7 @@ class Engine:
         self._pause.end()
 
     def submit_again(self, job_id: str, *, queue: Queue, priority: int) -> bool:
-        """Queue a job anew that the engine ended without a result, as when its own tables were away for long. False
+        """Queue a job again that the engine ended without a result, as when its own tables were away for long. False
         where that was done `MOST_SUBMITTED` times."""
         for number in range(2, MOST_SUBMITTED + 1):
             if DBOS.get_workflow_status(_workflow(job_id, number)) is None:

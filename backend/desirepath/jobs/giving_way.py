@@ -28,14 +28,14 @@ def must_give_way(s: Session, job_id: str, processes: int) -> bool:
         .where(JobAttempt.worker == select(JobAttempt.worker).where(JobAttempt.id == job.held_by).scalar_subquery())
         .where(Job.state == "running", Job.session_id.is_not(None), Job.id != job.id)
     )
-    first = [one for one in beside if not is_silent(one, now) and _goes_before(one, job)]
+    first = [other for other in beside if not is_silent(other, now) and _goes_before(other, job)]
     return len(first) >= processes
 
 
-def _goes_before(one: Job, other: Job) -> bool:
-    queue = queue_of(one)
+def _goes_before(first: Job, other: Job) -> bool:
+    queue = queue_of(first)
     if queue is Queue.BEHIND:
-        return (one.priority, one.created_at, one.id) < (other.priority, other.created_at, other.id)
+        return (first.priority, first.created_at, first.id) < (other.priority, other.created_at, other.id)
     return queue is Queue.PARTICIPANTS
 
 
@@ -45,7 +45,7 @@ def _is_waited_for(s: Session, job: Job) -> bool:
         return False
     same = select(Job).where(Job.session_id == job.session_id, Job.kind == job.kind, Job.id != job.id)
     return any(
-        one.state in ENDED and not ((learned := one.result_as(Learned)) and learned.passed)
-        for one in s.scalars(same)
-        if is_instant(one) and one.params.get("snapshot") == job.params.get("snapshot")
+        other.state in ENDED and not ((learned := other.result_as(Learned)) and learned.passed)
+        for other in s.scalars(same)
+        if is_instant(other) and other.params.get("snapshot") == job.params.get("snapshot")
     )

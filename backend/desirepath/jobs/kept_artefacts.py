@@ -34,14 +34,14 @@ def find_artefact(s: DbSession, reference: str, kind: str) -> Artefact:
     Raises ArtefactError: unknown, another kind, or quarantined because somebody's answers behind it were erased.
     """
     words = kind.replace("|", " or ").replace("_", " ")
-    found = policy_artefact(s, reference) if "/" in reference else s.get(Artefact, reference)
-    if found is None:
+    artefact = policy_artefact(s, reference) if "/" in reference else s.get(Artefact, reference)
+    if artefact is None:
         raise ArtefactError(f"no {words} {reference!r}; it needs an id from the lists, or a shipped name")
-    if found.kind not in kind.split("|"):
-        raise ArtefactError(f"{reference!r} is a {found.kind}, needed is a {words}")
-    if found.quarantined_at is not None:
+    if artefact.kind not in kind.split("|"):
+        raise ArtefactError(f"{reference!r} is a {artefact.kind}, needed is a {words}")
+    if artefact.quarantined_at is not None:
         raise ArtefactError(f"{words} {reference!r} is quarantined: {QUARANTINED}")
-    return found
+    return artefact
 
 
 def free_name(s: DbSession, kind: str, name: str) -> str:
@@ -56,9 +56,9 @@ def free_name(s: DbSession, kind: str, name: str) -> str:
         s.scalars(select(Artefact.name).where(Artefact.kind == kind, Artefact.name.startswith(fitting("")[:40])))
     )
     number = 1
-    while (found := fitting(f" ({number})" if number > 1 else "")) in taken:
+    while (candidate := fitting(f" ({number})" if number > 1 else "")) in taken:
         number += 1
-    return found
+    return candidate
 
 
 def load_policy(context: JobContext, reference: str) -> tuple[Artefact, Policy]:

@@ -283,7 +283,7 @@ def named_artefacts(params: Params) -> list[tuple[str, str]]:
         wanted = extra.get("artefact") if isinstance(extra, dict) else None
         given = getattr(params, name)
         if isinstance(wanted, str) and given:
-            named += [(str(one), wanted) for one in (given if isinstance(given, list | tuple) else [given])]
+            named += [(str(reference), wanted) for reference in (given if isinstance(given, list | tuple) else [given])]
     return named
 
 

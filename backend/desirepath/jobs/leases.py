@@ -73,7 +73,9 @@ def attempts_at(s: Session, job_id: str) -> list[JobAttempt]:
 
 def kept_log(attempts: list[JobAttempt]) -> str:
     """The ends of the logs of all attempts, where the whole one lies on other machines; each says whose it is."""
-    return "\n".join(f"[{one.machine}, {one.worker}]\n{one.log.rstrip()}" for one in attempts if one.log)
+    return "\n".join(
+        f"[{attempt.machine}, {attempt.worker}]\n{attempt.log.rstrip()}" for attempt in attempts if attempt.log
+    )
 
 
 def say_under_way(s: Session, job: Job) -> None:

@@ -36,7 +36,7 @@ def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
     config = config_of(params)
     trained = learn_base(config, context.progress)
     result = {"selection_success": trained.selection_success, "transitions": trained.transitions}
-    ours = {
+    defaults = {
         "progress": params.progress_weight,
         "smoothness": params.smoothness_penalty,
         "heads": config.heads == FAST_HEADS,
@@ -52,7 +52,7 @@ def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:
         results=result,
         scenes={"select": describe(Purpose.SELECT, params.selection_scenes, params.seed)},
         departures=[
-            DEPARTURES[name] for name in (*(term for term, weight in ours.items() if weight), *BASE_DEPARTURES)
+            DEPARTURES[name] for name in (*(term for term, weight in defaults.items() if weight), *BASE_DEPARTURES)
         ],
     )
     return {"policy": kept, **result}

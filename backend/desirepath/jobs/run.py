@@ -32,7 +32,7 @@ from desirepath.registries import find_offer
 from desirepath.settings import Settings, get_settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database, DatabaseBusy, is_full
-from desirepath.store.job_results import JobResult, check_result
+from desirepath.store.job_results import JobResult
 from desirepath.store.models import Job
 from desirepath.store.outbox import Queue, enqueue_job, queue_of
 from desirepath.store.places import StoreAway
@@ -95,20 +95,20 @@ def _do(settings: Settings, job_id: str, attempt: str | None) -> ExitCode:
         try:
             progress.give_way()
             result = _work(JobContext(settings, database, files, job, progress))
-            check_result(job.kind, result)
+            patiently(progress.write)
+            print(f"done in {time.monotonic() - began:.1f} s", flush=True)
+            patiently(lambda: _keep(database, job_id, attempt, result))
         except Exception as problem:
             if _passes(problem):
                 raise
             traceback.print_exc()
             patiently(progress.write)
             return patiently(functools.partial(_fail, database, job_id, attempt, problem))
-        patiently(progress.write)
-        print(f"done in {time.monotonic() - began:.1f} s", flush=True)
-        patiently(lambda: _keep(database, job_id, attempt, result))
         return ExitCode.DONE
 
 
 def _keep(database: Database, job_id: str, attempt: str | None, result: dict[str, object]) -> None:
+    """Raises pydantic's ValidationError for what that kind of job does not result in."""
     with database.transaction() as s:
         row = s.get(Job, job_id, with_for_update=True)
         if row is not None and row.state not in FINAL_STATES and holds(row, attempt):

@@ -37,7 +37,9 @@ class Uses:
         if self.shipped:
             reasons.append("it came with the product and would come back at the next start")
         if self.made:
-            reasons.append(f"{len(self.made)} were made from it: {', '.join(one.name for one in self.made[:3])}")
+            reasons.append(
+                f"{len(self.made)} were made from it: {', '.join(artefact.name for artefact in self.made[:3])}"
+            )
         if self.studies:
             reasons.append(f"studies ask from it: {', '.join(self.studies[:3])}")
         if self.jobs:
@@ -47,7 +49,7 @@ class Uses:
         return reasons
 
 
-def offered() -> ColumnElement[bool]:
+def is_offered() -> ColumnElement[bool]:
     """A condition on `Artefact`: what may be chosen for something new."""
     return and_(Artefact.quarantined_at.is_(None), Artefact.archived_at.is_(None))
 
@@ -71,7 +73,7 @@ def uses_of(s: Session, artefact_id: str) -> Uses:
         made=tuple(s.scalars(made).unique()),
         studies=tuple(studies),
         jobs=_jobs_on(s, artefact),
-        shown=sum(mentions(one, {artefact_id}) for one in arms),
+        shown=sum(mentions(compared, {artefact_id}) for compared in arms),
         shipped=artefact.job_id is None and artefact.study_id is None and "sha256" in artefact.card,
     )
 

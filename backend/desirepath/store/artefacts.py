@@ -29,7 +29,7 @@ from desirepath.store.models import (
     TrajectoryRow,
 )
 from desirepath.store.models import Session as SessionRow
-from desirepath.store.places import explained, file_system_of
+from desirepath.store.places import explain_errors, file_system_of
 
 ARTEFACT_KINDS = (
     "policy",
@@ -68,12 +68,12 @@ class ArtefactStore:
         self._root = str(root).rstrip("/")
         self._derived: dict[type[Any], Any] = {}
 
-    def derived(self, of: type[D]) -> D:
+    def derive(self, of: type[D]) -> D:
         """This store's one object of that class, which remembers in this process what was computed from its files."""
         if of not in self._derived:
             self._derived.setdefault(of, of())  # one, whichever thread was first
-        found: D = self._derived[of]
-        return found
+        derived: D = self._derived[of]
+        return derived
 
     def put(self, content: bytes) -> str:
         """Store `content` and return its sha256. On a local disk it has reached the disk when this returns."""
@@ -82,7 +82,7 @@ class ArtefactStore:
     def put_all(self, contents: Iterable[bytes]) -> list[str]:
         """Store many at once, which on a local disk is far faster than one by one: it waits for the disk once."""
         named = [(hashlib.sha256(content).hexdigest(), content) for content in contents]
-        with explained(self.url):
+        with explain_errors(self.url):
             new = {
                 self._path(sha): content
                 for sha, content in named
@@ -97,7 +97,7 @@ class ArtefactStore:
     def get(self, sha: str) -> bytes:
         """The content of that name. Raises ArtefactError if it is not there or is not what its name says."""
         try:
-            with explained(self.url):
+            with explain_errors(self.url):
                 content: bytes = self._fs.cat_file(self._path(sha))
         except FileNotFoundError:
             raise ArtefactError(f"file {sha} is not in the artefact store {self.url}") from None
@@ -109,32 +109,32 @@ class ArtefactStore:
         path = self._path(sha)
         if self._is_local:
             return os.path.exists(path)  # noqa: PTH110  of hundreds at a time; fsspec takes five times as long
-        with explained(self.url):
+        with explain_errors(self.url):
             return bool(self._fs.exists(path))
 
     def delete(self, sha: str) -> None:
         """Remove the file; nothing happens if there is none."""
-        with explained(self.url):
+        with explain_errors(self.url):
             if self._fs.exists(self._path(sha)):
                 self._fs.rm_file(self._path(sha))
 
     def names(self) -> Iterator[str]:
         """The sha256 of every file, sorted."""
-        with explained(self.url):
+        with explain_errors(self.url):
             paths = self._fs.find(self._root) if self._fs.exists(self._root) else []
-        found = (str(path).rsplit("/", 1)[-1] for path in paths)
-        yield from sorted(name for name in found if SHA256.fullmatch(name))
+        names = (str(path).rsplit("/", 1)[-1] for path in paths)
+        yield from sorted(name for name in names if SHA256.fullmatch(name))
 
     def age_s(self, sha: str, now: float) -> float:
         """Seconds from the file's last change to `now` (Unix time)."""
-        with explained(self.url):
+        with explain_errors(self.url):
             return now - float(self._fs.modified(self._path(sha)).timestamp())
 
     def link_to(self, sha: str, file_name: str, *, seconds: int) -> str | None:
         """A signed address at which anybody may fetch that file for so long, under that name; None for a local disk."""
         if self._is_local:
             return None
-        with explained(self.url):
+        with explain_errors(self.url):
             quoted = f'attachment; filename="{file_name}"'
             return str(self._fs.sign(self._path(sha), expiration=seconds, ResponseContentDisposition=quoted))
 
@@ -287,8 +287,8 @@ class Lineage:
 
     def all_answers(self) -> tuple[str, ...]:
         """The response ids of the whole tree, sorted."""
-        found = set(self.answers).union(*(parent.all_answers() for parent in self.parents))
-        return tuple(sorted(found))
+        answers = set(self.answers).union(*(parent.all_answers() for parent in self.parents))
+        return tuple(sorted(answers))
 
 
 def lineage(s: Session, artefact_id: str, role: str | None = None) -> Lineage:
@@ -316,12 +316,12 @@ def lineage(s: Session, artefact_id: str, role: str | None = None) -> Lineage:
 
 def _require(s: Session, artefact_id: str, what: str) -> Artefact:
     """An artefact from which something may be made; it cannot be erased before this transaction ends."""
-    found = s.get(Artefact, artefact_id, with_for_update={"read": True})
-    if found is None:
+    artefact = s.get(Artefact, artefact_id, with_for_update={"read": True})
+    if artefact is None:
         raise ArtefactError(f"{what} is not in the store; was it erased?")
-    if found.quarantined_at is not None:
+    if artefact.quarantined_at is not None:
         raise ArtefactError(f"{what} is quarantined: {QUARANTINED}")
-    return found
+    return artefact
 
 
 def _check_answers(s: Session, answers: Sequence[str], what: str) -> bool:

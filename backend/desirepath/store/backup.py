@@ -117,17 +117,17 @@ def restore(
     return {"data": str(data), "artefacts": len(manifest["sha256"]) - 1, "made_at": manifest["made_at"]}
 
 
-def _check_format(source: Path, found: object, wanted: str) -> None:
-    if found == wanted:
+def _check_format(source: Path, given: object, wanted: str) -> None:
+    if given == wanted:
         return
-    if found in (FORMAT, POSTGRES_FORMAT):
+    if given in (FORMAT, POSTGRES_FORMAT):
         of = (
             "SQLite (leave DESIREPATH_DATABASE_URL empty)"
-            if found == FORMAT
+            if given == FORMAT
             else "PostgreSQL (DESIREPATH_DATABASE_URL)"
         )
         raise BackupError(f"{source}: is of an installation on {of}; bring it back into such a one")
-    raise BackupError(f"{source}: format {found!r} is unknown; this version reads {FORMAT!r} and {POSTGRES_FORMAT!r}")
+    raise BackupError(f"{source}: format {given!r} is unknown; this version reads {FORMAT!r} and {POSTGRES_FORMAT!r}")
 
 
 def _unpack(source: Path, tar: tarfile.TarFile, sums: dict[str, str], partial: Path, files: ArtefactStore) -> None:
@@ -170,7 +170,7 @@ def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
 
 def _member(tar: tarfile.TarFile, name: str) -> bytes:
     """One member's content, read without unpacking: no path in the archive is ever used as a path here."""
-    found = tar.extractfile(name)
-    if found is None:
+    member = tar.extractfile(name)
+    if member is None:
         raise KeyError(f"{name} is not a file")
-    return found.read()
+    return member.read()

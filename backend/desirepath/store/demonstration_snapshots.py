@@ -86,7 +86,7 @@ def take_demonstrations(
     """Freeze the demonstrations of one environment as an artefact of kind `demonstrations`: of a session, of a
     participant, or of everybody in the study who is of that kind. Raises StrokeError if there are none.
     """
-    found = demonstrations_of(
+    demonstrations = demonstrations_of(
         s,
         study_id=study_id,
         environment=environment,
@@ -94,7 +94,7 @@ def take_demonstrations(
         participant_id=participant_id,
         whose=whose,
     )
-    if not found:
+    if not demonstrations:
         of = "" if session_id or participant_id else f" by {WHOSE_WORDS[whose]}"
         raise StrokeError(f"environment = {environment!r}: no demonstration was kept{of} that may be learned from")
     kept = [
@@ -106,16 +106,16 @@ def take_demonstrations(
             demonstration=stroke.demonstration or "",
             source="simulated" if person.simulated else "human",
         )
-        for stroke, person, response in found
+        for stroke, person, response in demonstrations
     ]
     content = {
         "format": FORMAT,
         "setup": environment,
         "study": study_id,
         "session": session_id,
-        "demonstrations": [vars(one) for one in kept],
+        "demonstrations": [vars(item) for item in kept],
     }
-    people = sorted({one.participant for one in kept})
+    people = sorted({item.participant for item in kept})
     whom = people[0] if len(people) == 1 else f"{len(people)} participants"
     return save_artefact(
         s,
@@ -129,13 +129,13 @@ def take_demonstrations(
             "session": session_id,
             "environment": environment,
             "demonstrations": len(kept),
-            "pairs": sorted({one.pair for one in kept}),
+            "pairs": sorted({item.pair for item in kept}),
             "participants": len(people),
-            "human": sum(one.source == "human" for one in kept),
+            "human": sum(item.source == "human" for item in kept),
         },
-        answers=[one.response for one in kept],
+        answers=[item.response for item in kept],
         study_id=study_id,
-        simulated=any(one.source == "simulated" for one in kept),
+        simulated=any(item.source == "simulated" for item in kept),
     )
 
 
@@ -145,7 +145,7 @@ def read_demonstrations(content: bytes) -> tuple[str, Sequence[KeptDemonstration
         data = json.loads(content)
         if data["format"] != FORMAT:
             raise ValueError(f"format {data['format']!r}, what is read here is {FORMAT!r}")
-        return data["setup"], [KeptDemonstration(**one) for one in data["demonstrations"]]
+        return data["setup"], [KeptDemonstration(**item) for item in data["demonstrations"]]
     except (ValueError, KeyError, TypeError) as problem:
         raise StrokeError(f"no snapshot of demonstrations: {problem}") from None
 
@@ -159,5 +159,5 @@ def programmed_files(s: Session, files: ArtefactStore) -> set[str]:
         with suppress(ArtefactError):  # that file is gone, so nothing needs the others
             data = json.loads(files.get(snapshot))
             if data.get("study") is None:
-                named |= {one["demonstration"] for one in data.get("demonstrations", [])}
+                named |= {item["demonstration"] for item in data.get("demonstrations", [])}
     return named

@@ -309,10 +309,10 @@ def _sweep_orphans(s: Session, files: ArtefactStore) -> int:
 
 def _delete_job_files(data: Path, jobs: set[str]) -> int:
     """Delete logs, checkpoints and whatever else is named by one of the jobs. Returns how many entries there were."""
-    found = [path for job_id in sorted(jobs) for path in data.rglob(f"*{job_id}*")]
-    for path in found:
+    logs = [path for job_id in sorted(jobs) for path in data.rglob(f"*{job_id}*")]
+    for path in logs:
         if path.is_dir():
             shutil.rmtree(path)
         else:
             path.unlink(missing_ok=True)
-    return len(found)
+    return len(logs)

@@ -5,16 +5,9 @@ Measurements (gates, verdicts, predictions) are the science's own dictionaries, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict
-
-
-def check_result(kind: str, result: Mapping[str, Any]) -> None:
-    """Raises pydantic's ValidationError for what that kind of job does not result in."""
-    if kind in RESULTS:
-        RESULTS[kind].model_validate(result)
 
 
 class JobResult(BaseModel):
@@ -25,7 +18,7 @@ class JobResult(BaseModel):
     @property
     def made(self) -> list[str]:
         """Ids of the artefacts that the job made, the main one first."""
-        return [one for one in (getattr(self, name, None) for name in MADE) if isinstance(one, str)]
+        return [made for made in (getattr(self, name, None) for name in MADE) if isinstance(made, str)]
 
 
 MADE = ("policy", "reward_model", "evaluation", "query_set")
@@ -45,10 +38,10 @@ class Rollouts(JobResult):
 
     def of(self, who: str) -> str:
         """The trajectory of `own`, `base`, `other`, `neutral` or `social_cost`. Raises KeyError where there is none."""
-        found = getattr(self, who)
-        if not isinstance(found, str):
+        trajectory = getattr(self, who)
+        if not isinstance(trajectory, str):
             raise KeyError(f"rollouts in scene {self.scene} have none of {who!r}")
-        return found
+        return trajectory
 
 
 class Learned(JobResult):

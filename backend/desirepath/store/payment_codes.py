@@ -62,6 +62,12 @@ def data_without(value: Any, key: str = "") -> Any:
 def changes_without(changes: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """The same of a version's changes: field, before, after."""
     return [
-        {**one, **{side: data_without(one[side], str(one["field"]).rpartition(".")[2]) for side in ("before", "after")}}
-        for one in changes
+        {
+            **change,
+            **{
+                side: data_without(change[side], str(change["field"]).rpartition(".")[2])
+                for side in ("before", "after")
+            },
+        }
+        for change in changes
     ]

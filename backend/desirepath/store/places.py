@@ -41,7 +41,7 @@ def file_system_of(url: str) -> tuple[Any, str]:
 
 
 @contextlib.contextmanager
-def explained(url: str) -> Iterator[None]:
+def explain_errors(url: str) -> Iterator[None]:
     """Raise StorageError, which names the place, for whatever the block cannot do there; FileNotFoundError as it is."""
     try:
         yield
@@ -69,7 +69,7 @@ def is_remote(where: str) -> bool:
 
 
 @contextlib.contextmanager
-def written_at(where: str) -> Iterator[Path]:
+def write_to(where: str) -> Iterator[Path]:
     """A path to write a file or a folder at; on a remote place it is there once the block has ended, or not at all.
 
     Of a folder the file with the checksums of all others goes last: without it nobody reads the rest.
@@ -79,22 +79,22 @@ def written_at(where: str) -> Iterator[Path]:
         yield Path(where)
         return
     system, path = file_system_of(where)
-    with explained(where):
+    with explain_errors(where):
         if system.exists(path):
             raise StorageError(f"{where}: something is there already; choose another name")
     with tempfile.TemporaryDirectory(prefix="desirepath-") as folder:
         made = Path(folder) / (path.rstrip("/").rpartition("/")[2] or "written")
         yield made
-        with explained(where):
+        with explain_errors(where):
             if made.is_file():
                 system.put_file(str(made), path)
                 return
-            files = [one for one in made.rglob("*") if one.is_file()]
+            files = [path for path in made.rglob("*") if path.is_file()]
             for last in (False, True):
-                batch = [one for one in files if (one.name == LAST_OF_FOLDER) == last]
+                batch = [file for file in files if (file.name == LAST_OF_FOLDER) == last]
                 if batch:
-                    names = [f"{path.rstrip('/')}/{one.relative_to(made).as_posix()}" for one in batch]
-                    system.put([str(one) for one in batch], names)
+                    names = [f"{path.rstrip('/')}/{file.relative_to(made).as_posix()}" for file in batch]
+                    system.put([str(file) for file in batch], names)
 
 
 @contextlib.contextmanager
@@ -107,7 +107,7 @@ def read_from(where: str) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="desirepath-") as folder:
         fetched = Path(folder) / (path.rstrip("/").rpartition("/")[2] or "fetched")
         try:
-            with explained(where):
+            with explain_errors(where):
                 system.get(path, str(fetched), recursive=system.isdir(path))
         except FileNotFoundError:
             raise StorageError(f"{where}: nothing is there") from None

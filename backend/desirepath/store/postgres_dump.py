@@ -34,7 +34,7 @@ def dump(db: Database, out: Path) -> dict[str, bool]:
     Returns the files that rows in it name -> whether an erasure may have removed the file itself. Raises BackupError.
     """
     # What is dumped and what is asked here is one and the same moment.
-    with db.explained(), db.engine.connect().execution_options(isolation_level="REPEATABLE READ") as connection:
+    with db.explain_errors(), db.engine.connect().execution_options(isolation_level="REPEATABLE READ") as connection:
         moment = connection.execute(text("SELECT pg_export_snapshot()")).scalar_one()
         options = ["--format=custom", "--no-owner", "--no-privileges", f"--snapshot={moment}", f"--file={out}"]
         _run("pg_dump", db.url, [*options, "--schema=public"])
@@ -71,19 +71,19 @@ def bring_back(url: str, dumped: Path) -> None:
 
 
 def _run(program: str, url: URL, options: list[str]) -> None:
-    found = shutil.which(program) or _debians(program)
-    if found is None:
+    path = shutil.which(program) or _debians(program)
+    if path is None:
         raise BackupError(f"{program} is not installed here; Debian's package is `postgresql-client`")
     plain = url.set(drivername="postgresql", password=None).render_as_string(hide_password=False)
     # Not on the command line, where everybody on the machine could read it.
     known = os.environ | ({"PGPASSWORD": url.password} if url.password else {})
     ended = subprocess.run(
-        [found, f"--dbname={plain}", *options], env=known, capture_output=True, text=True, check=False
+        [path, f"--dbname={plain}", *options], env=known, capture_output=True, text=True, check=False
     )
     if ended.returncode != 0:
         raise BackupError(f"{program}: {ended.stderr.strip()[-800:]}")
 
 
 def _debians(program: str) -> str | None:
-    found = sorted(Path("/usr/lib/postgresql").glob(f"*/bin/{program}"))
-    return str(found[-1]) if found else None
+    installed = sorted(Path("/usr/lib/postgresql").glob(f"*/bin/{program}"))
+    return str(installed[-1]) if installed else None

@@ -16,7 +16,7 @@ from sqlalchemy import and_, or_, select
 from sqlalchemy.orm import Session, defer
 
 from desirepath.simulation.recorded import PARTS
-from desirepath.store.artefact_upkeep import offered
+from desirepath.store.artefact_upkeep import is_offered
 from desirepath.store.artefacts import (
     SHA256,
     ArtefactError,
@@ -56,7 +56,7 @@ def query_sets_here(s: Session, *, also: str | None = None) -> dict[str, str]:
 
     also: the one that a study shows already, which goes on with it though it was archived meanwhile.
     """
-    usable = or_(offered(), and_(Artefact.id == also, Artefact.quarantined_at.is_(None))) if also else offered()
+    usable = or_(is_offered(), and_(Artefact.id == also, Artefact.quarantined_at.is_(None))) if also else is_offered()
     rows = select(Artefact).where(Artefact.kind.in_(KINDS), usable)
     return {
         found.id: f"{found.name} ({found.setup}, {len(found.card['stored_queries'])} queries)"

@@ -49,7 +49,7 @@ def save_ranking_set(
     content: bytes | None = None,
 ) -> Artefact:
     """Store a ranking set and each of its trajectories once; idempotent. content: as in `save_query_set`."""
-    rows = save_trajectories(s, files, [one.trajectory for one in ranked.rollouts])
+    rows = save_trajectories(s, files, [rollout.trajectory for rollout in ranked.rollouts])
     stored = [
         {
             "id": hashlib.sha256(f"{row.id}{row.id}".encode()).hexdigest(),  # as a query of two names itself

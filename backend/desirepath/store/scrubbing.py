@@ -39,5 +39,5 @@ def _value(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: TAKEN_OUT if KEYS.search(str(key)) else _value(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
-        return [_value(one) for one in value]
+        return [_value(item) for item in value]
     return value

@@ -43,10 +43,10 @@ def policy_artefact(s: Session, name: str) -> Artefact:
 
 def find_artefact(s: Session, called: str) -> Artefact | None:
     """The artefact of that id, or the shipped policy of that name; None where there is none."""
-    found = s.get(Artefact, called)
-    if found is None and (sha := _shipped().get(called)) is not None:
-        found = s.get(Artefact, sha)
-    return found
+    artefact = s.get(Artefact, called)
+    if artefact is None and (sha := _shipped().get(called)) is not None:
+        artefact = s.get(Artefact, sha)
+    return artefact
 
 
 @cache
@@ -72,15 +72,15 @@ def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple
     """
     from desirepath.learning.shipped_files import load_card, shipped_names
 
-    found = []
+    registered = []
     for name, sha in card.parents.items():
         if s.get(Artefact, sha) is None and name in shipped_names():
             shipped = load_card(name)
             if shipped.sha256 == sha and shipped.kind in ARTEFACT_KINDS:
                 _register(s, files, name)
         if s.get(Artefact, sha) is not None:
-            found.append((sha, name.partition("/")[2] or name))  # the role: `base`, `ensemble/0`
-    return found
+            registered.append((sha, name.partition("/")[2] or name))  # the role: `base`, `ensemble/0`
+    return registered
 
 
 def _register(s: Session, files: ArtefactStore, name: str) -> Artefact:

@@ -40,7 +40,7 @@ def take_simulated_demonstrations(
         "setup": environment,
         "study": None,
         "session": None,
-        "demonstrations": [vars(one) for one in kept],
+        "demonstrations": [vars(item) for item in kept],
     }
     return save_artefact(
         s,

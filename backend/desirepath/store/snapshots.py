@@ -110,37 +110,37 @@ def implied_choices(ratings: Sequence[RatedTrajectory]) -> list[tuple[RatedTraje
 
     At most `MOST_IMPLIED` per person and condition, drawn with a fixed seed: pairs grow with the square of the ratings.
     """
-    found = []
+    implied = []
     for rated in _rated_alike(ratings):
         pairs = [
             (one, other) if one.rating > other.rating else (other, one)
             for one, other in combinations(rated, 2)
             if one.rating != other.rating and one.trajectory != other.trajectory
         ]
-        found += pairs if len(pairs) <= MOST_IMPLIED else random.Random(0).sample(pairs, MOST_IMPLIED)
-    return found
+        implied += pairs if len(pairs) <= MOST_IMPLIED else random.Random(0).sample(pairs, MOST_IMPLIED)
+    return implied
 
 
 def independent_choices(ratings: Sequence[RatedTrajectory]) -> list[tuple[RatedTrajectory, RatedTrajectory]]:
     """(better, worse) such that no rating is in two: of n ratings in their order the first against the one in the
     middle, the second against the next one, and so on. All of `implied_choices` are not independent, so whoever counts
     them is too sure."""
-    found = []
+    chosen = []
     for rated in _rated_alike(ratings):
-        order = sorted(rated, key=lambda one: -one.rating)
+        order = sorted(rated, key=lambda rating: -rating.rating)
         half = (len(order) + 1) // 2
         pairs = zip(order[:half], order[half:], strict=False)
-        found += [
+        chosen += [
             pair for pair in pairs if pair[0].rating > pair[1].rating and pair[0].trajectory != pair[1].trajectory
         ]
-    return found
+    return chosen
 
 
 def _rated_alike(ratings: Sequence[RatedTrajectory]) -> list[list[RatedTrajectory]]:
     """Ratings of one person under one condition, each."""
     alike: dict[tuple[str, str, str | None], list[RatedTrajectory]] = {}
-    for one in ratings:
-        alike.setdefault((one.participant, one.view, one.block), []).append(one)
+    for rating in ratings:
+        alike.setdefault((rating.participant, rating.view, rating.block), []).append(rating)
     return list(alike.values())
 
 
@@ -163,7 +163,7 @@ class Snapshot:
     @property
     def simulated(self) -> bool:
         """Whether any answer came from an oracle."""
-        sources = {*(one.source for one in self.answers), *(one.source for one in self.ratings)}
+        sources = {*(answer.source for answer in self.answers), *(rating.source for rating in self.ratings)}
         return "simulated" in sources
 
     def training_answers(self) -> tuple[Answer, ...]:
@@ -187,7 +187,7 @@ class Snapshot:
             if data.pop("format") != FORMAT:
                 raise KeyError("format")
             ratings = tuple(RatedTrajectory(**rated) for rated in data.pop("ratings", ()))
-            return cls(**{**data, "answers": tuple(Answer(**one) for one in data["answers"]), "ratings": ratings})
+            return cls(**{**data, "answers": tuple(Answer(**answer) for answer in data["answers"]), "ratings": ratings})
         except (ValueError, KeyError, TypeError) as problem:
             raise SnapshotError(f"not a snapshot of this version ({FORMAT}): {problem}") from None
 
@@ -262,10 +262,10 @@ def set_aside_snapshots(s: Session, participant_id: str) -> list[str]:
             Artefact.quarantined_at.is_(None),
         )
     )
-    found = list(s.scalars(held).unique())
-    for snapshot in found:
+    snapshots = list(s.scalars(held).unique())
+    for snapshot in snapshots:
         snapshot.quarantined_at = utc_now()
-    return [snapshot.id for snapshot in found]
+    return [snapshot.id for snapshot in snapshots]
 
 
 def load_snapshot(s: Session, files: ArtefactStore, artefact_id: str) -> Snapshot:
@@ -339,7 +339,7 @@ def _freeze(
         ratings=tuple(ratings),
     )
     given: list[Answer | RatedTrajectory] = [*answers, *ratings]
-    people = sorted({one.participant for one in given})
+    people = sorted({answer.participant for answer in given})
     # in lists, different people's models differ
     many = "participants" if whose == "all" else WHOSE_WORDS[whose]
     whom = people[0] if len(people) == 1 else f"{len(people)} {many}"

@@ -41,22 +41,22 @@ def align(context: JobContext, params: ConditioningSearchParams, base: Policy, m
 
     artefact, conditioned, weights = conditioned_by(context, params, base, model)
     config = search_config(params)
-    found = search_conditioning(conditioned, weights, base, config, context.progress.part(0.03, 0.9))
+    result = search_conditioning(conditioned, weights, base, config, context.progress.part(0.03, 0.9))
     judged = {
-        "better_than_instant": found.beside_instant.score.as_dict(),
-        "preferred_better_than_instant": found.beside_instant.preferred.as_dict(),
-        "takes_over": found.takes_over,
+        "better_than_instant": result.beside_instant.score.as_dict(),
+        "preferred_better_than_instant": result.beside_instant.preferred.as_dict(),
+        "takes_over": result.takes_over,
     }
     return Aligned(
-        policy=found.policy,
-        gate=found.gate,
-        beside_instant=found.beside_instant,
+        policy=result.policy,
+        gate=result.gate,
+        beside_instant=result.beside_instant,
         config={"recipe": params.recipe, **config.as_dict(), "preference_weights": by_name(weights, base.setup)},
         results={
             **judged,
-            "offsets": {place: by_name(row, base.setup) for place, row in zip(PLACES, found.offsets, strict=True)},
-            "chosen": found.chosen,
-            "history": found.history,
+            "offsets": {place: by_name(row, base.setup) for place, row in zip(PLACES, result.offsets, strict=True)},
+            "chosen": result.chosen,
+            "history": result.history,
         },
         parents=[(artefact, "conditioned")],
         scenes={"select": describe(Purpose.ALIGN_SELECT, config.selection_scenes, params.seed)},

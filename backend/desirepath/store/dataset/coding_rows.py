@@ -43,13 +43,13 @@ def coding_rows(
     """The codings of these answers, in their order; one row per code, one without a code where none fits. item: of this
     question alone."""
     names = {code.id: code.name for code in codebook_of(s, study.id)}
-    found: dict[str, list[Coding]] = defaultdict(list)
+    codings: dict[str, list[Coding]] = defaultdict(list)
     for coding in s.scalars(select(Coding).where(Coding.study_id == study.id)):
         if item is None or coding.item == item:
-            found[coding.response_id].append(coding)
+            codings[coding.response_id].append(coding)
     for answer in answers:
-        for coding in sorted(found[answer.id], key=lambda one: (one.item, ROLES.index(one.role))):
-            given: list[str | None] = [*sorted(names[one] for one in coding.codes)]
+        for coding in sorted(codings[answer.id], key=lambda given: (given.item, ROLES.index(given.role))):
+            given: list[str | None] = [*sorted(names[code] for code in coding.codes)]
             for code in given or [None]:
                 yield {
                     "response": answer.id,

@@ -63,15 +63,19 @@ class Table:
             metadata={"format": FORMAT, "row": self.row},
         )
 
-    def unpacked(self, row: dict[str, Any]) -> dict[str, Any]:
+    def kept_in(self, model: Any) -> list[str]:
+        """The columns that a class of the database has under the same names."""
+        return [column.name for column in self.columns if column.name in model.__table__.columns]
+
+    def unpack(self, row: dict[str, Any]) -> dict[str, Any]:
         """The row with its JSON columns as plain data. Raises ValueError naming the column that is no JSON."""
-        found = dict(row)
+        unpacked = dict(row)
         for column in self.columns:
-            if column.json and found.get(column.name) is not None:
+            if column.json and unpacked.get(column.name) is not None:
                 try:
-                    found[column.name] = json.loads(found[column.name])
+                    unpacked[column.name] = json.loads(unpacked[column.name])
                 except (ValueError, RecursionError):
                     raise ValueError(
-                        f"{column.name} = {found[column.name][:80]!r} is no JSON that can be read"
+                        f"{column.name} = {unpacked[column.name][:80]!r} is no JSON that can be read"
                     ) from None
-        return found
+        return unpacked

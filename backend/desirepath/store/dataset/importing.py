@@ -19,7 +19,7 @@ from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.dataset.coding_rows import add_codings
-from desirepath.store.dataset.columns import PROTOCOL_FOLDER, STUDY_FILE, TRAJECTORY_FOLDER
+from desirepath.store.dataset.columns import PROTOCOL_FOLDER, STUDY_FILE, TRAJECTORY_FOLDER, Table
 from desirepath.store.dataset.reading import (
     About,
     AboutProtocol,
@@ -59,18 +59,6 @@ from desirepath.store.models import (
 )
 from desirepath.store.models import Session as SessionRow
 from desirepath.store.plain_data import Unstorable
-
-# Columns that are called as in the database.
-PARTICIPANT_FIELDS = ("simulated", "pilot", "oracle", "created_at", "withdrawn_at", "excluded_at", "excluded_reason")
-SESSION_FIELDS = (
-    *("state", "language", "simulated", "seed", "plan", "position", "device", "personalisation", "predictive_check"),
-    *("created_at", "opens_at", "started_at", "finished_at", "last_seen_at", "expires_at"),
-    *("ended_because", "appointment", "protocol_number", "assignment"),
-)
-TRIAL_FIELDS = (
-    *("index", "block", "kind", "role", "view", "trajectory_a", "trajectory_b", "arms", "phase"),
-    *("phase_since", "a_seen_at", "b_seen_at", "restarts", "replays", "probe_of", "sides_swapped"),
-)
 
 
 def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str, Any]:
@@ -131,9 +119,11 @@ def _add_study(s: Session, folder: Path, about: About) -> None:
     s.flush()
     for version in about.protocol_versions:
         s.add(_version(folder, about.study, version))
-    for one in about.erased_participants:
+    for erased in about.erased_participants:
         s.add(
-            Tombstone(id=one.tombstone, study_id=about.study, erased_at=one.erased_at, erased_by="imported", counts={})
+            Tombstone(
+                id=erased.tombstone, study_id=about.study, erased_at=erased.erased_at, erased_by="imported", counts={}
+            )
         )
 
 
@@ -203,7 +193,7 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
             study_id=study_id,
             code=row["participant"],
             consents=_consents(row),
-            **_kept(row, PARTICIPANT_FIELDS),
+            **_kept(row, PARTICIPANTS, Participant),
         )
     s.add_all(people.values())
     s.flush()
@@ -214,7 +204,8 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
                 participant_id=people[row["participant"]].id,
                 study_id=study_id,
                 token_hash=secrets.token_hex(32),  # the hash of no token: nobody can enter
-                **_kept(row, SESSION_FIELDS),
+                plan=row["plan"],
+                **_kept(row, SESSIONS, SessionRow),
             )
         )
     s.flush()
@@ -225,7 +216,7 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
                 session_id=row["session"],
                 step_key=row["step"],
                 query_id=row["query"],
-                **_kept(row, TRIAL_FIELDS),
+                **_kept(row, TRIALS, Trial),
             )
         )
     s.flush()
@@ -236,25 +227,18 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
                 session_id=row["session"],
                 trial_id=row["trial"],
                 step_key=row["step"],
-                kind=row["kind"],
-                value=row["value"],
                 request_id=f"imported-{row['response']}",
-                client_time=row["client_time"],
-                decision_s=row["decision_s"],
                 consent_id=row["consent"],
-                created_at=row["created_at"],
+                **_kept(row, RESPONSES, Response),
             )
         )
     for row in tables[EVENTS.name]:
         s.add(
             Event(
-                at=row["at"],
                 study_id=study_id,
                 session_id=row["session"],
                 trial_id=row["trial"],
-                kind=row["kind"],
-                client_time=row["client_time"],
-                data=row["data"],
+                **_kept(row, EVENTS, Event),
             )
         )
         s.flush()  # one by one: their order is their id
@@ -265,5 +249,5 @@ def _consents(row: Row) -> Row | None:
     return asked or None
 
 
-def _kept(row: Row, fields: tuple[str, ...]) -> Row:
-    return {name: row[name] for name in fields}
+def _kept(row: Row, table: Table, model: type[Any]) -> Row:
+    return {name: row[name] for name in table.kept_in(model)}

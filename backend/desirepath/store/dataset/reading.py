@@ -120,7 +120,7 @@ def read_dataset(folder: Path) -> ReadDataset:
     about = read_about(folder)
     _, frozen = frozen_in(folder)
     tables = read_tables(folder, (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES))
-    later = [version_in(folder, one.number) for one in about.protocol_versions]
+    later = [version_in(folder, version.number) for version in about.protocol_versions]
     return ReadDataset(folder, about, frozen["protocol"], frozen["files"], tables, later)
 
 
@@ -138,8 +138,8 @@ def check_files(folder: Path) -> None:
         reason = problem.strerror if isinstance(problem, OSError) else problem
         raise DatasetError(f"{folder} is no exported data set: cannot read {CHECKSUMS_FILE} ({reason})") from None
     listed = {name: sha for sha, _, name in (line.partition("  ") for line in lines)}
-    found = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
-    present = {path.as_posix() for path in found if not any(map(is_of_the_system, path.parts))} - {CHECKSUMS_FILE}
+    paths = (path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+    present = {path.as_posix() for path in paths if not any(map(is_of_the_system, path.parts))} - {CHECKSUMS_FILE}
     for name in sorted(set(listed) ^ present):
         raise DatasetError(f"{name}: " + ("is missing" if name in listed else f"is not listed in {CHECKSUMS_FILE}"))
     for name, sha in listed.items():
@@ -154,8 +154,8 @@ def read_about(folder: Path) -> About:
     """study.json. Raises DatasetError for another format, or naming the field that is not as an export writes it."""
     stored = _read_json(folder / STUDY_FILE)
     if not isinstance(stored, dict) or stored.get("format") != FORMAT:
-        found = stored.get("format") if isinstance(stored, dict) else stored
-        raise DatasetError(f"{STUDY_FILE}: format {found!r} is unknown; this version reads {FORMAT}")
+        format_name = stored.get("format") if isinstance(stored, dict) else stored
+        raise DatasetError(f"{STUDY_FILE}: format {format_name!r} is unknown; this version reads {FORMAT}")
     try:
         return About.model_validate(stored)
     except ValidationError as problem:
@@ -182,12 +182,12 @@ def version_in(folder: Path, number: int) -> Row:
 
 
 def _frozen(path: Path, *texts: str) -> Row:
-    found: Row = _read_json(path)
-    files = found.get("files") if isinstance(found, dict) else None
+    frozen: Row = _read_json(path)
+    files = frozen.get("files") if isinstance(frozen, dict) else None
     if (
         not isinstance(files, dict)
-        or not isinstance(found.get("protocol"), dict)
-        or not all(isinstance(one, str) for one in (*files.values(), *(found.get(name) for name in texts)))
+        or not isinstance(frozen.get("protocol"), dict)
+        or not all(isinstance(text, str) for text in (*files.values(), *(frozen.get(name) for name in texts)))
     ):
         raise DatasetError(f"{path.name}: holds no protocol with its files")
     try:
@@ -196,16 +196,16 @@ def _frozen(path: Path, *texts: str) -> Row:
                 frozen_questionnaire(name, content)
     except ProtocolError as problem:
         raise DatasetError(f"{path.name}: {problem}") from None
-    return found
+    return frozen
 
 
 def _read_json(path: Path) -> Any:
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as problem:
         raise DatasetError(f"{path.name}: cannot be read ({in_words(problem)})") from None
-    _check_depth(found, path.name)
-    return found
+    _check_depth(content, path.name)
+    return content
 
 
 def _check_depth(data: Any, where: str) -> None:
@@ -219,9 +219,9 @@ def _check_depth(data: Any, where: str) -> None:
 def read_tables(folder: Path, tables: Iterable[Table]) -> dict[str, list[Row]]:
     """The rows of those tables by name, JSON as plain data. A session's `plan` is put
     together from its steps. Raises DatasetError naming file and column."""
-    found = {table.name: list(_rows(folder, table)) for table in tables}
-    sessions = found.get(SESSIONS.name, [])
-    for row in found.get(RESPONSES.name, []):
+    tables_read = {table.name: list(_rows(folder, table)) for table in tables}
+    sessions = tables_read.get(SESSIONS.name, [])
+    for row in tables_read.get(RESPONSES.name, []):
         if row["value"] is None:
             raise DatasetError(f"{RESPONSES.name}.parquet: value is missing")
     if sessions:
@@ -230,11 +230,13 @@ def read_tables(folder: Path, tables: Iterable[Table]) -> dict[str, list[Row]]:
             if step["session"] in plans:
                 plans[step["session"]].append(step)
         for row in sessions:
-            row["plan"] = [one["planned"] for one in sorted(plans[row["session"]], key=lambda one: one["index"])]
+            row["plan"] = [step["planned"] for step in sorted(plans[row["session"]], key=lambda step: step["index"])]
     for row in sessions:
-        if not isinstance(row["plan"], list) or not all(isinstance((one or {}).get("key"), str) for one in row["plan"]):
+        if not isinstance(row["plan"], list) or not all(
+            isinstance((step or {}).get("key"), str) for step in row["plan"]
+        ):
             raise DatasetError(f"{SESSIONS.name}: session {row['session']} has a plan that is none of ours")
-    return found
+    return tables_read
 
 
 def _rows(folder: Path, table: Table) -> Iterator[Row]:
@@ -256,7 +258,7 @@ def _unbounded_rows(folder: Path, table: Table) -> Iterator[Row]:
     name = f"{table.name}.parquet"
     try:
         # texts as a dictionary: a small file may hold one long text a million times
-        texts = [one.name for one in pq.read_schema(folder / name) if one.type == TEXT]
+        texts = [column.name for column in pq.read_schema(folder / name) if column.type == TEXT]
         with pq.ParquetFile(folder / name, read_dictionary=texts) as file:
             if file.metadata.num_rows > MOST_ROWS:
                 raise DatasetError(f"{name}: has {file.metadata.num_rows} rows, at most {MOST_ROWS} are read")
@@ -267,7 +269,7 @@ def _unbounded_rows(folder: Path, table: Table) -> Iterator[Row]:
                 if size > MOST_TABLE_BYTES:
                     raise DatasetError(f"{name}: is larger than {MOST_TABLE_BYTES // 2**20} MB when it is unpacked")
                 for row in part.to_pylist():
-                    yield table.unpacked(row)
+                    yield table.unpack(row)
     except (OSError, pa.ArrowException) as problem:
         raise DatasetError(f"{name}: cannot be read ({in_words(problem)})") from None
     except DatasetError:

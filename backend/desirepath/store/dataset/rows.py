@@ -16,6 +16,8 @@ from sqlalchemy.orm import Session
 
 from desirepath.analysis.scales import frozen_items
 from desirepath.grammar.questionnaires import MARKS, frozen_questionnaire
+from desirepath.store.dataset.columns import Table
+from desirepath.store.dataset.tables import PARTICIPANTS, SESSIONS, TRIALS
 from desirepath.store.events import FORBIDDEN_KEYS
 from desirepath.store.models import (
     Event,
@@ -59,9 +61,11 @@ class Content:
         sessions = s.scalars(
             select(SessionRow).where(SessionRow.study_id == study.id).order_by(SessionRow.created_at, SessionRow.id)
         ).all()
-        self.closed = {one.id for one in everyone if open_data and not may_be_published(one, study.protocol)}
-        out = {one.id for one in everyone if one.withdrawn_at is not None or one.id not in self.people} | self.closed
-        gone = {one.id: one.code for one in everyone if one.id in out}
+        self.closed = {person.id for person in everyone if open_data and not may_be_published(person, study.protocol)}
+        out = {
+            person.id for person in everyone if person.withdrawn_at is not None or person.id not in self.people
+        } | self.closed
+        gone = {person.id: person.code for person in everyone if person.id in out}
         kept = [row for row in sessions if row.participant_id not in gone]
         self.by_id = {row.id: row for row in sorted(kept, key=lambda row: self.people[row.participant_id].code)}
         # what an event may call somebody who withdrew or is left out
@@ -82,7 +86,9 @@ class Content:
         changes = select(Event).where(Event.study_id == study.id, Event.kind == "device_checked").order_by(Event.id)
         for change in s.scalars(changes):
             self.devices_before.setdefault(change.session_id or "", []).append((change.at, change.data["before"]))
-        self.consent_versions = {one.id: one.value.get("version") for one in self.answers if one.kind == "consent"}
+        self.consent_versions = {
+            answer.id: answer.value.get("version") for answer in self.answers if answer.kind == "consent"
+        }
         self._steps: dict[str, dict[str, Row]] = {}
         self.secrets = _recruiting_words(s, study.id)
         self.chosen_items = _items_without_free_text(s, study)
@@ -93,40 +99,18 @@ class Content:
             kept = not withdrawn and person.id not in self.closed
             consents = person.consents or {}
             yield {
+                **stored_columns(PARTICIPANTS, person),
                 **self._of_participant(person),
-                "pilot": person.pilot,
                 "withdrawn": withdrawn,
                 "training": consents.get("training"),
                 "open_data": consents.get("open_data"),
                 "oracle": as_json(person.oracle) if kept else None,
-                "created_at": person.created_at,
-                "withdrawn_at": person.withdrawn_at,
-                "excluded_at": person.excluded_at,
                 "excluded_reason": self._scrub(person.excluded_reason) if kept else None,
             }
 
     def sessions(self) -> Iterator[Row]:
         for row in self.by_id.values():
-            yield {
-                **self.of_session(row.id),
-                "state": row.state,
-                "ended_because": row.ended_because,
-                "appointment": row.appointment,
-                "protocol_number": row.protocol_number,
-                "assignment": as_json(row.assignment),
-                "language": row.language,
-                "seed": row.seed,
-                "position": row.position,
-                "device": as_json(row.device),
-                "personalisation": row.personalisation,
-                "predictive_check": as_json(row.predictive_check),
-                "created_at": row.created_at,
-                "opens_at": row.opens_at,
-                "started_at": row.started_at,
-                "finished_at": row.finished_at,
-                "last_seen_at": row.last_seen_at,
-                "expires_at": row.expires_at,
-            }
+            yield {**stored_columns(SESSIONS, row), **self.of_session(row.id)}
 
     def planned_steps(self) -> Iterator[Row]:
         for session in self.by_id.values():
@@ -143,28 +127,13 @@ class Content:
     def trials(self) -> Iterator[Row]:
         for trial in self.trial_rows:
             yield {
-                "trial": trial.id,
+                **stored_columns(TRIALS, trial),
                 **self.of_session(trial.session_id),
+                "trial": trial.id,
                 "practice": is_practice(trial.role),
                 "step": trial.step_key,
-                "index": trial.index,
-                "block": trial.block,
-                "kind": trial.kind,
-                "role": trial.role,
-                "probe_of": trial.probe_of,
-                "view": trial.view,
                 "query": trial.query_id,
-                "sides_swapped": trial.sides_swapped,
-                "trajectory_a": trial.trajectory_a,
-                "trajectory_b": trial.trajectory_b,
-                "arms": as_json(trial.arms),
                 "look_alike": (trial.arms or {}).get("look_alike"),
-                "phase": trial.phase,
-                "phase_since": trial.phase_since,
-                "a_seen_at": trial.a_seen_at,
-                "b_seen_at": trial.b_seen_at,
-                "restarts": trial.restarts,
-                "replays": trial.replays,
             }
 
     def responses(self) -> Iterator[Row]:
@@ -265,9 +234,9 @@ class Content:
         return self._steps[answer.session_id].get(answer.step_key, {})
 
     def events(self) -> Iterator[Row]:
-        found = self.s.scalars(select(Event).where(Event.study_id == self.study.id).order_by(Event.id))
+        events = self.s.scalars(select(Event).where(Event.study_id == self.study.id).order_by(Event.id))
         nobody = {"session": None, "participant": None, "simulated": None, "excluded": None}
-        kept = (e for e in found if e.session_id not in self.gone and not mentions(e.data, self.gone))
+        kept = (e for e in events if e.session_id not in self.gone and not mentions(e.data, self.gone))
         for number, event in enumerate(kept, start=1):
             known = event.session_id in self.by_id
             yield {
@@ -306,7 +275,7 @@ class Content:
 
     def learned_from(self) -> set[str]:
         """Codes of those whose answers models may learn from."""
-        return {one.code for one in self.people.values() if reason_not_to_learn(one, "all") is None}
+        return {person.code for person in self.people.values() if reason_not_to_learn(person, "all") is None}
 
     def of_session(self, session_id: str) -> Row:
         return {"session": session_id, **self._of_participant(self.people[self.by_id[session_id].participant_id])}
@@ -338,6 +307,13 @@ class Content:
         for word in self.secrets if text else ():
             text = text.replace(word, REMOVED) if text else text
         return text
+
+
+def stored_columns(table: Table, stored: Any) -> Row:
+    """The columns of a table that stand in the database as they are, of one of its rows."""
+    in_json = {column.name for column in table.columns if column.json}
+    values = {name: getattr(stored, name) for name in table.kept_in(stored)}
+    return {name: as_json(value) if name in in_json else value for name, value in values.items()}
 
 
 def as_json(value: Any) -> str | None:

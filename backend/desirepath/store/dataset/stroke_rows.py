@@ -10,7 +10,6 @@ A walk (`StrokeRow.walk`) is {"source": "walked", "times_s": [...], "poses": [[x
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,37 +19,31 @@ from sqlalchemy.orm import Session
 
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.dataset.columns import DEMONSTRATION_FOLDER
+from desirepath.store.dataset.rows import stored_columns
+from desirepath.store.dataset.tables import STROKES
 from desirepath.store.demonstration_snapshots import StrokeError
 from desirepath.store.models import StrokeRow, TrajectoryRow
 
 Row = dict[str, Any]
-FIELDS = (
-    *("attempt", "environment", "pair", "view", "pointer", "drawn", "walk", "state", "problem"),
-    *("demonstration", "trajectory", "watched_at", "client_time", "created_at"),
-    *("left_out_at", "left_out_by", "left_out_reason"),
-)
-JSON_FIELDS = ("drawn", "walk", "problem")
 
 
 def strokes_of(s: Session, sessions: Mapping[str, Any]) -> list[StrokeRow]:
     """The strokes of these sessions (by id), in the sessions' order."""
     order = {session_id: k for k, session_id in enumerate(sessions)}
-    found = s.scalars(select(StrokeRow).where(StrokeRow.session_id.in_(order)))
-    return sorted(found, key=lambda row: (order[row.session_id], row.created_at, row.step_key, row.attempt))
+    rows = s.scalars(select(StrokeRow).where(StrokeRow.session_id.in_(order)))
+    return sorted(rows, key=lambda row: (order[row.session_id], row.created_at, row.step_key, row.attempt))
 
 
 def stroke_rows(strokes: Iterable[StrokeRow], of_session: Callable[[str], Row]) -> Iterator[Row]:
     """Rows of the table `strokes`; of_session: the columns that say whose it is."""
     for stroke in strokes:
-        row = {name: getattr(stroke, name) for name in FIELDS}
-        for name in JSON_FIELDS:
-            row[name] = None if row[name] is None else json.dumps(row[name], sort_keys=True)
-        yield {"stroke": stroke.id, **of_session(stroke.session_id), "step": stroke.step_key, **row}
+        row = stored_columns(STROKES, stroke)
+        yield {**row, **of_session(stroke.session_id), "stroke": stroke.id, "step": stroke.step_key}
 
 
 def trajectories_of(walk: Mapping[str, Any] | None, trajectory: str | None) -> set[str]:
     """Ids of the trajectories that hang on a stroke: its own, and the one the participant walked beside."""
-    return {one for one in (trajectory, (walk or {}).get("beside")) if one}
+    return {identity for identity in (trajectory, (walk or {}).get("beside")) if identity}
 
 
 def write_demonstrations(files: ArtefactStore, strokes: Iterable[StrokeRow], out: Path) -> None:
@@ -82,7 +75,7 @@ def add_strokes(s: Session, files: ArtefactStore, folder: Path, rows: Iterable[R
                 session_id=row["session"],
                 step_key=row["step"],
                 request_id=f"imported-{row['stroke']}",
-                **{name: row[name] for name in FIELDS},
+                **{name: row[name] for name in STROKES.kept_in(StrokeRow)},
             )
         )
     s.flush()

@@ -72,10 +72,10 @@ class _Bounded(io.RawIOBase):
     def read(self, size: int = -1) -> bytes:
         if not 0 <= size <= MOST_DIRECTORY_BYTES:
             size = MOST_DIRECTORY_BYTES + 1
-        found = self._file.read(size)
-        if len(found) > MOST_DIRECTORY_BYTES:
+        content = self._file.read(size)
+        if len(content) > MOST_DIRECTORY_BYTES:
             raise DatasetError(f"its list of files is longer than {_mb(MOST_DIRECTORY_BYTES)}, which no data set's is")
-        return found
+        return content
 
     def seek(self, offset: int, whence: int = 0) -> int:
         return self._file.seek(offset, whence)

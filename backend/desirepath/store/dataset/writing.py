@@ -35,8 +35,7 @@ from desirepath.store.dataset.columns import (
     STUDY_FILE,
     Table,
 )
-from desirepath.store.dataset.descriptions import NOT_STATED, About, write_descriptions
-from desirepath.store.dataset.dictionary import data_dictionary
+from desirepath.store.dataset.descriptions import NOT_STATED, About, data_dictionary, write_descriptions
 from desirepath.store.dataset.preference_pairs import write_pairs
 from desirepath.store.dataset.rows import Content
 from desirepath.store.dataset.stroke_rows import stroke_rows, strokes_of, trajectories_of, write_demonstrations
@@ -112,29 +111,27 @@ def export_study(
     return {"study": study_id, "files": listed}
 
 
-def answers_of(s: Session, study: Study, *, pilots: bool = False) -> dict[str, list[Row]]:
-    """The tables of participants, sessions, trials and responses by name, as they would be exported, JSON unpacked.
-
-    pilots: with the pilot participants.
-    """
-    content = Content(s, study, pilots=pilots)
+def answers_of(s: Session, study: Study) -> dict[str, list[Row]]:
+    """The tables of participants, sessions, trials and responses by name, as they would be exported without pilots,
+    JSON unpacked."""
+    content = Content(s, study, pilots=False)
     tables: dict[Table, Iterable[Row]] = {
         PARTICIPANTS: content.participants(),
         SESSIONS: content.sessions(),
         TRIALS: content.trials(),
         RESPONSES: content.responses(),
     }
-    found = {table.name: [table.unpacked(row) for row in rows] for table, rows in tables.items()}
-    for row in found[SESSIONS.name]:
+    unpacked = {table.name: [table.unpack(row) for row in rows] for table, rows in tables.items()}
+    for row in unpacked[SESSIONS.name]:
         row["plan"] = content.by_id[row["session"]].plan
-    return found
+    return unpacked
 
 
 def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, content: Content) -> dict[str, int]:
     """Write every file but the checksums. Returns file name -> rows, for those that have rows."""
     trials = list(content.trials())
     strokes = strokes_of(s, content.by_id)
-    rolled_out = {one for stroke in strokes for one in trajectories_of(stroke.walk, stroke.trajectory)}
+    rolled_out = {trajectory for stroke in strokes for trajectory in trajectories_of(stroke.walk, stroke.trajectory)}
     shown = sorted(rolled_out | {t for row in trials for t in (row["trajectory_a"], row["trajectory_b"])})
     stored = {row.id: row for row in s.scalars(select(TrajectoryRow).where(TrajectoryRow.id.in_(shown)))}
     tables: dict[Table, list[Row]] = {
@@ -197,10 +194,14 @@ def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], st
     later = s.scalars(
         select(ProtocolVersion).where(ProtocolVersion.study_id == study.id).order_by(ProtocolVersion.number)
     ).all()
-    later_written = {one.number: yaml_without(one.protocol_yaml) for one in later}
-    for one in later:
-        frozen = {"yaml": later_written[one.number], "protocol": data_without(one.protocol), "files": one.files}
-        _write_json(folder / f"{one.number}.json", frozen)
+    later_written = {revision.number: yaml_without(revision.protocol_yaml) for revision in later}
+    for revision in later:
+        frozen = {
+            "yaml": later_written[revision.number],
+            "protocol": data_without(revision.protocol),
+            "files": revision.files,
+        }
+        _write_json(folder / f"{revision.number}.json", frozen)
     erased = s.scalars(select(Tombstone).where(Tombstone.study_id == study.id).order_by(Tombstone.erased_at))
     setups = {}
     for name in sorted({row.setup for row in stored}):
@@ -229,14 +230,14 @@ def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], st
             },
             "protocol_versions": [
                 {
-                    "number": one.number,
-                    "version": one.protocol_version,
-                    "sha256": one.protocol_hash,
-                    "written_sha256": protocol_digest(later_written[one.number], one.files),
-                    "changes": changes_without(one.changes),
-                    "created_at": one.created_at.isoformat(),
+                    "number": revision.number,
+                    "version": revision.protocol_version,
+                    "sha256": revision.protocol_hash,
+                    "written_sha256": protocol_digest(later_written[revision.number], revision.files),
+                    "changes": changes_without(revision.changes),
+                    "created_at": revision.created_at.isoformat(),
                 }
-                for one in later
+                for revision in later
             ],
             "licence": study.protocol.get("licence") or NOT_STATED,
             "citation": _citation(study),

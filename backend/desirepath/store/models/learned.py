@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from sqlalchemy import JSON, Boolean, CheckConstraint, Float, ForeignKey, Integer, String, Text
 from sqlalchemy.orm import Mapped, mapped_column
 
-from desirepath.store.job_results import RESULTS, JobResult, check_result
+from desirepath.store.job_results import RESULTS, JobResult
 from desirepath.store.models.base import Base, new_id, utc_now
 
 
@@ -82,7 +82,8 @@ class Job(Base):
 
     def keep_result(self, result: Mapping[str, Any]) -> None:
         """Raises pydantic's ValidationError for what its kind does not result in."""
-        check_result(self.kind, result)
+        if self.kind in RESULTS:
+            RESULTS[self.kind].model_validate(result)
         self.result = dict(result)
 
     def result_as(self, of: type[R]) -> R | None:

@@ -52,12 +52,12 @@ class Known(OrderedDict[tuple[str, next_query.Answers], Learnt]):
 def takes_long(s: DatabaseSession, files: ArtefactStore, session: Session) -> bool:
     """Whether `find_learnt` would keep a page waiting: many answers, and nobody has asked since the last of them."""
     answers = next_query.answers_of(s, session)
-    return len(answers) > SOON and (session.id, answers) not in files.derived(Known)
+    return len(answers) > SOON and (session.id, answers) not in files.derive(Known)
 
 
 def find_learnt(s: DatabaseSession, files: ArtefactStore, session: Session) -> Learnt:
     """What is learned from the session's regular answers so far; practice and probes teach nothing."""
-    memory, known_so_far = next_query.recall(files), files.derived(Known)
+    memory, known_so_far = next_query.recall(files), files.derive(Known)
     measured = memory.measure_queries(s, files, row_of(s, session))
     answers = next_query.answers_of(s, session)
     key = (session.id, answers)

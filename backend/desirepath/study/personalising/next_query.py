@@ -160,7 +160,7 @@ class Remembered:
 
 def recall(files: ArtefactStore) -> Remembered:
     """What this process remembers of that store."""
-    return files.derived(Remembered)
+    return files.derive(Remembered)
 
 
 def _query_set(study: Study | ProtocolVersion) -> tuple[str, str]:

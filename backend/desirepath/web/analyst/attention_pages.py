@@ -15,7 +15,7 @@ from starlette.responses import Response
 
 from desirepath.explain.shown_explanation import ShownAttention, ShownExplanation
 from desirepath.grammar.words import View
-from desirepath.store.artefact_upkeep import offered
+from desirepath.store.artefact_upkeep import is_offered
 from desirepath.store.models import Artefact
 from desirepath.store.shipped_policies import find_artefact
 from desirepath.web.analyst.chosen_policies import Undrawable, first_scene, problem_of
@@ -52,7 +52,7 @@ def attention(
     services = services_of(request)
     with database.session() as s:
         rights = rights_in(request)
-        rows = select(Artefact).where(Artefact.kind == KIND, offered(), seen_artefacts(rights))
+        rows = select(Artefact).where(Artefact.kind == KIND, is_offered(), seen_artefacts(rights))
         choices = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
         chosen = find_artefact(s, policy) if policy else None
         if policy and (chosen is None or chosen.kind != KIND or not may_with(s, rights, Right.LOOK, chosen)):

@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
 from desirepath.learning.errors import LearningError
-from desirepath.store.artefact_upkeep import offered
+from desirepath.store.artefact_upkeep import is_offered
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.models import Artefact
@@ -141,7 +141,7 @@ def first_scene() -> int:
 
 def choices_of(s: DatabaseSession, rights: Rights) -> Sequence[Artefact]:
     """The policies that can be drawn: what came with the product by name, then one's own, newest first."""
-    rows = select(Artefact).where(Artefact.kind.in_(KINDS), offered(), seen_artefacts(rights))
+    rows = select(Artefact).where(Artefact.kind.in_(KINDS), is_offered(), seen_artefacts(rights))
     found = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
     return sorted(found, key=lambda one: (one.job_id is not None, one.name if one.job_id is None else ""))
 

@@ -14,7 +14,7 @@ from starlette.datastructures import FormData
 
 from desirepath.jobs.alignment import RECIPE
 from desirepath.jobs.kinds import JobParamsError, Kind
-from desirepath.store.artefact_upkeep import offered
+from desirepath.store.artefact_upkeep import is_offered
 from desirepath.store.models import Artefact
 from desirepath.web.core.permits import seen_artefacts
 from desirepath.web.core.roles import Right, Rights
@@ -156,7 +156,9 @@ def _setup_of(s: Session, kind: Kind, values: Mapping[str, Any]) -> tuple[str, s
 
 def _usable(s: Session, rights: Rights, kind: str) -> Sequence[Artefact]:
     """Artefacts that a new job may work on: shipped ones first, then the newest."""
-    rows = select(Artefact).where(Artefact.kind.in_(kind.split("|")), offered(), seen_artefacts(rights, Right.ANALYSE))
+    rows = select(Artefact).where(
+        Artefact.kind.in_(kind.split("|")), is_offered(), seen_artefacts(rights, Right.ANALYSE)
+    )
     found = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
     return sorted(found, key=lambda one: (one.job_id is not None, one.name if one.job_id is None else ""))
 

@@ -34,10 +34,10 @@ class Claims(Generic[Holder]):
 
     def claim(self, key: str, holder: Holder) -> None:
         """This process has the newest."""
-        one = _Claim(secrets.token_hex(8), holder)
+        claim = _Claim(secrets.token_hex(8), holder)
         with self._lock:
-            self._standing[key] = one
-        self._notices.tell(self._topic, key, claim=one.claim_id)
+            self._standing[key] = claim
+        self._notices.tell(self._topic, key, claim=claim.claim_id)
 
     def give_up(self, key: str) -> None:
         """This process has none any more."""

@@ -118,7 +118,7 @@ class SharedCounts(Storage, SlidingWindowCounterSupport):
 
     @contextlib.contextmanager
     def _connected(self) -> Iterator[Connection]:
-        with self._database.explained(), self._engine.connect() as connection:
+        with self._database.explain_errors(), self._engine.connect() as connection:
             yield connection
 
 
