@@ -90,7 +90,6 @@ def test_a_policy_with_attention_is_explained_by_whom_it_looked_at(analyst: Test
     page = analyst.get(f"{PAGE}?{asked}")
     assert page.status_code == 200, page.text
     assert "pedestrian 1" in page.text
-    assert analyst.get(f"/lab/flow-field?{asked}").status_code == 200
 
 
 def test_german_pages_name_things_in_german(analyst: TestClient, known: SimpleNamespace) -> None:
