@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,6 +33,7 @@ from desirepath.study.studies import create_study
 from desirepath.web.core.auth import ensure_first_user
 from desirepath_experiments.benchmarks.open_browser import CAMERA
 from desirepath_stage.viser_hooks import SUBPROTOCOL, readable_part
+from tests.running import PATIENCE_S
 from tests.study.walking import QUICK, VALUES, twenty_queries
 
 HEARD_S = 60.0
@@ -172,11 +174,13 @@ class Bot:
             self.visitor.watch(step)
 
     def _until_served(self, ask: Callable[..., Any], *about: Any) -> Any:
+        deadline = time.monotonic() + PATIENCE_S
         while True:
             self.tries += 1
             try:
                 return ask(*about)
             except httpx.TransportError:
+                assert time.monotonic() < deadline, "the server did not come back"
                 self.find(self.visitor)
 
 

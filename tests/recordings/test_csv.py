@@ -149,6 +149,18 @@ pairs: [[first, second]]
     assert query.trajectory_b.outcome == Outcome.SUCCESS
 
 
+def test_a_pause_and_a_goal_for_all_runs_are_no_fault_of_a_file_that_is_cut(imported) -> None:
+    lines = [("robot", t + 20 * k, *robot_at(t, aside)) for k, aside in enumerate((0.0, 0.6)) for t in times()]
+    cut = "runs:\n  - {name: first, from_s: 0, to_s: 8}\n  - {name: second, from_s: 20, to_s: 28}\n"
+    found = imported(csv_of("who,time_s,x_m,y_m,yaw_rad", lines), cut)
+    assert found.trajectories == 2
+    with pytest.raises(RecordingError, match="nothing is known of robot in run 'walk' for 12 s"):
+        imported(csv_of("who,time_s,x_m,y_m,yaw_rad", lines))
+    goal = [*rows(), ("", "goal", "", 3.5, 0.2, "")]
+    found = imported(csv_of(HEADS, goal))
+    assert {query.scene.goal.x for query in found.query_set.queries} == {3.5}
+
+
 def test_reward_models_of_steps_refuse_and_say_what_is_missing(hall: Path) -> None:
     query = import_recordings(hall, "study_room").query_set.queries[0]
     answers = [Preference(query.trajectory_a, query.trajectory_b), Preference(query.trajectory_b, query.trajectory_a)]

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from desirepath.cli.main import app
 from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.kinds import RewardModelParams
-from desirepath.jobs.reward_models import learn_reward_model
+from desirepath.jobs.runners import learn_reward_model
 from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.settings import Settings
 from desirepath.simulation.recorded import NotRecordedError
@@ -93,6 +93,7 @@ def test_a_model_of_measures_learns_from_them_and_one_of_steps_says_why_not(told
 WRONG = {
     "an unknown run": ("a,b,choice\nr0,r99,a\n", "answers.csv, pair 1, b = 'r99': no run of that name"),
     "neither": ("a,b,choice\nr0,r1,both\n", "answers.csv, line 2, column choice = 'both': must be a, b, r0 or r1"),
+    "either": ("a,b,choice\nb,a,a\n", "column choice = 'a': must be a, b, b or a, and may mean either here"),
     "no choice": ("a,b\nr0,r1\n", "column 'choice' is missing; answers need a, b, choice"),
     "one answer": ("a,b,choice\nr0,r5,a\n", "only 1 usable answers of people, at least 2 are needed"),
     "nothing": ("a,b,choice\n", "answers.csv: holds no answer"),

@@ -246,6 +246,18 @@ def test_a_cut_or_vast_picture_is_refused_before_it_is_read(tmp_path):
         read_map(path)
 
 
+def test_a_map_of_sixteen_bits_or_of_endless_length_is_refused(tmp_path):
+    path = draw_map(tmp_path)
+    Image.fromarray(np.full((60, 80), 40_000, dtype=np.uint16)).save(tmp_path / "map.png")
+    path.write_text(MAP.replace("map.pgm", "map.png"))
+    with pytest.raises(ProtocolError, match="has more than 8 bits a cell"):
+        read_map(path)
+    Image.fromarray(np.full((2, 33_000), 254, dtype=np.uint8)).save(tmp_path / "map.pgm")
+    path.write_text(MAP)
+    with pytest.raises(ProtocolError, match="is 33,000 cells long"):
+        read_map(path)
+
+
 def test_a_setup_says_what_is_wrong_with_its_building(own):
     with pytest.raises(SetupError, match=r"world.building.map = 'nowhere.yaml'|nowhere.yaml:1"):
         own("{map: nowhere.yaml}")
@@ -279,6 +291,16 @@ def test_the_building_of_the_guide_is_checked_and_driven_in(tmp_path):
     assert (told["valid"], told["exit_code"]) == (False, 1)
     assert "did you mean turtlebot3_burger?" in told["errors"][0]["message"]
     assert told["errors"][0]["line"] == 1
+    for was, instead, problem in (
+        ("way_m: [1.5, 6.0]", "way_m: [6.0, 1.5]", "the shorter one first"),
+        ("height: 0.75", "height: 0.1", "must exceed the lidar's 0.172 m"),
+        ("x: 2, y: 3", "x: 0.2, y: 3", "overlaps obstacles"),
+        ("[8, 0, 8, 6]", "[8, 0, 900, 6]", "at most 500 m are plausible"),
+    ):
+        (tmp_path / fence.file).write_text(fence.text.replace(was, instead))
+        told = run("setup", "check", str(folder))
+        assert (told["valid"], told["exit_code"]) == (False, 1)
+        assert problem in told["errors"][0]["message"]
 
 
 def test_robots_are_checked_by_name_and_by_file(tmp_path):

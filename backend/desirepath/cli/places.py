@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from desirepath.cli.output import JsonFlag, say
+from desirepath.cli.output import JsonFlag, plain_errors, say
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -22,6 +22,7 @@ SCENES = 20  # drawn to see whether a setup gives any
 
 
 @robots.command("check")
+@plain_errors
 def check_robot(
     file: Annotated[Path, typer.Argument(help="A robot.yaml, or the name of a shipped robot.")],
     picture: Annotated[Path | None, typer.Option(help="Draw it from above into this file: PNG, SVG or PDF.")] = None,
@@ -43,6 +44,7 @@ def check_robot(
 
 
 @setups.command("check")
+@plain_errors
 def check_setup_folder(
     folder: Annotated[Path, typer.Argument(help="A folder with a setup.yaml, whose name is the setup's.")],
     as_json: JsonFlag = False,
@@ -51,7 +53,8 @@ def check_setup_folder(
     from desirepath.simulation.setup_files import check_setup
 
     setup = _checked(lambda: check_setup(folder.resolve()), as_json)
-    say({"valid": True, "errors": [], "setup": setup.name, **_described(setup)}, as_json)
+    told = _checked(lambda: _described(setup, folder), as_json)
+    say({"valid": True, "errors": [], "setup": setup.name, **told}, as_json)
 
 
 def _checked(read: Callable[[], T], as_json: bool) -> T:
@@ -79,9 +82,13 @@ def left_out(robot: Robot) -> list[str]:
     return [what for what, missing in assumed.items() if missing]
 
 
-def _described(setup: Setup) -> dict[str, Any]:
-    """What a setup's building has, and what scenes drawn in it are like."""
-    from desirepath.simulation.scenes import draw_scenes, map_of
+def _described(setup: Setup, folder: Path) -> dict[str, Any]:
+    """What a setup's building has, and what scenes drawn in it are like. Raises ProtocolError for scenes that cannot be
+    drawn, or not be driven in."""
+    from desirepath.grammar.source import Problem, ProtocolError
+    from desirepath.simulation.scene import SceneError
+    from desirepath.simulation.scenes import check_scene, draw_scenes, map_of
+    from desirepath.simulation.setups import SETUP_FILE
 
     told: dict[str, Any] = {}
     here = map_of(setup)
@@ -93,7 +100,12 @@ def _described(setup: Setup) -> dict[str, Any]:
             "in_reach_m2": round(float(here.roomy(setup.robot.radius_m).sum()) * cells, 1),
             "unknown_share": round(float(here.unknown.mean()), 3),
         }
-    scenes = draw_scenes(setup, range(SCENES))
+    try:
+        scenes = draw_scenes(setup, range(SCENES))
+        for scene in scenes:
+            check_scene(scene, setup)
+    except SceneError as wrong:
+        raise ProtocolError([Problem(str(folder / SETUP_FILE), 1, f"scene.{wrong.field}", None, str(wrong))]) from None
     ways = sorted(math.dist((one.start.x, one.start.y), (one.goal.x, one.goal.y)) for one in scenes)
     told["scenes"] = {"drawn": len(ways), "shortest_m": round(ways[0], 2), "longest_m": round(ways[-1], 2)}
     return told

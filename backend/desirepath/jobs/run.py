@@ -95,14 +95,18 @@ def _do(settings: Settings, job_id: str, attempt: str | None) -> ExitCode:
         try:
             progress.give_way()
             result = _work(JobContext(settings, database, files, job, progress))
-            patiently(progress.write)
-            print(f"done in {time.monotonic() - began:.1f} s", flush=True)
-            patiently(lambda: _keep(database, job_id, attempt, result))
         except Exception as problem:
             if _passes(problem):
                 raise
             traceback.print_exc()
             patiently(progress.write)
+            return patiently(functools.partial(_fail, database, job_id, attempt, problem))
+        patiently(progress.write)
+        print(f"worked for {time.monotonic() - began:.1f} s", flush=True)
+        try:
+            patiently(lambda: _keep(database, job_id, attempt, result))
+        except ValidationError as problem:  # whatever else hinders it, the job is tried again
+            traceback.print_exc()
             return patiently(functools.partial(_fail, database, job_id, attempt, problem))
         return ExitCode.DONE
 

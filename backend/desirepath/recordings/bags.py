@@ -49,6 +49,7 @@ SAME_PERSON_M, FASTEST_M_S, FORGOTTEN_S = (
     2.5,
     1.0,
 )  # who is who in a PoseArray: the nearest who may have come there
+MOST_AT_ONCE = 100  # poses without names in a message
 BRIEF_S = 1.0  # whom a detector saw for less is left out
 _NUMBER = re.compile(r"(\d+)")
 
@@ -253,7 +254,7 @@ def _read_sqlite(file: Path, bag: _Bag, wanted: set[str], bounds: Bounds) -> Non
                 bag.add(named[number], data, logged_ns, bounds)
         finally:
             connection.close()
-    except (sqlite3.Error, ValueError, OverflowError) as wrong:
+    except (sqlite3.Error, TypeError, ValueError, OverflowError) as wrong:
         if isinstance(wrong, RecordingError):
             raise
         raise RecordingError(file.name, f"after message {bag.messages}", None, f"is cut or damaged: {wrong}") from None
@@ -294,7 +295,7 @@ def _recording(source: Source, path: Path, bag: _Bag, mapping: Mapping, bounds: 
     people = {}
     if people_topic is not None and topics.people is not None:
         _require_frame(bag, topics.people, people_topic, frame)
-        ways = _named(people_topic) if people_topic.kind == PEOPLE else _told_apart(people_topic, how)
+        ways = _named(people_topic) if people_topic.kind == PEOPLE else _told_apart(bag.name, people_topic, how)
         for who, seen in ways.items():
             if who in mapping.leave_out:
                 continue
@@ -371,12 +372,21 @@ def _named(topic: _Topic) -> dict[str, Seen]:
     return dict(found)
 
 
-def _told_apart(topic: _Topic, how: list[str]) -> dict[str, Seen]:
+def _told_apart(file: str, topic: _Topic, how: list[str]) -> dict[str, Seen]:
     """Poses without names as ways of people: who is nearest to where somebody was just before is the same one."""
     ways: list[Seen] = []
+    recent: list[Seen] = []
+    brief = 0
     for number, one in topic.messages:
         left = [place for _, place in one.bodies if math.isfinite(place[0]) and math.isfinite(place[1])]
-        recent = [way for way in ways if 0 < one.time_s - way[-1][1] <= FORGOTTEN_S]
+        if len(left) > MOST_AT_ONCE:
+            raise RecordingError(
+                file, f"topic people, message {number}", len(left), f"poses; at most {MOST_AT_ONCE} are told apart"
+            )
+        over = [way for way in recent if not 0 < one.time_s - way[-1][1] <= FORGOTTEN_S]
+        recent = [way for way in recent if 0 < one.time_s - way[-1][1] <= FORGOTTEN_S]
+        lasting = [way for way in over if way[-1][1] - way[0][1] >= BRIEF_S]
+        ways, brief = ways + lasting, brief + len(over) - len(lasting)
         near = sorted(
             (math.dist(way[-1][2][:2], place[:2]), w, p) for w, way in enumerate(recent) for p, place in enumerate(left)
         )
@@ -388,14 +398,13 @@ def _told_apart(topic: _Topic, how: list[str]) -> dict[str, Seen]:
                 met_ways.add(w)
                 met_places.add(p)
                 recent[w].append((number, one.time_s, left[p]))
-        ways += [[(number, one.time_s, place)] for p, place in enumerate(left) if p not in met_places]
-        if len(ways) > 2_000:
-            break
-    kept = [way for way in ways if way[-1][1] - way[0][1] >= BRIEF_S]
-    if ways:
+        recent += [[(number, one.time_s, place)] for p, place in enumerate(left) if p not in met_places]
+    lasting = [way for way in recent if way[-1][1] - way[0][1] >= BRIEF_S]
+    kept, brief = sorted(ways + lasting, key=lambda way: way[0]), brief + len(recent) - len(lasting)
+    if kept or brief:
         how.append("poses of people have no names: the nearest to where somebody was just before is the same person")
-    if len(kept) < len(ways):
-        how.append(f"{len(ways) - len(kept)} people who were seen for less than {BRIEF_S:g} s were left out")
+    if brief:
+        how.append(f"{brief} people who were seen for less than {BRIEF_S:g} s were left out")
     return {str(k): way for k, way in enumerate(kept, start=1)}
 
 

@@ -46,6 +46,11 @@ def convert(recording: Recording, setup: Setup, bounds: Bounds = BOUNDS) -> Conv
     if duration > bounds.run_s:
         problem = f"at most {bounds.run_s:g} s, since people watch it to its end; cut it into `runs` in the mapping"
         raise RecordingError(file, f"run {run!r}, duration", round(duration, 3), problem)
+    if (waits := np.diff(robot.times_s)).max() > bounds.gap_s:
+        problem = (
+            f"nothing is known of the robot for so many seconds; at most {bounds.gap_s:g}: cut it into `runs` there"
+        )
+        raise RecordingError(file, f"run {run!r}, gap", round(float(waits.max()), 3), problem)
     at_s = step_times(float(robot.times_s[0]), float(robot.times_s[-1]))
     poses = resample(robot.times_s, robot.poses, at_s)
     has, how = ["poses"], [METHOD, *recording.how]

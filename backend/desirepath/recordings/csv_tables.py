@@ -57,6 +57,7 @@ KINDS = (ROBOT, PERSON, OBSTACLE, GOAL)
 PAIR_COLUMNS = ("a", "b")
 DELIMITERS = ",;\t"
 MOST_COLUMNS = 500
+LONGEST_LINE = 1_000_000
 LONGEST_CODE = 40
 _BRACKETED = re.compile(r"(?P<name>[^\[(]*?)[ _]*[\[(] *(?P<unit>[^\])]*?) *[\])]")
 
@@ -142,11 +143,12 @@ def read_answers(path: Path, bounds: Bounds = BOUNDS) -> tuple[list[GivenAnswer]
     found = []
     for line, row in rows:
         of = dict(zip(names, (cell.strip() for cell in row), strict=True))
-        chosen = next((side for side in ("a", "b") if of["choice"] in (side, side.upper(), of[side])), None)
-        if chosen is None:
-            raise RecordingError(
-                path.name, f"line {line}, column choice", of["choice"], f"must be a, b, {of['a']} or {of['b']}"
-            )
+        fits = [side for side in ("a", "b") if of["choice"] in (side, side.upper(), of[side])]
+        if len(fits) != 1:
+            sides = f"must be a, b, {of['a']} or {of['b']}"
+            problem = f"{sides}, and may mean either here: rename the runs" if fits else sides
+            raise RecordingError(path.name, f"line {line}, column choice", of["choice"], problem)
+        (chosen,) = fits
         person = of.get("person", "") or "1"
         if len(person) > LONGEST_CODE:
             raise RecordingError(path.name, f"line {line}, column person", person, f"at most {LONGEST_CODE} characters")
@@ -172,8 +174,13 @@ def _table(file: str, content: bytes, bounds: Bounds) -> tuple[list[str], Iterat
         raise RecordingError(file, f"line {wrong.line}", None, str(wrong)) from None
     if not text.strip():
         raise RecordingError(file, "", None, "is empty: it has no line but white space")
+    longest = max(map(len, text.split("\n")))
+    if longest > LONGEST_LINE:
+        raise RecordingError(file, "", longest, f"characters in a line; at most {LONGEST_LINE} are read")
     first = text.lstrip("\n").split("\n", 1)[0]
     delimiter = max(DELIMITERS, key=first.count)
+    if first.count(delimiter) >= MOST_COLUMNS:
+        raise RecordingError(file, "line 1", first.count(delimiter) + 1, f"columns; at most {MOST_COLUMNS} are read")
     reader = csv.reader(io.StringIO(text), delimiter=delimiter)
     try:
         heads = next((row for row in reader if any(cell.strip() for cell in row)), [])
@@ -307,6 +314,7 @@ def _read_long(
             raise RecordingError(file, "line 1, heads", None, problem)
     runs: dict[str, _Run] = {}
     everywhere: list[tuple[str, Thing]] = []  # scene or "" -> things of rows that name no run
+    goals: list[tuple[str, Goal]] = []  # likewise
 
     def text(row: Sequence[str], ours: str) -> str:
         return row[found[ours].place].strip() if ours in found else ""
@@ -332,18 +340,24 @@ def _read_long(
             if len(everywhere) > bounds.things:
                 raise RecordingError(file, f"line {line}", len(everywhere), f"obstacles; at most {bounds.things}")
             continue
-        run = _run_of(runs, name or path.stem, scene or path.stem, file, line, bounds)
         x, y = _place(file, line, row, found, mapping)
         yaw = _number(file, line, row, found["yaw"]) if text(row, "yaw") else math.nan
         if kind == GOAL:
             radius = _number(file, line, row, found["radius"]) if text(row, "radius") else None
             if radius is not None and radius <= 0:
                 raise RecordingError(file, f"line {line}, column {found['radius'].head}", radius, "must be above 0")
-            run.goal = Goal(x, y, 0.0 if math.isnan(yaw) else yaw, radius)
+            goals.append((scene, Goal(x, y, 0.0 if math.isnan(yaw) else yaw, radius)))
+            if name:
+                _run_of(runs, name, scene or path.stem, file, line, bounds).goal = goals.pop()[1]
             continue
+        run = _run_of(runs, name or path.stem, scene or path.stem, file, line, bounds)
         body = _body_of(run, kind, ROBOT if kind == ROBOT else who, file, line, bounds)
         body.lines.append(line)
         body.rows.append((_number(file, line, row, found["time"]), x, y, yaw))
+    for scene, goal in goals:
+        for run in runs.values():
+            if scene in ("", run.scene) and run.goal is None:
+                run.goal = goal
     for scene, thing in everywhere:
         for run in runs.values():
             if scene in ("", run.scene):

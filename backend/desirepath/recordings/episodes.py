@@ -173,7 +173,7 @@ def _table(file: Path, names: Sequence[str], bounds: Bounds) -> pa.Table:
         for group in range(about.num_row_groups):
             for column in range(about.num_columns):
                 one = about.row_group(group).column(column)
-                if one.path_in_schema.split(".")[0] in names or one.path_in_schema in names:
+                if any((one.path_in_schema + ".").startswith((f"{name}.", f"{name.split('.')[0]}.")) for name in names):
                     numbers, unpacked = numbers + one.num_values, unpacked + one.total_uncompressed_size
         if numbers > MOST_NUMBERS or unpacked > bounds.file_bytes:
             problem = f"numbers in {unpacked} bytes; at most {MOST_NUMBERS} in {bounds.file_bytes} are read"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -15,6 +16,8 @@ from desirepath.recordings.mapping import Mapping, Run
 from desirepath.recordings.pairs import given_pairs, propose_pairs
 from desirepath.recordings.recording import BOUNDS, Bounds, Goal, Recording, RecordingError, Track
 from desirepath.simulation.setups import get_setup
+
+MOST_IN_ALL = 2_000  # people in a recording that is cut into runs
 
 Pairs = Literal["given", "proposed"]
 Reader = Callable[[Path, Mapping, Bounds], list[Recording]]
@@ -70,8 +73,10 @@ def import_recordings(
         raise RecordingError(
             path.name, "setup", setup, "judges by what its robot was told, which is not recorded; use study_room"
         )
-    files, pair_file = _files(path, mapping, bounds)
-    recordings = [one for file, kind in files for one in _pieces(READERS[kind](file, mapping, bounds), mapping)]
+    files, pair_file = _files(path, mapping, bounds, answers)
+    # What `runs` cuts apart may have pauses and more people in all: each piece is judged when it is converted.
+    loose = replace(bounds, gap_s=math.inf, people=MOST_IN_ALL) if mapping.runs else bounds
+    recordings = [one for file, kind in files for one in _pieces(READERS[kind](file, mapping, loose), mapping)]
     if len(recordings) > bounds.runs:
         raise RecordingError(path.name, "runs", len(recordings), f"at most {bounds.runs} are read")
     recordings = [_placed(one, mapping) for one in recordings]
@@ -111,8 +116,10 @@ def import_recordings(
     )
 
 
-def _files(path: Path, mapping: Mapping, bounds: Bounds) -> tuple[list[tuple[Path, str]], Path | None]:
-    """The recordings with their formats, in order, and the list of pairs that lies with them."""
+def _files(
+    path: Path, mapping: Mapping, bounds: Bounds, answers: Path | None = None
+) -> tuple[list[tuple[Path, str]], Path | None]:
+    """The recordings with their formats, in order, and the list of pairs that lies with them; `answers` is neither."""
     if not path.exists():
         raise RecordingError(str(path), "", None, "there is no such file or folder")
     if path.is_file():
@@ -126,7 +133,8 @@ def _files(path: Path, mapping: Mapping, bounds: Bounds) -> tuple[list[tuple[Pat
     pair_file = next((one for one in inside if csv_tables.is_pairs(one)), None)
     whole = {folder: kind for folder in sorted({one.parent for one in inside}) if (kind := _folder_format(folder))}
     lies_in = {one: any(folder in whole for folder in one.parents) for one in inside}
-    taken = [one for one in inside if one.suffix.lower() in SUFFIXES and one != pair_file and not lies_in[one]]
+    apart = {pair_file, *(one for one in inside if answers is not None and one.samefile(answers))}
+    taken = [one for one in inside if one.suffix.lower() in SUFFIXES and one not in apart and not lies_in[one]]
     taken = sorted([*taken, *whole])
     if not taken:
         found = sorted({one.suffix for one in inside})[:10]

@@ -81,6 +81,8 @@ def read_socnav3(path: Path, mapping: Mapping, bounds: Bounds = BOUNDS) -> list[
             where = f"{at}.objects[{j}]"
             found = _thing(path.name, where, thing, mapping, how)
             first = things.setdefault(_identity(path.name, where, thing), found)
+            if len(things) > bounds.things:
+                raise RecordingError(path.name, where, len(things), f"objects; at most {bounds.things} are read")
             if math.dist((first.x, first.y), (found.x, found.y)) > 0.1:
                 how.append("objects that were moved stay where they were first")
         if isinstance(frame.get("goal"), dict) and goal is None:

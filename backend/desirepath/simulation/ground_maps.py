@@ -24,6 +24,7 @@ from desirepath.grammar.source import ProtocolError, Source, file_text
 from desirepath.simulation import kernels as k
 
 MOST_CELLS = 4_000 * 4_000  # 200 x 200 m at 5 cm
+LONGEST_CELLS = 32_000  # cells are numbered with 16 bits
 MOST_BYTES = 64 * 1024**2  # of the picture's file
 PICTURES = ("PPM", "PNG", "BMP")  # Pillow's PPM reads PGM
 LARGEST_M = 500.0  # side of a plausible building
@@ -182,6 +183,10 @@ def _read_picture(picture: Path, refuse: Callable[[str, str], ProtocolError]) ->
         if picture.stat().st_size > MOST_BYTES:
             raise refuse("image", f"has {picture.stat().st_size:,} bytes; at most {MOST_BYTES:,} are read")
         with Image.open(picture, formats=PICTURES) as image:
+            if image.mode.startswith("I") or image.mode == "F":
+                raise refuse("image", "has more than 8 bits a cell; save it with 8, as map_server does")
+            if max(image.size) > LONGEST_CELLS:
+                raise refuse("image", f"is {max(image.size):,} cells long; at most {LONGEST_CELLS:,} are read")
             if image.width * image.height > MOST_CELLS:
                 raise refuse("image", f"has {image.width} x {image.height} cells; at most {MOST_CELLS:,} are read")
             grey = np.asarray(image.convert("L"), dtype=np.float64)

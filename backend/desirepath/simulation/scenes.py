@@ -46,20 +46,26 @@ def map_of(setup: str | Setup) -> GroundMap | None:
     return load_map(plan.map) if plan and plan.map else None
 
 
-def ground_of(scene: Scene) -> k.Ground | None:
-    """What the compiled functions need of the map that a scene lies in. Raises SceneError where its setup has another
-    one by now."""
+def _own_map(scene: Scene, setup: Setup | None = None) -> GroundMap | None:
+    """The map that a scene lies in. Raises SceneError where its setup has another one by now."""
     if scene.ground is None:
         return None
-    here = map_of(scene.setup)
+    here = map_of(setup or scene.setup)
     if here is None or here.sha256 != scene.ground:
         raise SceneError("ground", scene.ground[:12], f"is not the map that setup {scene.setup} has now")
-    return here.ground
+    return here
+
+
+def ground_of(scene: Scene, setup: Setup | None = None) -> k.Ground | None:
+    """What the compiled functions need of the map that a scene lies in. Raises SceneError where its setup has another
+    one by now."""
+    here = _own_map(scene, setup)
+    return here.ground if here else None
 
 
 def walls_of(scene: Scene) -> NDArray[np.float64]:
     """(n, 4) what is occupied in the map that a scene lies in, as rectangles: smallest x and y, largest x and y (m)."""
-    here = map_of(scene.setup) if scene.ground else None
+    here = _own_map(scene)
     return here.walls if here else np.zeros((0, 4))
 
 
@@ -295,9 +301,10 @@ def _check_walk(scene: Scene) -> None:
         raise SceneError("walk", begin.tolist(), f"must begin at person.pose {person}")
 
 
-def check_scene(scene: Scene) -> None:
-    """Raise SceneError naming field and value for a scene that cannot be run; return quietly otherwise."""
-    setup = _setup(scene.setup)
+def check_scene(scene: Scene, setup: Setup | None = None) -> None:
+    """Raise SceneError naming field and value for a scene that cannot be run; return quietly otherwise. setup: the
+    scene's, where it is not among the known ones."""
+    setup = setup or _setup(scene.setup)
     if scene.crowd is not None and not setup.crowded:
         raise SceneError("crowd", len(scene.crowd.pedestrians), f"no pedestrians walk in setup {setup.name}")
     if scene.crowd is None and setup.crowded:
@@ -313,7 +320,7 @@ def check_scene(scene: Scene) -> None:
     for name, height in heights.items():
         if height <= setup.robot.lidar.height_m:
             raise SceneError(name, height, f"must exceed the lidar's {setup.robot.lidar.height_m} m")
-    row, ground = scene_to_row(scene), ground_of(scene)
+    row, ground = scene_to_row(scene), ground_of(scene, setup)
     _check_bodies(scene, row, setup.robot.radius_m, ground)
     _check_walk(scene)
     if math.dist((scene.start.x, scene.start.y), (scene.goal.x, scene.goal.y)) <= scene.goal_radius:

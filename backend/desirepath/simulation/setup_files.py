@@ -13,7 +13,7 @@ from desirepath.grammar.error_words import meant, parse
 from desirepath.grammar.parts import FileName, Part, Slug
 from desirepath.grammar.source import Problem, ProtocolError, Source, file_text
 from desirepath.installed import DATASETS
-from desirepath.simulation.ground_maps import load_map
+from desirepath.simulation.ground_maps import LARGEST_M, load_map
 from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath.simulation.scene import OBSTACLE_KINDS, Obstacle, Pose
 from desirepath.simulation.setup_parts import ConditioningSettings, DemonstrationSettings, PreferenceSettings
@@ -82,6 +82,12 @@ def _wall(line: Sequence[float], thickness_m: float, height_m: float) -> Obstacl
     x1, y1, x2, y2 = line
     middle = Pose((x1 + x2) / 2, (y1 + y2) / 2, math.atan2(y2 - y1, x2 - x1))
     return Obstacle("wall", middle, math.dist((x1, y1), (x2, y2)) + thickness_m, thickness_m, height_m)
+
+
+def _extent_m(plan: FloorPlan) -> float:
+    """How far (m) its walls and furniture reach along x or y."""
+    corners = [corner for obstacle in plan.obstacles for corner in obstacle.corners()]
+    return max((max(axis) - min(axis) for axis in zip(*corners, strict=True)), default=0.0)
 
 
 class World(Part):
@@ -182,6 +188,11 @@ def check_setup(folder: Path) -> Setup:
         problem = "must be there for the world `building`, and for no other"
         problems.append(source.problem(("world", "building"), problem))
     plan = building.plan(folder) if building else None
+    if building and not building.way_m[0] < building.way_m[1]:
+        problems.append(source.problem(("world", "building", "way_m"), "must be two lengths, the shorter one first"))
+    if plan and (size := _extent_m(plan)) > LARGEST_M:
+        problem = f"reaches over {size:,.0f} m; at most {LARGEST_M:g} m are plausible"
+        problems.append(source.problem(("world", "building"), problem))
     if plan and plan.map:
         if plan.map.parent != folder.resolve():
             problems.append(source.problem(("world", "building", "map"), "must be the name of a file in this folder"))

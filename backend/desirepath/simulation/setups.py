@@ -30,6 +30,7 @@ FOLDERS_VARIABLE = "DESIREPATH_SETUPS"
 ENTRY_POINTS = "desirepath.setups"
 """Group of entry points of other packages. Each is the folder of one setup, or a function that returns it."""
 
+MOST_BEAMS = 28_800  # of a turn
 _STRICT = ConfigDict(extra="forbid")
 _NAME = re.compile("[a-z][a-z0-9_]{0,59}")
 Length = Annotated[float, Field(gt=0, le=1_000)]  # m
@@ -84,9 +85,10 @@ class Lidar:
         if self.all_round:
             return
         whole = self.sectors * 2 * math.pi / self.field_of_view_rad
-        if self.sectors % 2 or abs(whole - round(whole)) > 1e-3:
+        if self.sectors % 2 or abs(whole - round(whole)) > 0.01 or self.beams_of_a_turn > MOST_BEAMS:
             raise SetupError(
-                f"sectors = {self.sectors}: must be even, and of a size of which a whole number makes a turn; "
+                f"sectors = {self.sectors}: must be even, and of a size of which a whole number makes a turn, with at "
+                f"most {MOST_BEAMS:,} beams; "
                 f"{math.degrees(self.field_of_view_rad):g} degrees have {whole:g} of them in a turn"
             )
 

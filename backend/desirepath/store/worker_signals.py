@@ -145,12 +145,13 @@ class SignalListener:
                     connection.execute(f"LISTEN {CHANNEL}")
                     self.hears = True
                     self._on_signal(Signal.JOB_QUEUED)  # it may have been told before
+                    waking = select.poll()  # psycopg's own waiting wakes up ten times a second
+                    waking.register(connection.fileno(), select.POLLIN)
                     while True:
-                        # psycopg's own waiting wakes up ten times a second
-                        if not select.select([connection], [], [], CHECK_CONNECTION_S)[0]:
-                            connection.execute("SELECT 1")
-                        for notice in connection.notifies(timeout=0):
+                        for notice in connection.notifies(timeout=0):  # also what came with the last reply
                             self._tell(notice.payload)
+                        if not waking.poll(CHECK_CONNECTION_S * 1000):
+                            connection.execute("SELECT 1")
             except psycopg.Error as problem:
                 self.hears = False
                 log.warning("the connection for signals was lost and is made again", problem=str(problem)[:200])

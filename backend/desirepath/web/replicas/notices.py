@@ -131,12 +131,17 @@ class PostgresNotices(Notices):
         self._listening.wait(HOLD_PATIENCE_S)
 
     def close(self) -> None:
+        if self._ending.is_set():
+            return
         self._ending.set()
         os.write(self._end, b".")
         self._orders.put(None)
         for thread in self._threads:
             if thread.is_alive():
                 thread.join(CLOSE_PATIENCE_S)
+        if not self._threads[0].is_alive():
+            os.close(self._end)
+            os.close(self._ended)
 
     def tell(self, topic: str, key: str, **data: Any) -> None:
         payload = json.dumps({"from": self.process_id, "topic": topic, "key": key, "data": data})
@@ -177,12 +182,14 @@ class PostgresNotices(Notices):
                         self._orders.put(("look", "", None))
                         self.tell_missed()
                     before = True
+                    waking = select.poll()  # psycopg's own waiting wakes up ten times a second
+                    for descriptor in (connection.fileno(), self._ended):
+                        waking.register(descriptor, select.POLLIN)
                     while not self._ending.is_set():
-                        # psycopg's own waiting wakes up ten times a second
-                        if not select.select([connection.fileno(), self._ended], [], [], CHECK_CONNECTION_S)[0]:
-                            connection.execute("SELECT 1")
-                        for notify in connection.notifies(timeout=0):
+                        for notify in connection.notifies(timeout=0):  # also what came with the last reply
                             self._take(notify.payload)
+                        if not waking.poll(CHECK_CONNECTION_S * 1000):
+                            connection.execute("SELECT 1")
             except self._psycopg.Error as problem:
                 log.warning("the connection for notices was lost and is made again", problem=str(problem)[:200])
                 self._ending.wait(AGAIN_AFTER_S)
