@@ -194,7 +194,7 @@ def test_scenes_of_an_own_world_leave_the_robot_its_room(lab):
 def test_commands_and_forms_offer_it(lab):
     asked = """
 from desirepath.jobs.kinds import get_kind
-print(get_kind("train_base").read({"setup": "porter_room"}).setup)
+print(get_kind("train_base").parse({"setup": "porter_room"}).setup)
 import gymnasium, desirepath.gymnasium_envs
 print(gymnasium.make("desirepath/porter_passage-v0").reset(seed=1)[0].shape)
 """
