@@ -157,7 +157,7 @@ def test_the_form_takes_weights_of_conditioned_policies_alone(analyst, services)
 
 
 def test_comparisons_of_before_are_read_and_asked_for_as_they_were():
-    old = get_kind("compare").read({"policy_a": "study_room/base", "policy_b": "study_room/ensemble/1"})
+    old = get_kind("compare").parse({"policy_a": "study_room/base", "policy_b": "study_room/ensemble/1"})
     assert "weights_a" not in old.asked()
     with pytest.raises(JobParamsError, match="weights_b"):
         get_kind("compare").parse({"policy_a": "a", "policy_b": "b", "weights_b": "far"})

@@ -59,7 +59,7 @@ DELIMITERS = ",;\t"
 MOST_COLUMNS = 500
 LONGEST_LINE = 1_000_000
 LONGEST_CODE = 40
-_BRACKETED = re.compile(r"(?P<name>[^\[(]*?)[ _]*[\[(] *(?P<unit>[^\])]*?) *[\])]")
+_BRACKETED = re.compile(r"(?P<name>[^\[(]*)[\[(](?P<unit>[^\])]*)[\])]")
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ def _split_head(head: str) -> tuple[str, str | None]:
     plain = head.strip().lower()
     bracketed = _BRACKETED.fullmatch(plain)
     if bracketed:
-        return bracketed["name"], bracketed["unit"]
+        return bracketed["name"].rstrip(" _"), bracketed["unit"].strip()
     name, _, last = plain.rpartition("_")
     if name and any(last in units for units in (LENGTHS, ANGLES, TIMES)):
         return name, last

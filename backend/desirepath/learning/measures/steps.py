@@ -161,7 +161,7 @@ class Reference:
 
 def _shown_pairs() -> Mapping[str, str]:
     """Setup -> its shipped varied queries, the most where there are several sets."""
-    sets = sorted((int(named[1]), named[0]) for named in map(_VARIED.fullmatch, shipped_names()) if named)
+    sets = sorted((int(named[1]), named[0]) for named in (_VARIED.fullmatch(name) for name in shipped_names()) if named)
     return {name.partition("/")[0]: name for _, name in sets}
 
 
