@@ -71,10 +71,6 @@ class GroundMap:
     def size_m(self) -> tuple[float, float]:
         return self.occupied.shape[0] * self.cell_m, self.occupied.shape[1] * self.cell_m
 
-    @property
-    def centre(self) -> tuple[float, float]:
-        return self.origin[0] + self.size_m[0] / 2, self.origin[1] + self.size_m[1] / 2
-
     @cached_property
     def ground(self) -> k.Ground:
         """The tables for the compiled functions."""
@@ -97,23 +93,9 @@ class GroundMap:
         away = ndimage.distance_transform_edt(~self.blocked) - 0.5
         return np.asarray(np.maximum(away, 0) * self.cell_m, dtype=np.float32)
 
-    def places(self, cells: NDArray[np.int64]) -> NDArray[np.float64]:
-        """(n, 2) the centres of cells (n, 2), metres."""
-        centres: NDArray[np.float64] = np.asarray(self.origin) + (cells + 0.5) * self.cell_m
-        return centres
-
-    def cell(self, x: float, y: float) -> tuple[int, int]:
-        """The cell of a place."""
-        return math.floor((x - self.origin[0]) / self.cell_m), math.floor((y - self.origin[1]) / self.cell_m)
-
     def roomy(self, clearance_m: float) -> Bools:
         """(columns, lines) where a disc of that radius fits, in the largest part that hangs together."""
-        from scipy import ndimage
-
-        parts, _ = ndimage.label(self.apart_m >= clearance_m)
-        sizes = np.bincount(parts.ravel())
-        sizes[0] = 0
-        return np.asarray(parts == sizes.argmax()) if sizes.any() else np.zeros(parts.shape, dtype=np.bool_)
+        return largest_part(self.apart_m >= clearance_m)
 
     @cached_property
     def walls(self) -> NDArray[np.float64]:
@@ -131,6 +113,14 @@ class GroundMap:
             rectangles.append((i, j, i + right, j + up))
         walls = np.array(rectangles, dtype=np.float64).reshape(-1, 4) * self.cell_m
         return np.asarray(walls + np.tile(self.origin, 2))
+
+
+def largest_part(free: Bools) -> Bools:
+    """(columns, lines) of the free cells those of the largest part that hangs together; none where none is free."""
+    from scipy import ndimage
+
+    parts, count = ndimage.label(free)
+    return np.asarray(parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])) if count else free
 
 
 def framed(occupied: Bools, unknown: Bools, cell_m: float, origin: tuple[float, float]) -> GroundMap:

@@ -165,8 +165,9 @@ def _fill_in_robot(source: Source, folder: Path) -> None:
     if (path.parent != folder and named not in shipped) or not path.is_file():
         problem = f"is no file in this folder and no shipped robot, {', '.join(shipped)}{meant(named, list(shipped))}"
         raise ProtocolError([source.problem(("robot",), problem)])
-    read_robot(path)
-    source.data["robot"] = Source(str(path), file_text(path)).data["robot"]
+    described = Source(str(path), file_text(path))
+    parse(described, RobotFile)
+    source.data["robot"] = described.data["robot"]
 
 
 def check_setup(folder: Path) -> Setup:

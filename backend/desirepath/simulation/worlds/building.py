@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from desirepath.simulation import kernels as k
 from desirepath.simulation.crowds import planning_kernels as plan_on
-from desirepath.simulation.ground_maps import GroundMap, load_map
+from desirepath.simulation.ground_maps import GroundMap, largest_part, load_map
 from desirepath.simulation.scene import Person, Pose, Scene, SceneError
 from desirepath.simulation.setups import FloorPlan, Setup
 from desirepath.simulation.worlds import SceneWorld
@@ -43,7 +43,7 @@ class _Places:
         self.low = low
         self.row = _row(Scene(setup.name, 0, Pose(0, 0), Pose(0, 0), 1.0, FAR_AWAY, plan.obstacles))
         robot_m = setup.robot.radius_m
-        self.free = _largest(self._fits(robot_m + ON_THE_WAY_M))
+        self.free = largest_part(self._fits(robot_m + ON_THE_WAY_M))
         self.roomy = np.argwhere(self.free & self._fits(robot_m + AT_ENDS_M))
         self.standing = self._fits(FAR_AWAY.radius + BESIDE_M) & ndimage.binary_dilation(self.free, iterations=5)
         if len(self.roomy) < 2:
@@ -89,11 +89,6 @@ def _extent(plan: FloorPlan, here: GroundMap | None) -> tuple[Doubles, Doubles]:
     if not len(corners):
         raise SceneError("plan", None, "has neither a map nor walls")
     return corners.min(axis=0), corners.max(axis=0)
-
-
-def _largest(free: Bools) -> Bools:
-    parts, count = ndimage.label(free)
-    return np.asarray(parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])) if count else free
 
 
 @lru_cache(maxsize=8)
