@@ -38,6 +38,9 @@ CHROMIUM_FLAGS = [
 ]
 
 
+PAGE_TIMEOUT_MS = 30_000
+"""What a page gets to show what is expected of it, on a busy machine too."""
+
 HERE = Path(__file__).parent
 BROWSER_FIXTURES = frozenset({"chromium"})
 SERVER_FIXTURES = frozenset({"postgres_server", "either", "installation", "rig", "small_disk"})
@@ -120,8 +123,9 @@ sys.addaudithook(_hold_fast_to_it)
 @pytest.fixture(scope="module")  # not longer: playwright keeps an event loop running, which other tests cannot have
 def chromium() -> Iterator["Browser"]:  # noqa: F821
     """Debian's Chromium with software WebGL, driven by playwright's sync API."""
-    from playwright.sync_api import sync_playwright
+    from playwright.sync_api import expect, sync_playwright
 
+    expect.set_options(timeout=PAGE_TIMEOUT_MS)
     executable = shutil.which("chromium")
     if executable is None:
         pytest.fail("Chromium is missing; `make test` installs it (scripts/setup_chromium.sh)")

@@ -109,7 +109,7 @@ def test_job_runs_to_an_artefact_with_card_and_lineage(rig):
     assert made.card["command"] == "desirepath jobs start evaluate --set policy=study_room/base --set scenes=40"
     assert made.card["results"]["n"] == 40
     assert made.card["results"]["success_rate"] > 0.8
-    assert "done in" in read_log(rig.settings, done.id)
+    assert "worked for" in read_log(rig.settings, done.id)
 
 
 def test_trained_policy_is_measured_afterwards(rig):

@@ -86,7 +86,7 @@ def test_a_killed_workers_job_is_done_by_another_machine(postgres_server: str, t
             until(lambda: len(machines(asked)) == 2, "nobody took the job over")
             taken_over_s = time.monotonic() - killed
             until(lambda: job(asked).state in FINAL_STATES, "the job did not end")
-            until(lambda: "done in" in log_of(job(asked)), "its log is not to be read where no file of it lies")
+            until(lambda: "worked for" in log_of(job(asked)), "its log is not to be read where no file of it lies")
         done = job(asked)
         assert done.state == "succeeded", done.error
         assert machines(asked) == [(first, "lost"), ({"alpha": "beta", "beta": "alpha"}[first], "succeeded")]

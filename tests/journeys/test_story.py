@@ -178,7 +178,7 @@ def test_2_a_participant_watches_one_pair_in_real_time(
     )
     assert refused.status_code == 409, refused.text
     watch_and_choose(page, by_keyboard=True)
-    expect(page.locator(f".step-body[data-key='{state['step']['key']}']")).to_have_count(0)
+    expect(page.locator(f".step-body[data-key='{state['step']['key']}']")).to_have_count(0, timeout=60_000)
     assert time.monotonic() - began >= shown_s - 0.5
     assert state_of(installation, token)["step"]["index"] == state["step"]["index"] + 1
     screenshots(page, "participant_second_trial")

@@ -112,7 +112,13 @@ def test_a_name_stands_over_what_is_seen_of_its_object_and_nowhere_where_nothing
     rank = {"do": "rank", "words": {thing: thing for thing in things}, "places": []}
     visitor.frame.evaluate("(rank) => window.desirePath.picking.obey(rank)", rank)
     visitor.wait_until(lambda: len(visitor.frame.evaluate(TAGS)) == 3, "everything has a name")
-    visitor.page.wait_for_timeout(500)
+
+    def gap_px() -> float:
+        (top,) = visitor.frame.evaluate(PLACES, [(3.75, 0.0, 1.9)])
+        return abs(visitor.frame.evaluate(TAGS)["cupboard"][0] - top[0])
+
+    visitor.wait_until(lambda: visitor.frame.evaluate(TAGS)["cupboard"], "the cupboard is seen")
+    visitor.wait_until(lambda: gap_px() < 40, "its name follows the view")
     tags = visitor.frame.evaluate(TAGS)
     assert tags["pillar"] is None, "the cupboard hides all of it"
     (top, middle, left) = visitor.frame.evaluate(PLACES, [(3.75, 0.0, 1.9), (5.5, 1.9, 0.8), (5.2, 3.1, 0.8)])

@@ -7,6 +7,7 @@ import io
 import json
 import re
 import zipfile
+from datetime import timedelta
 from urllib.parse import urljoin
 
 import pytest
@@ -17,7 +18,7 @@ from desirepath.installed import PROTOCOLS
 from desirepath.learning.policies.shipped import load_queries
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.store.artefacts import load_trajectory
-from desirepath.store.models import Base, Event, Participant, Response, Session, Study, Trial
+from desirepath.store.models import Base, Event, Participant, Response, Session, Study, Trial, utc_now
 from desirepath.store.query_sets import save_query_set
 from desirepath.study.protocol.freezing import freeze, freeze_text
 from desirepath.study.simulated.in_process import walk_in_process
@@ -235,7 +236,9 @@ def test_every_step_can_be_looked_at_in_both_languages_and_nothing_is_stored(lab
 # ---- one study ----
 
 
-def test_monitor_says_who_is_where_and_who_was_lost(lab, walked: Walked):
+def test_monitor_says_who_is_where_and_who_was_lost(lab, lab_services, walked: Walked):
+    with lab_services.database.transaction() as s:  # they walked when the first test of this process asked for them
+        s.execute(update(Session).values(last_seen_at=utc_now() - timedelta(minutes=1)))
     seen = lab.get(f"/api/lab/studies/{walked.id}/monitor").json()
     people = {p["code"]: p for p in seen["people"]}
     assert people[walked.finished]["presence"] == "here" or people[walked.finished]["presence"] == "completed"
