@@ -1,7 +1,7 @@
 """Answers that people gave elsewhere, as a snapshot: marked as imported, of no study, with its query set as parent.
 
 What learns from snapshots learns from these as from any other. There are no rows of answers and nobody takes part: who
-is to be forgotten is left out of the file, and the snapshot made anew.
+is to be forgotten is left out of the file, and the snapshot is rebuilt.
 """
 
 from __future__ import annotations

@@ -131,7 +131,7 @@ class AlignResult:
 
 
 class RelabelledBuffer:
-    """A replay buffer whose rewards are r*, and can be made anew when the weight changes."""
+    """A replay buffer whose rewards are r*, and can be recomputed when the weight changes."""
 
     def __init__(self, buffer: ReplayBuffer, reward: AlignReward) -> None:
         self.buffer, self._reward = buffer, reward
