@@ -3,8 +3,8 @@ SHELL := /bin/bash
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
-# Many tests wait for servers and browsers: one process more than cores. Whole files go to a process, long ones first.
-TEST_PROCESSES ?= $(shell expr $$(nproc) + 1)
+# Whole files go to a process, long ones first: a browser draws in software, so that more processes than cores hinder each other.
+TEST_PROCESSES ?= $(shell nproc)
 SIDE_BY_SIDE = -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
 
 .PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test lint lock secrets clean

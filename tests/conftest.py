@@ -72,7 +72,8 @@ _running: list[pytest.Item] = []
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give every test the first that fits of browser, server, slow and fast, by what it uses and where it lies.
 
-    Files with long tests come first, so that processes which share the files end at about the same time.
+    Files with long tests come first, so that processes which share the files end at about the same time; those with
+    browsers in turn with others, so that browsers, which draw in software, seldom draw beside each other.
     """
     ranks: dict[Path, int] = {}
     for item in items:
@@ -80,7 +81,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         speed = _speed_of(place, frozenset(getattr(item, "fixturenames", ())))
         item.add_marker(speed)
         ranks[item.path] = min(ranks.get(item.path, len(SPEEDS)), SPEEDS.index(speed))
-    items.sort(key=lambda item: ranks[item.path])
+    with_browser = [path for path, rank in ranks.items() if SPEEDS[rank] == "browser"]
+    others = sorted(ranks.keys() - set(with_browser), key=lambda path: (ranks[path], path))
+    places = {path: 2 * turn for turn, path in enumerate(with_browser)}
+    places |= {path: 2 * turn + 1 for turn, path in enumerate(others)}
+    items.sort(key=lambda item: places[item.path])
 
 
 def _speed_of(place: str, fixtures: frozenset[str]) -> str:
