@@ -1,4 +1,5 @@
-"""The robot and the person: a TurtleBot whose heading reads at a glance, a wooden mannequin that faces +x.
+"""The robot, a TurtleBot, a body of its own outline or its URDF, whose heading reads at a glance; the person, a wooden
+mannequin that faces +x.
 
 Both stand at the origin of their own frame, floor at z = 0. Looks only: what the robot hits is decided elsewhere, and
 how legs move is the page's (`client/people.js`).
@@ -7,13 +8,19 @@ how legs move is the page's (`client/people.js`).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import structlog
 from numpy.typing import NDArray
 
+from desirepath.grammar.source import ProtocolError
 from desirepath.simulation.setups import Robot
-from desirepath_stage.shapes import Colour, Shape, ball, box, disc, flat, limb, merge, rotate
+from desirepath.simulation.urdf import Look, read_looks
+from desirepath_stage.shapes import Colour, Shape, ball, box, disc, flat, limb, merge, prism, rotate
+
+log = structlog.get_logger("desirepath.stage")
 
 PERSON_DISC_RADIUS_M = 0.25  # ch. 7
 _MODEL_RADIUS_M, _MODEL_HEIGHT_M = 0.18, 0.42  # of the TurtleBot 2 that every robot is drawn as, in its own size
@@ -22,6 +29,7 @@ _GRAPHITE: Colour = (58, 60, 64)
 _GRAPHITE_LIGHT: Colour = (92, 95, 100)
 _PLATE: Colour = (196, 196, 192)
 _LAMP: Colour = (206, 244, 255)
+_DARKEST = 28  # of a URDF's colours: black would show no shape
 _WALNUT: Colour = (88, 58, 41)  # dark on every floor of `surfaces.py`, also where the page dims both
 _WALNUT_DARK: Colour = (58, 38, 28)
 _FACE: Colour = (112, 78, 54)
@@ -46,8 +54,69 @@ RIGHT = RobotColours(top=(232, 150, 66), lamp=(255, 240, 216))
 
 
 def robot(of: Robot, colours: RobotColours = NEUTRAL) -> Shape:
+    """What its URDF shows, where it has one that can be read; a body of its outline, where it is no disc; else a
+    TurtleBot 2 of its size. Opaque parts."""
+    if of.urdf is not None:
+        try:
+            return _pictured(read_looks(of.urdf), colours)
+        except ProtocolError as wrong:  # `desirepath robot check` tells the same
+            log.warning("robot_without_urdf", robot=of.name, problems=[str(problem) for problem in wrong.problems])
+    return _turtlebot(of, colours) if of.footprint is None else _outlined(of, of.footprint, colours)
+
+
+def _pictured(looks: Sequence[Look], colours: RobotColours) -> Shape:
+    """The parts of a URDF, flat faces; robots that are to be told apart have a tint of their own."""
+    tint, share = np.array(colours.top), 0.0 if colours == NEUTRAL else 0.45
+    parts = []
+    for look in looks:
+        corners = look.triangles.astype(np.float32)
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        paint = np.ones((3 * len(corners), 4), np.float32)
+        paint[:, :3] = ((1 - share) * np.maximum(look.colour, _DARKEST) + share * tint) / 255
+        faces = np.arange(3 * len(corners), dtype=np.uint32).reshape(-1, 3)
+        parts.append(Shape(corners.reshape(-1, 3), np.repeat(normals, 3, axis=0), paint, faces))
+    return merge(parts).lit(turning=True)
+
+
+def _outlined(of: Robot, footprint: tuple[tuple[float, float], ...], colours: RobotColours) -> Shape:
+    """A body of that outline: a dark skirt, a plate, a top with an arrow ahead, lamps on the sides that face ahead."""
+    outline, high = np.array(footprint), of.height_m
+    if sum(x * v - y * u for (x, y), (u, v) in zip(footprint, footprint[1:] + footprint[:1], strict=True)) < 0:
+        outline = outline[::-1]  # counter-clockwise
+    parts = [
+        prism(0.94 * outline, 0.02 * high, 0.34 * high, _GRAPHITE),
+        prism(outline, 0.30 * high, 0.42 * high, _PLATE),
+        prism(outline, 0.42 * high, 0.90 * high, _GRAPHITE_LIGHT),
+        prism(0.97 * outline, 0.90 * high, high, colours.top),
+    ]
+    ends = np.roll(outline, -1, axis=0)
+    for (ax, ay), (bx, by) in zip(outline, ends, strict=True):
+        if by - ay > 0.7 * math.dist((ax, ay), (bx, by)):  # it faces ahead
+            centre, length = ((ax + bx) / 2, (ay + by) / 2), math.dist((ax, ay), (bx, by))
+            lamp = box((0.012, 0.9 * length, 0.18 * high), (-0.004, 0, 0.62 * high), colours.lamp)
+            parts.append(lamp.moved(*centre, yaw=math.atan2(by - ay, bx - ax) - math.pi / 2))
+    half, nose = of.inscribed_m, 0.8 * front_m(of)
+    arrow = [(nose, 0.0), (nose - 0.9 * half, 0.5 * half), (nose - 0.65 * half, 0.0), (nose - 0.9 * half, -0.5 * half)]
+    parts += [flat([arrow[0], arrow[1], arrow[2]], high + 0.002, _GRAPHITE)]
+    parts += [flat([arrow[0], arrow[2], arrow[3]], high + 0.002, _GRAPHITE)]
+    return merge(parts).lit(turning=True)
+
+
+def front_m(of: Robot) -> float:
+    """How far (m) its body reaches straight ahead of its middle."""
+    if of.footprint is None:
+        return of.radius_m
+    crossings = [0.0]
+    for (ax, ay), (bx, by) in zip(of.footprint, of.footprint[1:] + of.footprint[:1], strict=True):
+        if (ay > 0) != (by > 0):
+            crossings.append(ax - ay / (by - ay) * (bx - ax))
+    return max(crossings)
+
+
+def _turtlebot(of: Robot, colours: RobotColours) -> Shape:
     """A TurtleBot 2 of the robot's radius and height: base, three plates on posts, a sensor bar, and a lamp arc at its
-    front (+x). Opaque parts."""
+    front (+x)."""
     r = _MODEL_RADIUS_M
     base = [(0, 0.012), (r * 0.92, 0.012), (r, 0.03), (r, 0.08), (r * 0.95, 0.098)]
     parts = [rotate(base, _GRAPHITE, segments=32), rotate([(r * 0.95, 0.098), (0, 0.1)], _GRAPHITE_LIGHT, segments=32)]
@@ -81,11 +150,10 @@ def _sized(shape: Shape, of: Robot) -> Shape:
 def robot_glow(of: Robot, colours: RobotColours = NEUTRAL) -> Shape:
     """What lies on the floor under the robot: its contact shadow and the light of its lamp ahead. Translucent."""
     shade = disc(0.25, 0.006, SHADE, alpha=0.62, rim_alpha=0.0)
-    reach, half = 0.58, 0.5
+    begin = _MODEL_RADIUS_M * 0.9 * front_m(of) / of.radius_m
+    reach, half = begin + 0.418, 0.5
     rays = 14
-    light = rotate(
-        [(reach, 0.008), (_MODEL_RADIUS_M * 0.9, 0.008)], colours.lamp, segments=rays, start=-half, stop=half
-    )
+    light = rotate([(reach, 0.008), (begin, 0.008)], colours.lamp, segments=rays, start=-half, stop=half)
     light.colours[: rays + 1, 3] = 0.0
     light.colours[rays + 1 :, 3] = 0.85
     return _sized(merge([shade, light]), of)
@@ -166,7 +234,7 @@ def goal_ring(radius: float) -> Shape:
 
 def robot_ring(of: Robot) -> Shape:
     """On the floor around a robot, which is found by it in any picture and keeps its own size. Translucent."""
-    return _ring(1.75 * of.radius_m, 0.045)
+    return _ring(of.radius_m + min(0.75 * of.radius_m, 0.15), 0.045)
 
 
 def _ring(radius: float, width: float) -> Shape:

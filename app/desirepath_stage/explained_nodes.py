@@ -14,6 +14,7 @@ import viser
 from desirepath.explain.shown_explanation import ShownAttention, ShownExplanation, solids_of
 from desirepath.simulation.crowds.crowd_setups import PED_DEPTH_M, PED_WIDTH_M
 from desirepath.simulation.scene import Obstacle, Scene
+from desirepath.simulation.scenes import solids_near
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath_stage import furniture
 from desirepath_stage.glb import Surface, to_glb
@@ -38,10 +39,10 @@ def add_explained(api: viser.SceneApi, root: str, scene: Scene, shown: ShownExpl
     _add(api, names["ring"], _ring(scene.goal_radius), (scene.goal.x, scene.goal.y))
     _add(api, names["line"], squares(DASHES, 4, _GREEN))
     robot = get_setup(scene.setup).robot
-    beams = robot.lidar.beams
+    lidar = robot.lidar
     if shown.lidar:
         names["rays"] = f"{root}/rays"
-        _add(api, names["rays"], squares(beams, CORNERS_PER_RAY, _GREEN))
+        _add(api, names["rays"], squares(lidar.beams, CORNERS_PER_RAY, _GREEN))
     objects = solids_of(scene, shown.things, (len(shown.scores) - 1) * CONTROL_DT_S)
     if shown.outlines:
         for index, obstacle in enumerate(objects):
@@ -63,9 +64,10 @@ def add_explained(api: viser.SceneApi, root: str, scene: Scene, shown: ShownExpl
         "scores": [list(moment) for moment in shown.scores],
         "thickest_m": THICKEST_M,
         "rays": names.get("rays", ""),
-        "beams": beams,
-        "range_m": robot.lidar.range_m,
-        "solids": [_solid(solid) for solid in scene.solids()],
+        "bearings": list(lidar.bearings()),
+        "mount": [lidar.x_m, lidar.y_m, lidar.yaw_rad],
+        "range_m": lidar.range_m,
+        "solids": [_solid(solid) for solid in solids_near(scene, lidar.range_m)],
         "person": {"name": "person", "x": person.pose.x, "y": person.pose.y, "radius": person.radius},
         "walker": [PED_DEPTH_M, PED_WIDTH_M],
         "robot_radius": robot.radius_m,

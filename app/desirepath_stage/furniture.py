@@ -11,8 +11,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.simulation.ground_maps import GroundMap
 from desirepath.simulation.scene import Obstacle, Room
-from desirepath_stage.shapes import Colour, Shape, ball, box, merge, rotate
+from desirepath_stage.shapes import Colour, Shape, ball, box, merge, quads, rotate
 
 MAP_WALL_HEIGHT_M = 2.0  # as `scene.Room`'s
 CUT_WALL_HEIGHT_M = 0.30  # seen from above, walls are cut low as in a plan, so that they hide nothing
@@ -28,6 +29,7 @@ _BRASS: Colour = (150, 122, 78)
 _PLASTER: Colour = (240, 234, 223)
 _SKIRTING: Colour = (206, 196, 180)
 _WALL_CAP: Colour = (190, 178, 160)
+_UNKNOWN: Colour = (176, 172, 165)
 _TERRACOTTA: Colour = (186, 120, 88)
 _SOIL: Colour = (88, 68, 54)
 _LEAF: Colour = (104, 134, 92)
@@ -321,15 +323,25 @@ def room_walls(room: Room, *, cut: bool) -> Shape:
     return merge(parts).lit()
 
 
-def map_walls(walls: NDArray[np.float64], *, cut: bool) -> Shape:
-    """What is occupied in a map, rectangles (n, 4) in metres, raised to walls; `cut` low as `room_walls`."""
+def map_walls(here: GroundMap, *, cut: bool) -> Shape:
+    """What is occupied in a map, raised to walls, `cut` low as `room_walls`; what is unknown, darker on the floor."""
     height = CUT_WALL_HEIGHT_M if cut else MAP_WALL_HEIGHT_M
-    parts = []
-    for x1, y1, x2, y2 in walls:
-        size, middle = (x2 - x1, y2 - y1), ((x1 + x2) / 2, (y1 + y2) / 2)
-        parts.append(box((*size, height - 0.02), (*middle, (height - 0.02) / 2), _PLASTER))
-        parts.append(box((*size, 0.02), (*middle, height - 0.01), _WALL_CAP))
-    return merge(parts).lit()
+    sides, facing = here.wall_sides
+    upright = np.concatenate([sides, sides[:, [2, 3, 0, 1]]], axis=1).reshape(
+        -1, 4, 2
+    )  # along the floor and back above
+    heights = np.broadcast_to([[0.0], [0.0], [height], [height]], (len(sides), 4, 1))
+    faces = quads(np.concatenate([upright, heights], axis=2), np.pad(facing, ((0, 0), (0, 1))), _PLASTER)
+    return merge(
+        [faces.lit(), _lying(here.walls, height, _WALL_CAP).lit(), _lying(here.unknown_parts, 0.004, _UNKNOWN)]
+    )
+
+
+def _lying(rectangles: NDArray[np.float64], height: float, colour: Colour) -> Shape:
+    """Rectangles (n, 4), smallest x and y, largest x and y, m, so high above the floor."""
+    corners = rectangles[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 4, 2)
+    level = np.full((len(corners), 4, 1), height)
+    return quads(np.concatenate([corners, level], axis=2), np.tile([0.0, 0.0, 1.0], (len(corners), 1)), colour)
 
 
 def _windows(x: float, along: float, side: int, wall_height: float) -> list[Shape]:

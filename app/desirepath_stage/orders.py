@@ -66,9 +66,9 @@ class Attention(TypedDict):
 
 
 class Explained(TypedDict):
-    """What is shown of a policy's reasons. scores: one row per 0.2 s, as `objects`; rays: the mesh of so many `beams`,
-    "" where none are shown, ending also at who walks, each `walker` (length, width) large; line, goal (x, y, radius):
-    where the robot goes.
+    """What is shown of a policy's reasons. scores: one row per 0.2 s, as `objects`; rays: the mesh of the lidar's,
+    "" where none are shown, of those bearings from its `mount` (x, y, yaw) on the robot, ending also at who walks, each
+    `walker` (length, width) large; line, goal (x, y, radius): where the robot goes.
     """
 
     attention: Attention | None
@@ -77,7 +77,8 @@ class Explained(TypedDict):
     scores: list[list[float]]
     thickest_m: float
     rays: str
-    beams: int
+    bearings: list[float]
+    mount: list[float]
     range_m: float
     solids: list[Solid]
     person: Round

@@ -16,12 +16,14 @@ from numpy.typing import ArrayLike
 from desirepath.demonstrations.stroke import drawn_limits
 from desirepath.simulation.pedestrians import where_on_route
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.scenes import solids_near
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath_stage import furniture
 from desirepath_stage.orders import Drawn, PaperOrder, StrokeTrouble, Surroundings, Track
 from desirepath_stage.views import View
 
 TIGHT_M = 0.08  # ours: nearer than this nobody can tell from the picture whether it still fits
+AROUND_M = 4.0  # of a map, so far from start, goal and person; the page needs no more
 LONGEST_CROWD_S = 60.0  # that pedestrians without a record are played for, twice the longest episode of ch. 4
 Points = Sequence[tuple[float, float]]
 
@@ -80,7 +82,7 @@ def surroundings(scene: Scene, person: str) -> Surroundings:
                 "length": solid.length,
                 "width": solid.width,
             }
-            for index, solid in enumerate(scene.solids())
+            for index, solid in enumerate(solids_near(scene, AROUND_M))
         ],
         "person": {"name": person, "x": pose.x, "y": pose.y, "radius": scene.person.radius},
         "robot_radius": get_setup(scene.setup).robot.radius_m,

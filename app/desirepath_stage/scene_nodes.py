@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from desirepath.simulation.pedestrians import where_on_route
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.scenes import walls_of
+from desirepath.simulation.scenes import own_map, solids_near
 from desirepath.simulation.setups import Robot, get_setup
 from desirepath_stage import bodies, furniture, surfaces
 from desirepath_stage.glb import Surface, to_glb
@@ -28,7 +28,7 @@ from desirepath_stage.views import Camera, View
 Detail = Literal["full", "light"]
 """`light` is for slow machines: a plain floor with the 1 m grid instead of a material with shadows."""
 
-PLAIN_FLOOR = {"wood": (216, 188, 154), "concrete": (208, 202, 192)}  # the middle of the materials in surfaces.py
+SHADOWS_M = 6.0  # ours: walls of a map farther from what happens cast none
 GRID_LINE_M = 0.025  # width of a line of the plain floor
 TRAIL_PIECES = 60  # as in client/trail.js
 FIELD_SOLID_M = 12.0  # open ground is fully there up to here, from the middle of the scene
@@ -63,7 +63,7 @@ def build(
     """Add the scene under the node name `root`, robots at the start. Nothing tells the goal; see `add_marks`."""
     meshes = [f"{root}/place"]
     with _drawing:
-        cut = view == "top_down" and (scene.room is not None or scene.ground is not None)
+        cut = view == "top_down" and _material(scene) != "concrete"
         place = place_file(scene, floor_bounds(scene, camera), detail, cut=cut)
     api.add_glb(f"{root}/place", place, cast_shadow=False, receive_shadow=False)
 
@@ -195,8 +195,9 @@ def place_file(scene: Scene, bounds: Bounds, detail: Detail, *, cut: bool) -> by
     shapes = [furniture.piece(obstacle, index, cut=cut) for index, obstacle in enumerate(scene.obstacles)]
     if scene.room is not None:
         shapes.append(furniture.room_walls(scene.room, cut=cut))
-    if scene.ground is not None:
-        shapes.append(furniture.map_walls(walls_of(scene), cut=cut))
+    here = own_map(scene)
+    if here is not None:
+        shapes.append(furniture.map_walls(here, cut=cut))
     standing = [Surface(merge(shapes))] if shapes else []
     return to_glb([*(_ground(scene, bounds) if detail == "full" else plain_ground(scene, bounds)), *standing])
 
@@ -211,19 +212,27 @@ def floor_bounds(scene: Scene, camera: Camera) -> Bounds:
 
 def _ground(scene: Scene, bounds: Bounds) -> list[Surface]:
     """The floor with its shadows; in the open, ground around it that fades out."""
-    indoors = scene.room is not None
-    picture = surfaces.floor("wood" if indoors else "concrete", scene.solids(), bounds)
+    material = _material(scene)
+    picture = surfaces.floor(material, solids_near(scene, SHADOWS_M), bounds)
     ground = [Surface(_rectangle(bounds), uv=_RECTANGLE_UV, image=picture)]
-    if not indoors:
+    if scene.room is None:
         around = _fading_ground(bounds)
         uv = (around.positions[:, :2] * [1, -1] / surfaces.TILE_M).astype(np.float32)
-        ground.append(Surface(around, uv=uv, image=surfaces.concrete_tile(), repeat=True, translucent=True))
+        ground.append(Surface(around, uv=uv, image=surfaces.tile(material), repeat=True, translucent=True))
     return ground
+
+
+def _material(scene: Scene) -> surfaces.Material:
+    """Wood in rooms, concrete in the open; in a building of which nothing says what its floor is like, linoleum."""
+    if scene.room is not None:
+        return "wood"
+    walled = scene.ground is not None or any(obstacle.kind == "wall" for obstacle in scene.obstacles)
+    return "linoleum" if walled else "concrete"
 
 
 def plain_ground(scene: Scene, bounds: Bounds) -> list[Surface]:
     """The floor in one colour with a line every metre."""
-    colour = PLAIN_FLOOR["wood" if scene.room is not None else "concrete"]
+    colour = surfaces.MIDDLE[_material(scene)]
     x_min, y_min, x_max, y_max = bounds
     half = GRID_LINE_M / 2
     lines = [(x - half, y_min, x + half, y_max) for x in range(math.ceil(x_min), math.floor(x_max) + 1)]

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +71,9 @@ def merge(shapes: Iterable[Shape]) -> Shape:
     )
 
 
-def _coloured(positions: Floats, normals: Floats, faces: NDArray[np.uint32], colour: Colour, alpha: float) -> Shape:
+def _coloured(
+    positions: NDArray[Any], normals: NDArray[Any], faces: NDArray[Any], colour: Colour, alpha: float
+) -> Shape:
     colours = np.empty((len(positions), 4), np.float32)
     colours[:, :3] = np.asarray(colour, np.float32) / 255.0
     colours[:, 3] = alpha
@@ -183,3 +186,44 @@ def flat(corners: Sequence[tuple[float, float]], height: float, colour: Colour, 
     row = np.arange(1, count - 1)
     faces = np.stack([np.zeros(count - 2, int), row, row + 1], axis=1)
     return _coloured(positions, np.tile([0.0, 0.0, 1.0], (count, 1)), faces, colour, alpha)
+
+
+def quads(corners: NDArray[np.float64], normals: NDArray[np.float64], colour: Colour) -> Shape:
+    """Flat faces (n, 4, 3), counter-clockwise from where their normals (n, 3) point, m."""
+    first = 4 * np.arange(len(corners))[:, None]
+    faces = np.concatenate([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
+    return _coloured(corners.reshape(-1, 3), np.repeat(normals, 4, axis=0), faces, colour, 1.0)
+
+
+def prism(outline: NDArray[np.float64], low: float, high: float, colour: Colour) -> Shape:
+    """A polygon (n, 2), counter-clockwise, m, raised from one height to another, with its lid."""
+    count, ends = len(outline), np.roll(outline, -1, axis=0)
+    along = ends - outline
+    outward = np.stack([along[:, 1], -along[:, 0], np.zeros(count)], axis=1)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    heights = np.broadcast_to([[low], [low], [high], [high]], (count, 4, 1))
+    upright = np.concatenate([np.stack([outline, ends, ends, outline], axis=1), heights], axis=2)
+    above = np.column_stack([outline, np.full(count, high)])
+    lid = _coloured(above, np.tile([0.0, 0.0, 1.0], (count, 1)), np.array(_triangles(outline)), colour, 1.0)
+    return merge([quads(upright, outward, colour), lid])
+
+
+def _triangles(outline: NDArray[np.float64]) -> list[tuple[int, int, int]]:
+    """A polygon (n, 2), counter-clockwise, cut into n - 2 triangles by taking off one ear after another."""
+    left, found = list(range(len(outline))), []
+    points = [(float(x), float(y)) for x, y in outline]
+
+    def turn(a: int, b: int, c: int) -> float:
+        (ax, ay), (bx, by), (cx, cy) = points[a], points[b], points[c]
+        return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+
+    def is_ear(a: int, b: int, c: int) -> bool:
+        others = [p for p in left if p not in (a, b, c)]
+        return turn(a, b, c) > 0 and not any(min(turn(a, b, p), turn(b, c, p), turn(c, a, p)) >= 0 for p in others)
+
+    while len(left) > 3:
+        corners = [(left[n - 1], left[n], left[(n + 1) % len(left)]) for n in range(len(left))]
+        ear = next((corner for corner in corners if is_ear(*corner)), corners[0])
+        found.append(ear)
+        left.remove(ear[1])
+    return [*found, (left[0], left[1], left[2])]

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.simulation.scene import Obstacle
+from desirepath_stage.shapes import Colour
 
 TILE_M = 4.0  # side of one floor tile before it repeats; a multiple of the 1 m grid
 _PIXELS_PER_M = 96
@@ -22,7 +23,8 @@ _PLANKS_PER_TILE = 25  # 16 cm boards
 _SHADOW_PIXELS_PER_M = 20
 _SHADOW_REACH_M = 1.0  # further from a solid its shadow takes less than a tenth of one of 255 grey levels
 
-Material = Literal["wood", "concrete"]
+Material = Literal["wood", "concrete", "linoleum"]
+MIDDLE: dict[Material, Colour] = {"wood": (216, 188, 154), "concrete": (208, 202, 192), "linoleum": (203, 204, 198)}
 Image2D = NDArray[np.float32]
 
 
@@ -79,26 +81,32 @@ def _wood() -> Image2D:
     grain = 0.65 * _noise(rng, 192, 8, size) + 0.35 * _noise(rng, 384, 16, size)
     light = 1.0 + 0.036 * tone + 0.026 * grain - 0.15 * gap + _grid_lines(size, 0.10)
     warmth = np.stack([1.0 + 0.006 * tone, np.ones_like(tone), 1.0 - 0.02 * tone], axis=-1)
-    picture: Image2D = (np.array([216, 188, 154], np.float32) * light[..., None] * warmth).astype(np.float32)
+    picture: Image2D = (np.array(MIDDLE["wood"], np.float32) * light[..., None] * warmth).astype(np.float32)
     return picture
 
 
 @cache
-def _concrete() -> Image2D:
-    """(384, 384, 3) matte concrete, 4 x 4 m, tileable, with a faint 1 m grid of joints; 0 to 255."""
+def _slab(material: Material) -> Image2D:
+    """(384, 384, 3) matte concrete, or linoleum without its clouds, 4 x 4 m, tileable, with a faint 1 m grid of joints;
+    0 to 255."""
     size = int(TILE_M * _PIXELS_PER_M)
     rng = np.random.default_rng(21)
     cloud = 0.6 * _noise(rng, 4, 4, size) + 0.4 * _noise(rng, 16, 16, size)
     speck = _noise(rng, 192, 192, size)
-    light = 1.0 + 0.022 * cloud + 0.016 * speck + _grid_lines(size, 0.12)
-    slab: Image2D = (np.array([208, 202, 192], np.float32) * light[..., None]).astype(np.float32)
+    clouds = 0.022 if material == "concrete" else 0.0
+    light = 1.0 + clouds * cloud + 0.016 * speck + _grid_lines(size, 0.12)
+    slab: Image2D = (np.array(MIDDLE[material], np.float32) * light[..., None]).astype(np.float32)
     return slab
 
 
 @cache
-def concrete_tile() -> bytes:
-    """JPEG of 4 x 4 m of concrete, tileable, its lower left corner on a whole multiple of 4 m."""
-    return to_jpeg(_concrete())
+def tile(material: Material) -> bytes:
+    """JPEG of 4 x 4 m of it, tileable, its lower left corner on a whole multiple of 4 m."""
+    return to_jpeg(_drawn(material))
+
+
+def _drawn(material: Material) -> Image2D:
+    return _wood() if material == "wood" else _slab(material)
 
 
 def floor(material: Material, solids: Sequence[Obstacle], bounds: tuple[float, float, float, float]) -> bytes:
@@ -109,15 +117,15 @@ def floor(material: Material, solids: Sequence[Obstacle], bounds: tuple[float, f
     from PIL import Image
 
     x_min, y_min, x_max, y_max = bounds
-    tile = _wood() if material == "wood" else _concrete()
+    drawn = _drawn(material)
     columns, rows = (max(8, round(side * _PIXELS_PER_M)) for side in (x_max - x_min, y_max - y_min))
     x = x_min + (np.arange(columns) + 0.5) * (x_max - x_min) / columns  # the middles of the pixels
     y = y_max - (np.arange(rows) + 0.5) * (y_max - y_min) / rows
-    across = (np.floor(x * _PIXELS_PER_M).astype(int)) % tile.shape[1]
-    down = (np.floor(-y * _PIXELS_PER_M).astype(int)) % tile.shape[0]
+    across = (np.floor(x * _PIXELS_PER_M).astype(int)) % drawn.shape[1]
+    down = (np.floor(-y * _PIXELS_PER_M).astype(int)) % drawn.shape[0]
     # Shadow takes blue first, so that it stays warm.
     light = _light_left(solids, bounds)[..., None] ** np.array([0.94, 1.0, 1.06], np.float32)
-    picture = tile.take(down, axis=0).take(across, axis=1)
+    picture = drawn.take(down, axis=0).take(across, axis=1)
     for channel in range(3):
         coarse = Image.fromarray(np.ascontiguousarray(light[..., channel]))
         picture[..., channel] *= np.asarray(coarse.resize((columns, rows), Image.Resampling.BILINEAR))

@@ -21,12 +21,14 @@ from desirepath.simulation import setups
 from desirepath.simulation.fast import beams_of, evaluate, make_engine, raw_ranges, rollout
 from desirepath.simulation.ground_maps import GroundMap, read_map
 from desirepath.simulation.scene import Obstacle, Pose, Scene, SceneError
-from desirepath.simulation.scenes import check_scene, draw_scenes, ground_of, scene_to_row
+from desirepath.simulation.scenes import check_scene, draw_scenes, ground_of, scene_to_row, solids_near
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.trajectory import Outcome
+from desirepath_stage import furniture
 from desirepath_stage.scene_nodes import place_file
 from tests.fences import fences_of
 from tests.simulation.simple_policies import towards_goal
+from tests.stage.test_looks import outward
 
 CELL_M = 0.05
 MAP = """\
@@ -182,12 +184,31 @@ def test_a_map_is_seen_raised_on_the_stage_and_explained(own):
     bounds = (-4.0, -3.0, 4.0, 3.0)
     low, high = (place_file(scene, bounds, "plain", cut=cut) for cut in (True, False))
     assert low != high
+    here = read_map(setup.plan.map)
+    shape = furniture.map_walls(here, cut=False)
+    assert outward(shape).min() > 0.99
+    assert shape.positions[:, 2].max() == furniture.MAP_WALL_HEIGHT_M
+    sides, facing = here.wall_sides
+    length = np.abs(sides[:, :2] - sides[:, 2:]).sum()
+    assert length == pytest.approx(2 * (8 + 6) + 2 * (7.6 + 5.6) + 2 * (1.0 + 1.2) + 2 * 1.8)  # one block joins a wall
+    beside = (sides[:, :2] + sides[:, 2:]) / 2 + 0.01 * facing
+    assert not any(here.occupied[tuple(((place - here.origin) / CELL_M).astype(int))] for place in beside)
     walls = len(place_file(scene, bounds, "plain", cut=True)) - len(place_file(empty(scene), bounds, "plain", cut=True))
-    assert walls > 4_000  # bytes: blocks of some hundred each
+    assert walls > 2_000  # bytes: faces of a hundred each
     sight = sight_of(rollout(setup, towards_goal(setup), [scene])[0])
     assert sight.things == (BUILDING, "person")
     seen = sight.ranges.min(axis=1) / setup.robot.lidar.range_m
     assert np.allclose(seen, sight.observations[:, sight.first_ray :], atol=1e-5)
+
+
+def test_of_a_map_the_walls_near_a_scene_stop_what_the_page_draws(own):
+    setup = own("{map: map.yaml, starts: [{x: -3, y: -2}], goals: [{x: -3, y: 2}], people: [{x: -2, y: 0}]}")
+    scene = draw_scenes(setup, [5])[0]
+    assert {solid.kind for solid in solids_near(scene, 1.0)} == {"wall"}
+    assert len(solids_near(scene, 0.5)) < len(solids_near(scene, 1.0)) < len(solids_near(scene, 9.0))
+    assert sum(solid.length * solid.width for solid in solids_near(scene, 9.0)) == pytest.approx(
+        48 - 7.6 * 5.6 + 1.2 + 0.9
+    )
 
 
 def test_a_scene_of_another_map_is_refused(own):
@@ -207,6 +228,7 @@ def test_unknown_cells_stop_rays_and_robots(tmp_path):
     read = read_map(path)
     assert isinstance(read, GroundMap)
     assert read.unknown[1:-1, 1:-1].sum() == 200
+    assert read.unknown_parts.tolist() == [pytest.approx([-0.5, 0.0, 0.5, 0.5])]
     assert k.ground_distance(read.ground, 0.0, 0.25) < 0
 
 

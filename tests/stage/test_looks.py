@@ -16,6 +16,7 @@ from PIL import Image
 
 from desirepath.simulation.scene import Obstacle, Pose
 from desirepath.simulation.scenes import draw_scene
+from desirepath.simulation.setup_files import read_robot, shipped_robots
 from desirepath.simulation.setups import get_setup
 from desirepath_stage import bodies, furniture, scene_nodes, surfaces
 from desirepath_stage.glb import Surface, to_glb
@@ -24,6 +25,8 @@ from desirepath_stage.views import CLOSEST_M, ViewError, camera_for, frame_of, h
 from tests.stage.stage_rig import drive, open_field, study_room
 
 STUDY_ROOM = get_setup("study_room")
+HUSKY = read_robot(shipped_robots()["husky_a200"])
+ARROW = ((0.6, 0.0), (-0.3, 0.4), (-0.1, 0.0), (-0.3, -0.4))  # not convex
 
 
 def test_a_light_place_has_no_picture_and_still_a_line_every_metre() -> None:
@@ -58,12 +61,71 @@ def outward(shape: Shape) -> np.ndarray:
         rotate([(0.2, 0), (0.2, 1), (0, 1)], (1, 2, 3)),
         bodies.mannequin(),
         bodies.robot(STUDY_ROOM.robot),
+        bodies.robot(HUSKY),
+        bodies.robot(replace(HUSKY, radius_m=0.0, footprint=ARROW)),
+        bodies.robot(replace(HUSKY, radius_m=0.0, footprint=ARROW[::-1])),
     ],
 )
 def test_every_triangle_shows_its_outside(shape: Shape) -> None:
     assert outward(shape).min() > 0.0
     assert shape.colours.min() >= 0
     assert shape.colours.max() <= 1
+
+
+def lid_area(shape: Shape, height: float) -> float:
+    """m^2 of what faces up at that height."""
+    corners = shape.positions[shape.faces]
+    at = np.isclose(corners[..., 2], height).all(axis=1)
+    (ax, ay), (bx, by) = np.moveaxis(np.diff(corners[at][..., :2], axis=1), (1, 2), (0, 1))
+    return float((ax * by - ay * bx).sum() / 2)
+
+
+def test_a_robot_that_is_no_disc_has_the_body_of_its_outline_and_a_front() -> None:
+    for footprint, area in ((HUSKY.footprint, 0.99 * 0.67), (ARROW, 0.28), (ARROW[::-1], 0.28)):
+        robot = replace(HUSKY, radius_m=0.0, footprint=footprint)
+        body = bodies.robot(robot)
+        (low_x, low_y), (high_x, high_y) = np.min(footprint, axis=0), np.max(footprint, axis=0)
+        assert body.positions[:, 0].min() >= low_x - 0.003
+        assert body.positions[:, 0].max() <= high_x + 0.003
+        assert np.abs(body.positions[:, 1]).max() == pytest.approx(max(-low_y, high_y), abs=0.003)
+        assert body.positions[:, 2].max() == pytest.approx(HUSKY.height_m, abs=0.003)
+        assert lid_area(body, 0.42 * HUSKY.height_m) == pytest.approx(area, rel=1e-4)
+        assert bodies.front_m(robot) == pytest.approx(high_x)
+    lamps = body_of_colour(bodies.robot(HUSKY), bodies.NEUTRAL.lamp)
+    assert lamps[:, 0].min() > 0.45
+
+
+def body_of_colour(shape: Shape, colour: tuple[int, int, int]) -> np.ndarray:
+    """The corners that are as blue against red as that colour is: light is baked into the rest of it."""
+    ratio = shape.colours[:, 2] / np.maximum(shape.colours[:, 0], 1e-6)
+    return shape.positions[ratio > 0.9 * colour[2] / colour[0]]
+
+
+def test_the_ring_and_the_lamp_s_light_fit_the_robot() -> None:
+    small = read_robot(shipped_robots()["turtlebot3_waffle_pi"])
+    for robot in (HUSKY, small, STUDY_ROOM.robot):
+        reach = np.linalg.norm(bodies.robot_ring(robot).positions[:, :2], axis=1)
+        assert robot.radius_m < reach.min() < reach.max() <= robot.radius_m + 0.1501
+        lit = bodies.robot_glow(robot).positions
+        assert lit[:, 0].max() > bodies.front_m(robot) + robot.radius_m
+
+
+URDF = """<robot name="own"><link name="base"><visual><geometry>SHAPE</geometry>
+<material name="m"><color rgba="0.8 0.1 0.1 1"/></material></visual></link></robot>"""
+
+
+def test_a_robot_with_a_urdf_looks_as_that_says_and_else_as_its_footprint(tmp_path: Path) -> None:
+    file = tmp_path / "own.urdf"
+    own = replace(HUSKY, radius_m=0.0, footprint=HUSKY.footprint, urdf=file)
+    file.write_text(URDF.replace("SHAPE", '<box size="0.4 0.3 0.2"/>'))
+    shown = bodies.robot(own)
+    assert np.ptp(shown.positions, axis=0) == pytest.approx([0.4, 0.3, 0.2], abs=1e-6)
+    assert shown.positions[:, 2].min() == pytest.approx(0.0)
+    assert outward(shown).min() > 0.99
+    left, right = (bodies.robot(own, colours).colours.mean(axis=0) for colours in (bodies.LEFT, bodies.RIGHT))
+    assert left[2] > right[2] + 0.1  # two robots are told apart
+    file.write_text(URDF.replace("SHAPE", '<mesh filename="gone.stl"/>'))
+    assert np.array_equal(bodies.robot(own).positions, bodies.robot(HUSKY).positions)
 
 
 @pytest.mark.parametrize("kind", ["box", "pillar", "cube", "wall"])
@@ -111,7 +173,7 @@ def test_from_above_walls_are_cut_so_that_they_hide_nothing() -> None:
 def test_glb_is_a_file_that_others_read() -> None:
     trimesh = pytest.importorskip("trimesh")
     shape = merge([box((1, 1, 1), (0, 0, 0.5), (200, 100, 50)), ball((0, 0, 2), (0.3, 0.3, 0.3), (0, 0, 255))])
-    picture = surfaces.concrete_tile()
+    picture = surfaces.tile("concrete")
     uv = shape.positions[:, :2]
     data = to_glb([Surface(shape), Surface(shape, uv=uv, image=picture, repeat=True, translucent=True)])
     magic, version, length = struct.unpack("<III", data[:12])
@@ -157,7 +219,7 @@ def contrast(a: np.ndarray | tuple[int, ...], b: np.ndarray | tuple[int, ...]) -
 CLIENT = Path(scene_nodes.__file__).parent / "client"
 
 
-@pytest.mark.parametrize("floor", scene_nodes.PLAIN_FLOOR.values())
+@pytest.mark.parametrize("floor", surfaces.MIDDLE.values())
 def test_people_stand_out_from_every_floor_in_the_light_and_in_the_dark(floor: tuple[int, int, int]) -> None:
     room, people = (
         float(one) for one in re.findall(r"GOAL\] = \[([\d.]+), ([\d.]+),", CLIENT.joinpath("scheme.js").read_text())[0]

@@ -70,21 +70,26 @@
     const [length, width] = order.walker;
     const walkers = window.desirePath.player.walkers().map(([x, y, facing]) => ({ name: "", x, y, yaw: facing, length, width }));
     const place = { ...order, solids: [...order.solids, ...walkers] };
-    const reach = rays.cast(place, atX, atY, yaw, Math.floor(order.beams / every));
-    const edge = order.robot_radius;
+    const [mountX, mountY, mountYaw] = order.mount;
+    const [fromX, fromY] = [atX + mountX * Math.cos(yaw) - mountY * Math.sin(yaw), atY + mountX * Math.sin(yaw) + mountY * Math.cos(yaw)];
+    const bearings = order.bearings.filter((_, k) => k % every === 0);
+    const reach = rays.cast(place, fromX, fromY, yaw + mountYaw, bearings);
+    const [rim, off] = [order.robot_radius ** 2, mountX ** 2 + mountY ** 2];
     reach.forEach((far, k) => {
-      const angle = yaw + (2 * Math.PI * k) / reach.length;
+      const angle = yaw + mountYaw + bearings[k];
       const [c, s] = [Math.cos(angle), Math.sin(angle)];
+      const along = (fromX - atX) * c + (fromY - atY) * s;
+      const edge = off < rim ? Math.sqrt(rim - off + along * along) - along : 0; // it is seen from where it leaves the robot
       const hit = far < (order?.range_m ?? 0);
       const [near, wide] = [NARROW_M / 2, (every * (NARROW_M + WIDER * far)) / 2];
       const at = k * CORNERS;
       const end = Math.max(far, edge);
-      put(rayMesh, at, atX + edge * c + near * s, atY + edge * s - near * c, RAY_HEIGHT_M);
-      put(rayMesh, at + 1, atX + end * c + wide * s, atY + end * s - wide * c, RAY_HEIGHT_M);
-      put(rayMesh, at + 2, atX + end * c - wide * s, atY + end * s + wide * c, RAY_HEIGHT_M);
-      put(rayMesh, at + 3, atX + edge * c - near * s, atY + edge * s + near * c, RAY_HEIGHT_M);
+      put(rayMesh, at, fromX + edge * c + near * s, fromY + edge * s - near * c, RAY_HEIGHT_M);
+      put(rayMesh, at + 1, fromX + end * c + wide * s, fromY + end * s - wide * c, RAY_HEIGHT_M);
+      put(rayMesh, at + 2, fromX + end * c - wide * s, fromY + end * s + wide * c, RAY_HEIGHT_M);
+      put(rayMesh, at + 3, fromX + edge * c - near * s, fromY + edge * s + near * c, RAY_HEIGHT_M);
       // the mark stands just before what was hit, lying as well as standing, so that every view sees it
-      const [mx, my, m] = [atX + (end - 0.03) * c, atY + (end - 0.03) * s, hit ? MARK_M : 0];
+      const [mx, my, m] = [fromX + (end - 0.03) * c, fromY + (end - 0.03) * s, hit ? MARK_M : 0];
       put(rayMesh, at + 4, mx - m * s, my + m * c, RAY_HEIGHT_M);
       put(rayMesh, at + 5, mx - m * c, my - m * s, RAY_HEIGHT_M + m);
       put(rayMesh, at + 6, mx + m * s, my - m * c, RAY_HEIGHT_M);

@@ -165,7 +165,7 @@ interface DesirePath {
     release(): void;
   };
   rays: {
-    cast(place: { solids: Solid[]; person: Round; range_m: number }, x: number, y: number, yaw: number, beams: number): Float64Array;
+    cast(place: { solids: Solid[]; person: Round; range_m: number }, x: number, y: number, yaw: number, bearings: number[]): Float64Array;
   };
   attention: {
     use(given: NonNullable<Orders["show"]["explained"]>["attention"]): void;

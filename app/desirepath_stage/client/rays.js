@@ -6,15 +6,16 @@
   window.desirePath.rays = {
     /**
      * @param {{solids: Solid[], person: Round, range_m: number}} place
-     * @param {number} x @param {number} y @param {number} yaw of the robot
-     * @param {number} beams all around, the first one straight ahead
+     * @param {number} x @param {number} y @param {number} yaw of the lidar
+     * @param {number[]} bearings of its beams, from straight ahead counter-clockwise
      * @returns {Float64Array} how far each goes, at most the range
      */
-    cast({ solids, person, range_m: range }, x, y, yaw, beams) {
+    cast({ solids, person, range_m: range }, x, y, yaw, bearings) {
+      const beams = bearings.length;
       const reach = new Float64Array(beams).fill(range);
       const [ahead, aside] = [new Float64Array(beams), new Float64Array(beams)];
       for (let k = 0; k < beams; k += 1) {
-        const angle = yaw + (2 * Math.PI * k) / beams;
+        const angle = yaw + bearings[k];
         ahead[k] = Math.cos(angle);
         aside[k] = Math.sin(angle);
       }

@@ -11,9 +11,10 @@ import typer
 from desirepath.cli.output import JsonFlag, plain_errors, say
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from desirepath.simulation.setups import Robot, Setup
+    from desirepath.simulation.urdf import Look
 
 robots = typer.Typer(help="Robots.", no_args_is_help=True)
 setups = typer.Typer(help="Setups: a robot, a building and a task.", no_args_is_help=True)
@@ -28,17 +29,23 @@ def check_robot(
     picture: Annotated[Path | None, typer.Option(help="Draw it from above into this file: PNG, SVG or PDF.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Check a robot's description; exit code 1 if it is not valid."""
+    """Check a robot's description and its URDF; exit code 1 if one is not valid."""
     from desirepath.simulation.setup_files import read_robot, shipped_robots
+    from desirepath.simulation.urdf import describe, read_looks
 
     robot = _checked(lambda: read_robot(shipped_robots().get(str(file), file)), as_json)
-    if picture is not None:
-        draw_robot(robot, picture)
+    urdf, looks = robot.urdf, []
+    try:
+        looks = _checked(lambda: read_looks(urdf), as_json) if urdf is not None else []
+    finally:
+        if picture is not None:
+            draw_robot(robot, looks, picture)
     told = {
         "name": robot.name,
         "radius_m": round(robot.radius_m, 4),
         "inscribed_m": round(robot.inscribed_m, 4),
         "left_out": left_out(robot),
+        **({"urdf": describe(looks)} if looks else {}),
     }
     say({"valid": True, "errors": [], **told}, as_json)
 
@@ -111,8 +118,9 @@ def _described(setup: Setup, folder: Path) -> dict[str, Any]:
     return told
 
 
-def draw_robot(robot: Robot, picture: Path) -> None:
-    """Its body from above, the circles in and around it, its lidar and what that does not see."""
+def draw_robot(robot: Robot, looks: Sequence[Look], picture: Path) -> None:
+    """Its body from above, what its URDF shows, the circles in and around it, its lidar and what that does not see."""
+    from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
     from matplotlib.patches import Circle, Polygon, Wedge
 
@@ -121,6 +129,9 @@ def draw_robot(robot: Robot, picture: Path) -> None:
     body = Polygon(robot.footprint) if robot.footprint else Circle((0, 0), robot.radius_m)
     body.set(facecolor="#d9d4c7", edgecolor="#222")
     ax.add_patch(body)
+    for look in looks:
+        colour = [part / 255 for part in look.colour]
+        ax.add_collection(PolyCollection([*look.triangles[..., :2]], facecolor=colour, alpha=0.35, rasterized=True))
     for radius in {robot.radius_m, robot.inscribed_m}:
         ax.add_patch(Circle((0, 0), radius, fill=False, linestyle=":", edgecolor="#888"))
     lidar, reach = robot.lidar, 1.6 * robot.radius_m

@@ -48,7 +48,9 @@ class Dwa:
     def __init__(self, setup: Setup) -> None:
         self.setup = lidar_setup(setup)
         self.config = DwaConfig()
-        angles = np.array(self.setup.robot.lidar.bearings())
+        lidar = self.setup.robot.lidar
+        angles = np.array(lidar.bearings()) + lidar.yaw_rad
+        self._mount = np.array([lidar.x_m, lidar.y_m])
         self._directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
     def act(self, observations: Floats) -> Floats:
@@ -58,7 +60,7 @@ class Dwa:
         for i, seen in enumerate(observations.astype(np.float64)):
             ranges = seen[FIRST_BEAM:] * setup.robot.lidar.range_m
             points = self._directions[ranges < setup.robot.lidar.range_m - 1e-6]
-            points = points * ranges[ranges < setup.robot.lidar.range_m - 1e-6, None]
+            points = points * ranges[ranges < setup.robot.lidar.range_m - 1e-6, None] + self._mount
             distance, bearing = seen[0] * setup.distance_scale_m, seen[1] * math.pi
             goal = np.array([distance * math.cos(bearing), distance * math.sin(bearing)])
             speeds, turns = self._window(seen[4] * setup.robot.limits.v_max, seen[5] * setup.robot.limits.w_max)

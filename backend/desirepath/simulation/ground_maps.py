@@ -100,7 +100,17 @@ class GroundMap:
     @cached_property
     def walls(self) -> NDArray[np.float64]:
         """(n, 4) rectangles that together cover the occupied cells: smallest x and y, largest x and y, metres."""
-        left = self.occupied.copy()
+        return self._rectangles(self.occupied)
+
+    @cached_property
+    def unknown_parts(self) -> NDArray[np.float64]:
+        """(n, 4) likewise of what is unknown, without the line around the map."""
+        inside = self.unknown.copy()
+        inside[[0, -1]] = inside[:, [0, -1]] = False
+        return self._rectangles(inside)
+
+    def _rectangles(self, cells: Bools) -> NDArray[np.float64]:
+        left = cells.copy()
         rectangles = []
         for i, j in np.argwhere(left):
             if not left[i, j]:
@@ -111,8 +121,25 @@ class GroundMap:
             right = len(column) if column.all() else int(column.argmin())
             left[i : i + right, j : j + up] = False
             rectangles.append((i, j, i + right, j + up))
-        walls = np.array(rectangles, dtype=np.float64).reshape(-1, 4) * self.cell_m
-        return np.asarray(walls + np.tile(self.origin, 2))
+        return self._metres(np.array(rectangles).reshape(-1, 4))
+
+    @cached_property
+    def wall_sides(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n, 4) where occupied cells end, each run as a line from x, y to x, y, metres, and (n, 2) which
+        way it faces: counter-clockwise around the wall."""
+        lines, facing = [], []
+        for axis, cells in enumerate((self.occupied, self.occupied.T)):
+            for way in (1, -1):
+                ends = np.pad(cells & ~np.roll(cells, -way, axis=0), ((0, 0), (1, 1)))  # the edge is never occupied
+                begin, end = np.argwhere(ends[:, 1:] & ~ends[:, :-1]), np.argwhere(ends[:, :-1] & ~ends[:, 1:])
+                at = begin[:, 0] + (way > 0)
+                first, last = (begin[:, 1], end[:, 1]) if (way > 0) == (axis == 0) else (end[:, 1], begin[:, 1])
+                lines.append(np.stack((at, first, at, last) if axis == 0 else (first, at, last, at), axis=1))
+                facing.append(np.tile((way, 0) if axis == 0 else (0, way), (len(at), 1)))
+        return self._metres(np.concatenate(lines)), np.concatenate(facing).astype(np.float64)
+
+    def _metres(self, corners: NDArray[np.int64]) -> NDArray[np.float64]:
+        return np.asarray(corners * self.cell_m + np.tile(self.origin, 2))
 
 
 def largest_part(free: Bools) -> Bools:

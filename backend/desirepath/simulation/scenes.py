@@ -46,7 +46,7 @@ def map_of(setup: str | Setup) -> GroundMap | None:
     return load_map(plan.map) if plan and plan.map else None
 
 
-def _own_map(scene: Scene, setup: Setup | None = None) -> GroundMap | None:
+def own_map(scene: Scene, setup: Setup | None = None) -> GroundMap | None:
     """The map that a scene lies in. Raises SceneError where its setup has another one by now."""
     if scene.ground is None:
         return None
@@ -59,14 +59,27 @@ def _own_map(scene: Scene, setup: Setup | None = None) -> GroundMap | None:
 def ground_of(scene: Scene, setup: Setup | None = None) -> k.Ground | None:
     """What the compiled functions need of the map that a scene lies in. Raises SceneError where its setup has another
     one by now."""
-    here = _own_map(scene, setup)
+    here = own_map(scene, setup)
     return here.ground if here else None
 
 
 def walls_of(scene: Scene) -> NDArray[np.float64]:
     """(n, 4) what is occupied in the map that a scene lies in, as rectangles: smallest x and y, largest x and y (m)."""
-    here = _own_map(scene)
+    here = own_map(scene)
     return here.walls if here else np.zeros((0, 4))
+
+
+def solids_near(scene: Scene, within_m: float) -> tuple[Obstacle, ...]:
+    """Everything box-shaped that stops a robot or a ray; what a map has only that near (m) to start, goal and person,
+    or between them."""
+    places = [scene.start, scene.goal, *((scene.person.pose,) if scene.has_person else ())]
+    points = np.array([(place.x, place.y) for place in places])
+    low, high = points.min(axis=0) - within_m, points.max(axis=0) + within_m
+    near = (one for one in walls_of(scene) if (one[:2] <= high).all() and (one[2:] >= low).all())
+    return scene.solids() + tuple(
+        Obstacle("wall", Pose((x1 + x2) / 2, (y1 + y2) / 2), x2 - x1, y2 - y1, Room.wall_height)
+        for x1, y1, x2, y2 in (map(float, one) for one in near)
+    )
 
 
 @lru_cache(maxsize=2 * MOST_SLOW)

@@ -73,7 +73,7 @@ class Building(Part):
         starts, goals, people = (
             tuple(place.pose() for place in named) for named in (self.starts, self.goals, self.people)
         )
-        place = (folder / self.map).resolve() if self.map else None
+        place = (folder / self.map.replace("\0", "/")).resolve() if self.map else None
         return FloorPlan(place, (*walls, *pieces), starts, goals, people, (self.way_m[0], self.way_m[1]))
 
 
@@ -126,10 +126,9 @@ class Task(Part):
 
 
 class SetupFile(Part):
-    """A whole `setup.yaml`. What it does not say of preferences and conditioning is computed where it is needed; paths
-    are drawn where it says `demonstrations`."""
-
-    """A whole `setup.yaml`. robot: its description, the name of a shipped one, or that of a file in the same folder."""
+    """A whole `setup.yaml`. robot: its description, the name of a shipped one, or that of a file in the same folder.
+    What it does not say of preferences and conditioning is computed where it is needed; paths are drawn where it says
+    `demonstrations`."""
 
     robot: Robot
     world: World
@@ -152,13 +151,27 @@ def shipped_robots() -> dict[str, Path]:
 
 def read_robot(path: Path) -> Robot:
     """The robot in a `robot.yaml`. Raises ProtocolError with every problem, by line and field."""
-    return parse(Source(str(path), file_text(path)), RobotFile).robot
+    source = Source(str(path), file_text(path))
+    _find_urdf(source, path.resolve().parent)
+    return parse(source, RobotFile).robot
+
+
+def _find_urdf(source: Source, folder: Path) -> None:
+    """Put where it is in the place of the name of the robot's URDF. Raises ProtocolError for one that is not beside."""
+    named = source.value(("robot", "urdf"))
+    if not isinstance(named, str):
+        return
+    path = folder / named.replace("\0", "/")  # which is no file's name
+    if path.resolve().parent != folder or not path.is_file():
+        raise ProtocolError([source.problem(("robot", "urdf"), "must be the name of a file in the same folder")])
+    source.data["robot"]["urdf"] = str(path)
 
 
 def _fill_in_robot(source: Source, folder: Path) -> None:
     """Put the description of the robot in the place of its name. Raises ProtocolError for one that cannot be read."""
     named = source.value(("robot",))
     if not isinstance(named, str):
+        _find_urdf(source, folder.resolve())
         return
     shipped = shipped_robots()
     path = shipped.get(named, folder / named)
@@ -166,6 +179,7 @@ def _fill_in_robot(source: Source, folder: Path) -> None:
         problem = f"is no file in this folder and no shipped robot, {', '.join(shipped)}{meant(named, list(shipped))}"
         raise ProtocolError([source.problem(("robot",), problem)])
     described = Source(str(path), file_text(path))
+    _find_urdf(described, path.resolve().parent)
     parse(described, RobotFile)
     source.data["robot"] = described.data["robot"]
 

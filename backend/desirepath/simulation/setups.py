@@ -127,7 +127,7 @@ def _seen(number: int, whole: int) -> list[int]:
 class Robot:
     """What drives, with differential drive, `height_m` tall: a disc of `radius_m` on the floor, or the polygon
     `footprint`: corners x, y (m) in the robot's frame, x ahead, y to the left. Of a polygon, `radius_m` is that of the
-    circle around it. source: where its numbers are from."""
+    circle around it. urdf: the file of its picture (`urdf.py`). source: where its numbers are from."""
 
     name: Annotated[str, Field(min_length=1, max_length=60)]
     height_m: Annotated[float, Field(gt=0, le=5)]
@@ -135,16 +135,19 @@ class Robot:
     lidar: Lidar
     radius_m: Annotated[float, Field(gt=0, le=5)] = 0.0
     footprint: Annotated[tuple[Corner, ...], Field(min_length=3, max_length=40)] | None = None
+    urdf: Path | None = None
     source: Annotated[str, Field(max_length=400)] = ""
 
     __pydantic_config__ = _STRICT
 
     def __post_init__(self) -> None:
-        if (self.footprint is None) == (self.radius_m == 0.0):
+        around = max((math.hypot(x, y) for x, y in self.footprint or ()), default=0.0)
+        plausible = self.radius_m in (0.0, around) if self.footprint else self.radius_m > 0
+        if not plausible:
             raise SetupError("radius_m: give it for a round robot, or else `footprint`, its corners")
         if self.footprint is not None:
             check_outline(self.footprint)
-            object.__setattr__(self, "radius_m", max(math.hypot(x, y) for x, y in self.footprint))
+            object.__setattr__(self, "radius_m", around)
 
     @property
     def inscribed_m(self) -> float:

@@ -60,7 +60,7 @@ class Course:
         self.setup = require_same(**{f"scene {k}": scene.setup for k, scene in enumerate(scenes)})
         setup = get_setup(self.setup)
         if blind:
-            one_beam = replace(setup.robot.lidar, beams=1, sectors=1)
+            one_beam = replace(setup.robot.lidar, beams=1, sectors=1, field_of_view_rad=2 * math.pi)
             setup = replace(setup, robot=replace(setup.robot, lidar=one_beam))
         self._engine = make_engine(setup, len(scenes), auto_reset=False, scenes=scenes)
         self.scenes = list(scenes)
