@@ -62,7 +62,7 @@ def kruskal_wallis(groups: Sequence[ArrayLike], *, about: str, intervals: bool =
 
     p is by permutations for up to 50 people, beyond chi-square. Raises ValueError as `mann_whitney` does.
     """
-    samples = [_group(f"group {k + 1}", one) for k, one in enumerate(groups)]
+    samples = [_group(f"group {k + 1}", group) for k, group in enumerate(groups)]
     if len(samples) < 3:
         raise ValueError(f"groups: {len(samples)}; needs at least 3")
     ranks = stats.rankdata(np.concatenate(samples))

@@ -33,10 +33,10 @@ class Worth:
 
 def count_wins(choices: Iterable[tuple[str, str, str]], names: Sequence[str]) -> Array:
     """(people, k, k) how often each person, by the alphabet, chose i over j; choices: (person, chosen, rejected)."""
-    given = list(choices)
-    people = sorted({person for person, _, _ in given})
+    rows = list(choices)
+    people = sorted({person for person, _, _ in rows})
     wins = np.zeros((len(people), len(names), len(names)))
-    for person, chosen, rejected in given:
+    for person, chosen, rejected in rows:
         wins[people.index(person), names.index(chosen), names.index(rejected)] += 1
     return wins
 

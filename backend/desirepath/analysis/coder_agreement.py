@@ -100,7 +100,7 @@ def _agreement(
 
 
 def _given(code: str, codings: Sequence[Codes]) -> NDArray[np.bool_]:
-    return np.array([code in given for given in codings], dtype=bool)
+    return np.array([code in codes for codes in codings], dtype=bool)
 
 
 def _table(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> NDArray[np.int64]:

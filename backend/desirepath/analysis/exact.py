@@ -114,10 +114,10 @@ def spread_distribution(doubled: tuple[tuple[int, ...], ...]) -> tuple[Doubles, 
     shape = (2 * n * (k - 1) + 1,) * (k - 1)
     transformed = np.ones((*shape[:-1], shape[-1] // 2 + 1), dtype=complex)
     for own in set(doubled):
-        one = np.zeros(shape)
+        ranks = np.zeros(shape)
         for order in permutations(own):
-            one[order[:-1]] += 1 / factorial(k)
-        transformed *= np.fft.rfftn(one) ** doubled.count(own)
+            ranks[order[:-1]] += 1 / factorial(k)
+        transformed *= np.fft.rfftn(ranks) ** doubled.count(own)
     chance = np.maximum(np.fft.irfftn(transformed, s=shape, axes=range(k - 1)), 0.0)
     totals = np.stack(np.meshgrid(*[np.arange(size) for size in shape], indexing="ij"), axis=-1).astype(float)
     last = sum(doubled[0]) * n - totals.sum(axis=-1, keepdims=True)  # a person's ranks have the same sum, tied or not
@@ -169,7 +169,7 @@ def _shares(n: int, k: int) -> tuple[Doubles, Doubles]:
     for _ in range(k - 1):
         left = n - counts.sum(axis=1)
         counts = np.concatenate(
-            [np.column_stack([counts[left >= here], np.full((left >= here).sum(), here)]) for here in range(n + 1)]
+            [np.column_stack([counts[left >= low], np.full((left >= low).sum(), low)]) for low in range(n + 1)]
         )
     counts = np.column_stack([counts, n - counts.sum(axis=1)])
     return stats.multinomial.pmf(counts, n, np.full(k, 1 / k)), (counts**2).sum(axis=1).astype(float)

@@ -160,8 +160,8 @@ def _effect_means(design: Factorial, cells: ArrayLike, effect: tuple[str, ...]) 
     sizes = [len(levels) for levels in (*design.between.values(), *design.within.values())]
     table = np.asarray(cells, dtype=float).reshape(sizes)
     means = np.zeros_like(table)
-    for kept in product((False, True), repeat=len(effect)):
-        names = {name for name, keep in zip(effect, kept, strict=True) if keep}
+    for marks in product((False, True), repeat=len(effect)):
+        names = {name for name, keep in zip(effect, marks, strict=True) if keep}
         away = tuple(k for k, name in enumerate(factors) if name not in names)
         means += (-1) ** (len(effect) - len(names)) * table.mean(axis=away, keepdims=True)
     return means.reshape(np.asarray(cells).shape)

@@ -66,10 +66,10 @@ class Scale:
         """The score of one person. answers: item key -> 1 to `points`. ValueError: one is missing or impossible."""
         counted = []
         for item in self.items:
-            given = answers.get(item.key)
-            if given is None or not 1 <= given <= self.points:
-                raise ValueError(f"{item.key} = {given!r}: {self.name} needs an answer from 1 to {self.points}")
-            counted.append(self.points - given if item.reversed else given - 1)
+            answer = answers.get(item.key)
+            if answer is None or not 1 <= answer <= self.points:
+                raise ValueError(f"{item.key} = {answer!r}: {self.name} needs an answer from 1 to {self.points}")
+            counted.append(self.points - answer if item.reversed else answer - 1)
         share = sum(counted) / (len(counted) * (self.points - 1))
         return self.lowest + share * (self.highest - self.lowest)
 

@@ -17,9 +17,9 @@ def whole_triads(answers: Mapping[frozenset[str], Answer]) -> list[list[Answer]]
     """The triads that were answered whole: the three answers about all pairs of three. answers: by the pair they are
     about, one person's under one condition."""
     triads: dict[frozenset[str], list[Answer]] = {}
-    for one, other in combinations(answers, 2):
-        three = one | other
-        if len(three) == 3 and one ^ other in answers:
+    for first, other in combinations(answers, 2):
+        three = first | other
+        if len(three) == 3 and first ^ other in answers:
             triads.setdefault(three, [answers[pair] for pair in answers if pair <= three])
     return list(triads.values())
 

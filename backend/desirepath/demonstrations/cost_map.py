@@ -90,10 +90,10 @@ def _search(prices: NDArray[np.float64], goal_i: int, goal_j: int, steps: NDArra
             u, w = i + steps[s, 0], j + steps[s, 1]
             if 0 <= u < columns and 0 <= w < lines:
                 length = CELL_M * math.sqrt(steps[s, 0] ** 2 + steps[s, 1] ** 2)
-                there = cost + length * (prices[i, j] + prices[u, w]) / 2
-                if there < cheapest[u, w]:
-                    cheapest[u, w] = there
-                    heapq.heappush(waiting, (there, u, w))
+                total = cost + length * (prices[i, j] + prices[u, w]) / 2
+                if total < cheapest[u, w]:
+                    cheapest[u, w] = total
+                    heapq.heappush(waiting, (total, u, w))
     return cheapest
 
 

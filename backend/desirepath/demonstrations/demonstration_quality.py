@@ -56,17 +56,17 @@ def qualities(demonstrations: Sequence[Demonstration], groups: Sequence[object])
     paths = [_evenly(demonstration) for demonstration in demonstrations]
     measured = measure([demonstration.trajectory for demonstration in demonstrations])
     described = []
-    for i, one in enumerate(demonstrations):
+    for i, drawn in enumerate(demonstrations):
         others = [j for j in range(len(paths)) if j != i and groups[j] == groups[i]]
         apart = {j: float(np.linalg.norm(paths[i] - paths[j], axis=1).mean()) for j in others}
         same = next((j for j in others if j < i and apart[j] < SAME_M), None)
         nearest = min(apart.values(), default=None)
-        speeds = one.executed_speeds
+        speeds = drawn.executed_speeds
         acceleration = float(np.abs(np.diff(speeds)).max(initial=0.0) / CONTROL_DT_S)
         human = (
             float(measured.min_human_distance[i])
-            - one.drawn_in.person.radius
-            - get_setup(one.drawn_in.setup).robot.radius_m
+            - drawn.drawn_in.person.radius
+            - get_setup(drawn.drawn_in.setup).robot.radius_m
         )
         room = float(measured.min_obstacle_distance[i])
         flags = {

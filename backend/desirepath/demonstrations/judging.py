@@ -116,9 +116,9 @@ def judge_rollouts(rollouts: Sequence[Trajectory], demonstrations: Sequence[Demo
     measured = measure(rollouts)
     followed = [
         trajectory.outcome == Outcome.SUCCESS
-        and one.deviation.distance_m <= FOLLOWED_M
-        and one.deviation.t_star >= FOLLOWED_T
-        for trajectory, one in zip(rollouts, alike, strict=True)
+        and to_demonstrated.deviation.distance_m <= FOLLOWED_M
+        and to_demonstrated.deviation.t_star >= FOLLOWED_T
+        for trajectory, to_demonstrated in zip(rollouts, alike, strict=True)
     ]
     correlations = [a.speed_correlation for a in alike if not math.isnan(a.speed_correlation)]
     return Judgement(
@@ -142,19 +142,19 @@ def unseen_scenes(pairs: Sequence[Scene], kind: str, n: int, *, purpose: Purpose
     kind: what is drawn: `starts` (of the robot), `goals`, `people` (place and heading), or all three: `anywhere`. The
     rest is as in the pairs, in turn. Raises ValueError for another kind, SceneError if too few scenes fit.
     """
-    taken: dict[str, Callable[[Scene, Scene], Scene]] = {
+    draw: dict[str, Callable[[Scene, Scene], Scene]] = {
         "starts": lambda pair, drawn: replace(pair, start=drawn.start),
         "goals": lambda pair, drawn: replace(pair, goal=drawn.goal),
         "people": lambda pair, drawn: replace(pair, person=drawn.person),
         "anywhere": lambda pair, drawn: drawn,
     }
-    if kind not in taken:
-        raise ValueError(f"kind {kind!r}: known are {', '.join(taken)}")
+    if kind not in draw:
+        raise ValueError(f"kind {kind!r}: known are {', '.join(draw)}")
     scenes: list[Scene] = []
     first = first_seed(purpose, seed)
     for begin in range(first, first + SCENES_PER_SEED, DRAWN_AT_ONCE):
         for drawn in draw_scenes(pairs[0].setup, range(begin, begin + DRAWN_AT_ONCE)):
-            scene = replace(taken[kind](pairs[len(scenes) % len(pairs)], drawn), seed=drawn.seed, walk=None)
+            scene = replace(draw[kind](pairs[len(scenes) % len(pairs)], drawn), seed=drawn.seed, walk=None)
             if len(scenes) < n and _drivable(scene):
                 scenes.append(scene)
         if len(scenes) == n:

@@ -157,8 +157,8 @@ class PathSpline:
 def _distinct(stroke: Stroke) -> tuple[Doubles, Doubles, Doubles]:
     """Points, speeds and arc lengths without points that lie on the one before."""
     steps = np.linalg.norm(np.diff(stroke.points, axis=0), axis=1)
-    kept = np.concatenate([[True], steps > 1e-6])
-    return stroke.points[kept], stroke.speeds[kept], np.concatenate([[0.0], np.cumsum(steps[steps > 1e-6])])
+    moved = np.concatenate([[True], steps > 1e-6])
+    return stroke.points[moved], stroke.speeds[moved], np.concatenate([[0.0], np.cumsum(steps[steps > 1e-6])])
 
 
 def _drawn_to(points: Doubles, lengths: Doubles, start: Pose) -> Doubles:

@@ -60,21 +60,21 @@ def attribute(
     check_method(method, command)
     index = COMMANDS.index(command)
     inputs = torch.from_numpy(np.ascontiguousarray(observations)).requires_grad_(True)
-    found: Tensor
+    scores: Tensor
     if method == "saliency":
-        found = Saliency(actor).attribute(inputs, target=index, abs=False)
+        scores = Saliency(actor).attribute(inputs, target=index, abs=False)
     elif method == "integrated_gradients":
         start = torch.from_numpy(baseline(observations, setup))
-        found = IntegratedGradients(actor).attribute(
+        scores = IntegratedGradients(actor).attribute(
             inputs, baselines=start, target=index, n_steps=IG_STEPS, method="gausslegendre"
         )
     else:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            found = NoiseTunnel(Saliency(actor)).attribute(
+            scores = NoiseTunnel(Saliency(actor)).attribute(
                 inputs, nt_type="smoothgrad", nt_samples=SAMPLES, stdevs=NOISE, target=index, abs=False
             )
-    return found.detach().numpy().astype(np.float64)
+    return scores.detach().numpy().astype(np.float64)
 
 
 def baseline(observations: Floats, setup: Setup) -> Floats:

@@ -61,8 +61,8 @@ def explanation_files(
     def draw(ax: Axes, step: int) -> None:
         _draw_sight(ax, trajectory, sight, explained, step)
 
-    told = [_signed(sight, explained, step) for step in range(len(trajectory.actions))]
-    return _files(trajectory, scores, draw, told, name, at_s, words)
+    signed = [_signed(sight, explained, step) for step in range(len(trajectory.actions))]
+    return _files(trajectory, scores, draw, signed, name, at_s, words)
 
 
 def attended_files(
@@ -81,8 +81,8 @@ def attended_files(
     def draw(ax: Axes, step: int) -> None:
         _draw_people(ax, trajectory, scores, step)
 
-    told = [[(bool(score > 0), float(score)) for score in row] for row in looked]
-    return _files(trajectory, scores, draw, told, name, at_s, words)
+    signed = [[(bool(score > 0), float(score)) for score in row] for row in looked]
+    return _files(trajectory, scores, draw, signed, name, at_s, words)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def _files(
     trajectory: Trajectory,
     explained: Scores,
     draw: Callable[[Axes, int], None],
-    told: Sequence[Sequence[tuple[bool, float]]],
+    signed: Sequence[Sequence[tuple[bool, float]]],
     name: str,
     at_s: float | None,
     words: ExplanationWords,
@@ -135,7 +135,7 @@ def _files(
     files = {
         "explanation.png": encode_figure(figure, "png", about),
         "explanation.svg": encode_figure(figure, "svg", about),
-        "explanation.csv": table_bytes(COLUMNS, _rows(trajectory, explained, told, commands)),
+        "explanation.csv": table_bytes(COLUMNS, _rows(trajectory, explained, signed, commands)),
     }
     return FigureFiles(files, numbers)
 
@@ -168,27 +168,27 @@ def _step_at(trajectory: Trajectory, at_s: float) -> int:
 
 
 def _rows(
-    trajectory: Trajectory, explained: Scores, told: Sequence[Sequence[tuple[bool, float]]], commands: Commands
+    trajectory: Trajectory, explained: Scores, of_steps: Sequence[Sequence[tuple[bool, float]]], commands: Commands
 ) -> Iterator[tuple[object, ...]]:
     """One row per moment and thing."""
     for step in range(len(trajectory.actions)):
         pose = [round(float(value), 4) for value in trajectory.poses[step]]
         at = (step, round(step * trajectory.dt, 2), *pose, round(float(commands[step]), 4))
-        for k, (seen, signed) in enumerate(told[step]):
+        for k, (seen, signed) in enumerate(of_steps[step]):
             yield (*at, explained.things[k], seen, round(float(explained.scores[step, k]), 4), signed)
 
 
 def _signed(sight: Sight, explained: Explanation, step: int) -> list[tuple[bool, float]]:
     """By thing, whether it is seen, and the attribution, signed, of the ray or position with the greatest one."""
-    rays, found = explained.inputs[step, sight.first_ray :], list[tuple[bool, float]]()
+    rays, rows = explained.inputs[step, sight.first_ray :], list[tuple[bool, float]]()
     for k, thing in enumerate(explained.things):
         mine = [float(value) for value in rays[sight.provider[step] == k]]
         if thing == "goal":
             mine += explained.inputs[step, :2].tolist()
         elif thing == "person" and sight.setup.person_inputs is not None:
             mine += explained.inputs[step, list(sight.setup.person_inputs)].tolist()
-        found.append((thing == "goal" or bool(sight.seen[step, k]), max(mine, key=abs, default=0.0)))
-    return found
+        rows.append((thing == "goal" or bool(sight.seen[step, k]), max(mine, key=abs, default=0.0)))
+    return rows
 
 
 def _figure(

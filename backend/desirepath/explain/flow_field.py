@@ -293,10 +293,10 @@ def _rolled_out(
         engine.step(actions)
         step = engine.poses[running, :2] - before
         for part in range(1, points + 1):
-            here = grid.cells_of(before + step * (part / points))
-            entered = (here != cells[running]) & (here >= 0)
-            np.add.at(counts, here[entered], 1)
-            cells[running] = here
+            now = grid.cells_of(before + step * (part / points))
+            entered = (now != cells[running]) & (now >= 0)
+            np.add.at(counts, now[entered], 1)
+            cells[running] = now
     return engine.outcomes.copy(), counts.astype(np.int32).reshape(grid.shape)
 
 

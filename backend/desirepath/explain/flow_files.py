@@ -92,7 +92,7 @@ def starts_files(
         "scene_seed": scene.seed,
         "starts": shown,
         "policies": [
-            {"name": name, "arrived": sum(one.outcome == Outcome.SUCCESS for one in of_one)}
+            {"name": name, "arrived": sum(trajectory.outcome == Outcome.SUCCESS for trajectory in of_one)}
             for name, of_one in rollouts.items()
         ],
     }
@@ -107,10 +107,10 @@ def starts_files(
 
 def _poses(rollouts: Mapping[str, Sequence[Trajectory]]) -> Iterable[tuple[object, ...]]:
     for name, of_one in rollouts.items():
-        for start, one in enumerate(of_one):
-            for time, pose in zip(one.times, one.poses, strict=True):
+        for start, trajectory in enumerate(of_one):
+            for time, pose in zip(trajectory.times, trajectory.poses, strict=True):
                 rounded = (round(float(value), 4) for value in pose)
-                yield (name, start, round(float(time), 1), *rounded, one.outcome.name.lower())
+                yield (name, start, round(float(time), 1), *rounded, trajectory.outcome.name.lower())
 
 
 def _describe(name: str, field: flow.FlowField) -> dict[str, Any]:

@@ -27,7 +27,7 @@ def share_in_sight(scene: Scene, x: float, y: float, at_s: float) -> float:
     spots = np.column_stack([x + across * aside[0], y + across * aside[1], up])
     hidden = np.zeros(len(spots), np.bool_)
     crowd = solids_of(scene, people_of(scene), at_s) if scene.crowd else ()
-    for solid in (*scene.obstacles, *(one for one in crowd if one.kind != PERSON)):
+    for solid in (*scene.obstacles, *(body for body in crowd if body.kind != PERSON)):
         c, s = np.cos(solid.pose.yaw), np.sin(solid.pose.yaw)
         turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
         middle = np.array([solid.pose.x, solid.pose.y, solid.height / 2])

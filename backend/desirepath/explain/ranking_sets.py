@@ -79,18 +79,18 @@ class RankingSet(StoredArrays):
             "command": self.command,
             "rollouts": [
                 {
-                    "scene": one.trajectory.scene.as_dict(),
-                    "things": list(one.things),
-                    "practice": one.practice,
-                    "dt": one.trajectory.dt,
+                    "scene": each.trajectory.scene.as_dict(),
+                    "things": list(each.things),
+                    "practice": each.practice,
+                    "dt": each.trajectory.dt,
                 }
-                for one in self.rollouts
+                for each in self.rollouts
             ],
         }
-        arrays = {name: np.concatenate([getattr(one.trajectory, name) for one in self.rollouts]) for name in STORED}
-        steps = np.array([len(one.trajectory.actions) for one in self.rollouts], dtype=np.int32)
-        scores = np.concatenate([one.scores.ravel() for one in self.rollouts]).astype(np.float32)
-        attended = [one.attention for one in self.rollouts if one.attention is not None]
+        arrays = {name: np.concatenate([getattr(each.trajectory, name) for each in self.rollouts]) for name in STORED}
+        steps = np.array([len(each.trajectory.actions) for each in self.rollouts], dtype=np.int32)
+        scores = np.concatenate([each.scores.ravel() for each in self.rollouts]).astype(np.float32)
+        attended = [each.attention for each in self.rollouts if each.attention is not None]
         for number, name in enumerate(ATTENTION if attended else ()):
             weights = np.concatenate([both[number] for both in attended])
             arrays[name] = np.rint(PARTS * weights).astype(np.uint16)
@@ -99,16 +99,16 @@ class RankingSet(StoredArrays):
     @classmethod
     def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> RankingSet:
         rollouts, first, score = [], 0, 0
-        for k, (said, steps) in enumerate(zip(header["rollouts"], arrays["steps"].tolist(), strict=True)):
+        for k, (stored, steps) in enumerate(zip(header["rollouts"], arrays["steps"].tolist(), strict=True)):
             rows, poses = slice(first, first + steps), slice(first + k, first + k + steps + 1)
             cut: dict[str, Any] = {name: arrays[name][poses if name == "poses" else rows] for name in STORED}
-            things = tuple(str(thing) for thing in said["things"])
+            things = tuple(str(thing) for thing in stored["things"])
             scores = arrays["scores"][score : score + (steps + 1) * len(things)].reshape(steps + 1, len(things))
-            scene = Scene.from_dict(said["scene"])
-            trajectory = Trajectory(scene, Outcome.RUNNING, **cut, dt=float(said["dt"]))
+            scene = Scene.from_dict(stored["scene"])
+            trajectory = Trajectory(scene, Outcome.RUNNING, **cut, dt=float(stored["dt"]))
             looked = [(arrays[name][poses] / PARTS).astype(np.float32) for name in ATTENTION if name in arrays]
             attention = (looked[0], looked[1]) if looked else None
-            rollouts.append(ExplainedRollout(trajectory, things, scores, bool(said["practice"]), attention))
+            rollouts.append(ExplainedRollout(trajectory, things, scores, bool(stored["practice"]), attention))
             first, score = first + steps, score + scores.size
         return cls(header["setup"], tuple(rollouts), header["policy"], header["method"], header["command"])
 
@@ -166,14 +166,14 @@ def ranking_set(
     """
     rollouts: list[ExplainedRollout] = []
     for some, wanted, practising in ((scenes, count, False), (practice, practised, True)):
-        found = _in_sight(actor, act, some, method, command)
-        kept = [replace(one, practice=practising) for one in islice(found, wanted)]
-        if len(kept) < wanted:
+        candidates = _in_sight(actor, act, some, method, command)
+        chosen = [replace(each, practice=practising) for each in islice(candidates, wanted)]
+        if len(chosen) < wanted:
             raise AttributionError(
-                f"scenes: the robot still drives after {DRIVE_S:g} s and halts in sight in {len(kept)} of them; a "
+                f"scenes: the robot still drives after {DRIVE_S:g} s and halts in sight in {len(chosen)} of them; a "
                 f"ranking set of {wanted} needs more scenes"
             )
-        rollouts += kept
+        rollouts += chosen
     return RankingSet(rollouts[0].trajectory.scene.setup, tuple(rollouts), policy, method, command)
 
 
@@ -183,9 +183,9 @@ def _in_sight(
     """Rollouts that halt where the person sees the robot; others say nothing to whoever ranks."""
     for scene in scenes:
         with suppress(AttributionError):  # it was over before
-            one = explain_rollout(actor, act, scene, method=method, command=command)
-            if halts_in_sight(one.trajectory):
-                yield one
+            explained = explain_rollout(actor, act, scene, method=method, command=command)
+            if halts_in_sight(explained.trajectory):
+                yield explained
 
 
 def _cut(whole: Trajectory, steps: int) -> Trajectory:

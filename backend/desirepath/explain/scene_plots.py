@@ -122,11 +122,13 @@ def starts_figure(rollouts: Mapping[str, Sequence[Trajectory]], *, title: str, w
             paths = [trajectory.poses[:, :2] for trajectory in trajectories]
             ax.add_collection(LineCollection(paths, colors=colour, linewidths=1.2, linestyles=[dashes], zorder=4))
             lines.append(Line2D([], [], color=colour, linestyle=dashes, linewidth=1.6, label=name))
-            lost = [path[-1] for path, one in zip(paths, trajectories, strict=True) if one.outcome != Outcome.SUCCESS]
+            lost = [
+                path[-1] for path, driven in zip(paths, trajectories, strict=True) if driven.outcome != Outcome.SUCCESS
+            ]
             if lost:
                 x, y = np.array(lost).T
                 ax.scatter(x, y, marker="x", color=colour, s=22, linewidths=1.2, zorder=5)
-        for start in {one.scene.start for one in every} - {scene.start}:
+        for start in {driven.scene.start for driven in every} - {scene.start}:
             ax.add_patch(Circle((start.x, start.y), 0.06, facecolor=PAPER, edgecolor=INK, linewidth=0.8, zorder=6))
         _frame(axes, scene, extent, words, columns=1)
         _legend(figure, words, None, lines)

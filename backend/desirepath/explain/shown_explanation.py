@@ -69,8 +69,8 @@ def solids_of(scene: Scene, things: Sequence[str], at_s: float) -> tuple[Obstacl
         return scene.obstacles[: len(things)]
     x, y, yaw = (float(value) for value in scene.person_poses([at_s])[0])
     poses = {PERSON: Pose(x, y, yaw)}
-    for name, one in zip(people_of(scene)[1:], scene.crowd.pedestrians if scene.crowd else (), strict=True):
-        walked = one.walk.poses_at([at_s])[0] if one.walk is not None else where_on_route(one, at_s)
+    for name, body in zip(people_of(scene)[1:], scene.crowd.pedestrians if scene.crowd else (), strict=True):
+        walked = body.walk.poses_at([at_s])[0] if body.walk is not None else where_on_route(body, at_s)
         poses[name] = Pose(*(float(value) for value in walked))
     return tuple(Obstacle(thing, poses[thing], PED_DEPTH_M, PED_WIDTH_M, PED_HEIGHT_M) for thing in things)
 
@@ -80,12 +80,12 @@ def guess_weights(trajectory: Trajectory, things: Sequence[str]) -> dict[str, fl
     near ones more, ahead of it more.
     """
     x, y, yaw = (float(value) for value in trajectory.poses[-1])
-    found = {}
+    weights = {}
     solids = solids_of(trajectory.scene, things, (len(trajectory.poses) - 1) * CONTROL_DT_S)
     for thing, obstacle in zip(things, solids, strict=True):
         bearing = math.atan2(obstacle.pose.y - y, obstacle.pose.x - x) - yaw
-        found[thing] = 1.0 / (0.2 + max(0.0, float(obstacle.distance_m(x, y)) - AHEAD_M * math.cos(bearing)))
-    return found
+        weights[thing] = 1.0 / (0.2 + max(0.0, float(obstacle.distance_m(x, y)) - AHEAD_M * math.cos(bearing)))
+    return weights
 
 
 def simulate_ranking(

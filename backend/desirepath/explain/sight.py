@@ -70,8 +70,8 @@ class Sight:
     def seen(self) -> NDArray[np.bool_]:
         """(T, things) whether any pooled ray ends there."""
         which = np.arange(len(self.things))[None, :, None]
-        found: NDArray[np.bool_] = (self.provider[:, None, :] == which).any(axis=2)
-        return found
+        hit: NDArray[np.bool_] = (self.provider[:, None, :] == which).any(axis=2)
+        return hit
 
     def without(self, removed: NDArray[np.bool_]) -> Floats:
         """(T, obs) what would be observed had the things (T, things) been taken out of the room.

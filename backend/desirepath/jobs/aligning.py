@@ -76,30 +76,30 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     reward_model = keep_reward_model(context, params, answers, model, name=model_name, reduction="sum", results=fitted)
     context.progress(0.03)
     algorithm = REGISTRY[params.algorithm]
-    made = algorithm.align(context, params, base, model)
+    aligned = algorithm.align(context, params, base, model)
     believed, independent = None, of_participant
     if params.surely_better:  # else nobody asks, and it takes seconds
         independent = preferences_of(context, snapshot, independent=True) if snapshot.ratings else of_participant
         earlier = earlier_people(context, params.earlier, setup, params.symmetry)
         believed = posterior_of_person(independent, params.symmetry, earlier)
     verdict = None
-    if believed is not None and decide(made.gate, beside_instant=made.beside_instant).passed:
-        verdict = better_for_person(believed[0], made.policy, base, seed=params.seed, needed=params.surely_better)
+    if believed is not None and decide(aligned.gate, beside_instant=aligned.beside_instant).passed:
+        verdict = better_for_person(believed[0], aligned.policy, base, seed=params.seed, needed=params.surely_better)
     if believed is not None and not (verdict is not None and verdict.passed):
         otherwise = free_form(
             context, params, base, believed[0], [preference for of in independent.values() for preference in of]
         )
         if otherwise is not None and decide(otherwise[0].gate, surely=otherwise[1].passed).passed:
-            made, verdict = otherwise
+            aligned, verdict = otherwise
     surely = verdict.passed if verdict is not None else None
-    decision = decide(made.gate, beside_instant=made.beside_instant, surely=surely)
+    decision = decide(aligned.gate, beside_instant=aligned.beside_instant, surely=surely)
     own = {
         **({"personal": verdict.as_dict()} if verdict is not None else {}),
         **({"check": believed[1].as_dict()} if believed is not None else {}),
         **({"prior": {"earlier_participants": len(earlier)}} if believed is not None and params.earlier else {}),
     }
     # `passed` here is the gate's; the result's is the whole decision
-    gate = made.gate.as_dict()
+    gate = aligned.gate.as_dict()
     with context.database.session() as s:
         reward_model_artefact = find_artefact(s, reward_model, "reward_model")
     parents = [(base_artefact, "base"), (reward_model_artefact, "reward_model"), (snapshot_artefact, "answers")]
@@ -109,27 +109,29 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         name=f"{algorithm.makes}: {snapshot_artefact.name}, seed {params.seed}",
         setup=setup,
         # Many people prefer the same: without their names on them, these would be one policy, first made for the first.
-        content=replace(made.policy, made_for=snapshot_artefact.id).to_bytes(),
+        content=replace(aligned.policy, made_for=snapshot_artefact.id).to_bytes(),
         params=params,
-        config=made.config,
-        results={"gate": gate, "predicted": predicted, **own, **made.results},
-        parents=[*parents, *made.parents],
+        config=aligned.config,
+        results={"gate": gate, "predicted": predicted, **own, **aligned.results},
+        parents=[*parents, *aligned.parents],
         scenes={
-            "gate": describe(Purpose.GATE, made.gate.scenes, params.seed),
+            "gate": describe(Purpose.GATE, aligned.gate.scenes, params.seed),
             **({"personal": describe(Purpose.GATE, SCENES, JUDGING_SEED + params.seed)} if verdict else {}),
-            **made.scenes,
+            **aligned.scenes,
         },
-        departures=made.departures,
+        departures=aligned.departures,
     )
     context.progress(0.93)
     comparisons: list[dict[str, Any]] = []
     further: dict[str, list[dict[str, Any]]] = {}
     if decision.passed and params.comparisons:
-        comparisons = comparison_rollouts(context, params, "base", (base, base_artefact.id), (made.policy, policy))
+        comparisons = comparison_rollouts(context, params, "base", (base, base_artefact.id), (aligned.policy, policy))
         seen = {comparison["scene_seed"] for comparison in comparisons}
         for against, rival in _rivals(context, params, setup).items():
             count = params.neutral if isinstance(params, ConditionedAlignParams) and against == "neutral" else None
-            further[against] = comparison_rollouts(context, params, against, rival, (made.policy, policy), seen, count)
+            further[against] = comparison_rollouts(
+                context, params, against, rival, (aligned.policy, policy), seen, count
+            )
             seen |= {comparison["scene_seed"] for comparison in further[against]}
     return {
         "policy": policy,
@@ -140,7 +142,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         "passed": decision.passed,
         "why": decision.why,
         "gate": gate,
-        **made.beside,
+        **aligned.beside,
         **own,
         "comparisons": comparisons,
         "yoked": further.get("other", []),

@@ -126,14 +126,14 @@ def posterior_of_person(
     if len(of_participant) != 1:
         return None
     try:
-        setup, kept = usable(next(iter(of_participant.values())), fewest=1)
+        setup, used = usable(next(iter(of_participant.values())), fewest=1)
     except TooFewAnswers:
         return None
     mirrored = symmetry == "left_right"
-    pairs = [(preference.chosen, preference.rejected) for preference in kept]
+    pairs = [(preference.chosen, preference.rejected) for preference in used]
     return check_answers(
         PairDifferences.of(setup.name, pairs, left_right_symmetry=mirrored),
-        np.ones(len(kept), dtype=np.bool_),
+        np.ones(len(used), dtype=np.bool_),
         FreeConfig(posterior=PosteriorConfig(left_right_symmetry=mirrored)),
         prior_of_earlier(setup.name, earlier),
     )

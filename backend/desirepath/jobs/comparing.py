@@ -33,7 +33,7 @@ def evaluate_policy(context: JobContext, params: EvaluateParams) -> dict[str, An
         "policies": [{"id": artefact.id, "name": artefact.name, "measured": measured}],
         "scenes": _rows(scenes, [table]),
     }
-    kept = keep(
+    artefact_id = keep(
         context,
         kind="evaluation",
         name=f"{artefact.name}, {params.scenes} scenes, seed {params.seed}",
@@ -45,7 +45,7 @@ def evaluate_policy(context: JobContext, params: EvaluateParams) -> dict[str, An
         parents=[(artefact, "policy")],
         scenes={"report": describe(Purpose.REPORT, params.scenes, params.seed)},
     )
-    return {"evaluation": kept, "measured": measured}
+    return {"evaluation": artefact_id, "measured": measured}
 
 
 def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
@@ -53,7 +53,9 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
     artefact_a, policy_a = load_any_policy(context, params.policy_a, params.weights_a)
     artefact_b, policy_b = load_any_policy(context, params.policy_b, params.weights_b)
     weights = (params.weights_a, params.weights_b)
-    names = [f"{one.name}@{of}" if of else one.name for one, of in zip((artefact_a, artefact_b), weights, strict=True)]
+    names = [
+        f"{each.name}@{of}" if of else each.name for each, of in zip((artefact_a, artefact_b), weights, strict=True)
+    ]
     setup = require_same(policy_a=policy_a.setup, policy_b=policy_b.setup)
     scenes = _scenes(setup, params.scenes, params.seed)
     a = _rolled_out(context, policy_a, scenes, 0.0, 0.45)
@@ -90,7 +92,7 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
         ],
     }
     context.progress(0.98)
-    kept = keep(
+    artefact_id = keep(
         context,
         kind="evaluation",
         name=f"{names[1]} against {names[0]}, {params.scenes} scenes, seed {params.seed}",
@@ -102,7 +104,7 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
         parents=[(artefact_a, "policy_a"), (artefact_b, "policy_b")],
         scenes={"report": describe(Purpose.REPORT, params.scenes, params.seed)},
     )
-    return {"evaluation": kept, "compared": compared}
+    return {"evaluation": artefact_id, "compared": compared}
 
 
 def _scenes(setup: str, n: int, seed: int) -> list[Scene]:

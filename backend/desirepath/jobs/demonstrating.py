@@ -36,10 +36,10 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
     controllers one by one is shown every situation, arrived or not.
     """
     began = time.monotonic()
-    artefact, kept, demonstrations = _demonstrations(context, params.snapshot)
+    artefact, paths, demonstrations = _demonstrations(context, params.snapshot)
     learned = learn(demonstrations, params, context.progress.part(0.02, 0.9))
-    made = learned.roll_out([d.scene for d in demonstrations])
-    judged = judge_rollouts(made, demonstrations)
+    driven = learned.roll_out([d.scene for d in demonstrations])
+    judged = judge_rollouts(driven, demonstrations)
     # From the demonstrated starts; nothing else was rolled out there, so there is nothing to compare it with.
     rule = GateRule(scenes=len(demonstrations), min_success=params.gate_min_success, max_loss=None)
     gate = verdict(rule, judged.success_rate, scenes=rule.scenes)
@@ -58,11 +58,11 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
         departures=learned.departures,
     )
     rollouts = [
-        {"demonstration": one.demonstration, "pair": one.pair, "trajectory": trajectory}
-        for one, trajectory in zip(kept, keep_trajectories(context, made, policy_id), strict=True)
+        {"demonstration": demonstrated.demonstration, "pair": demonstrated.pair, "trajectory": trajectory}
+        for demonstrated, trajectory in zip(paths, keep_trajectories(context, driven, policy_id), strict=True)
     ]
     context.progress(0.95)
-    pairs = sorted({path.pair for path in kept})
+    pairs = sorted({path.pair for path in paths})
     situations, both_arrive = _situations(context, pairs, learned, policy_id) if decision.passed else ([], [])
     return {
         "policy": policy_id,
@@ -72,7 +72,9 @@ def train_demonstrations(context: JobContext, params: TrainDemonstrationsParams)
         "judged": judged.as_dict(),
         "rollouts": rollouts,
         "situations": situations,
-        "comparisons": [one for one, both in zip(situations, both_arrive, strict=True) if both][: params.comparisons],
+        "comparisons": [situation for situation, both in zip(situations, both_arrive, strict=True) if both][
+            : params.comparisons
+        ],
         "seconds": round(time.monotonic() - began, 2),
     }
 
@@ -82,8 +84,8 @@ def _demonstrations(
 ) -> tuple[Artefact, Sequence[KeptDemonstration], list[Demonstration]]:
     with context.database.session() as s:
         artefact = find_artefact(s, reference, "demonstrations")
-    _, kept = read_demonstrations(context.files.get(artefact.id))
-    return artefact, kept, [Demonstration.from_bytes(context.files.get(path.demonstration)) for path in kept]
+    _, paths = read_demonstrations(context.files.get(artefact.id))
+    return artefact, paths, [Demonstration.from_bytes(context.files.get(path.demonstration)) for path in paths]
 
 
 def _situations(

@@ -66,7 +66,7 @@ def free_form(
     policy = policy.without_critic()
     gate = at_gate(policy, base, gate_rule(params), seed=params.seed)
     verdict = better_for_person(believed, policy, base, seed=params.seed, needed=params.surely_better)
-    made = Aligned(
+    aligned = Aligned(
         policy=policy,
         gate=gate,
         config=config,
@@ -75,4 +75,4 @@ def free_form(
         departures=[DEPARTURES["free_form"], DEPARTURES["policy_library"]],
         beside={"free_form": True},
     )
-    return made, verdict
+    return aligned, verdict

@@ -49,14 +49,14 @@ def free_name(s: DbSession, kind: str, name: str) -> str:
     ones lose their middle, which is a study's name or another artefact's."""
 
     def fitting(ending: str) -> str:
-        kept = LONGEST_NAME - len(ending)
-        return (name if len(name) <= kept else f"{name[: kept // 3]}…{name[-(kept - kept // 3 - 1) :]}") + ending
+        room = LONGEST_NAME - len(ending)
+        return (name if len(name) <= room else f"{name[: room // 3]}…{name[-(room - room // 3 - 1) :]}") + ending
 
-    taken = set(
+    names = set(
         s.scalars(select(Artefact.name).where(Artefact.kind == kind, Artefact.name.startswith(fitting("")[:40])))
     )
     number = 1
-    while (candidate := fitting(f" ({number})" if number > 1 else "")) in taken:
+    while (candidate := fitting(f" ({number})" if number > 1 else "")) in names:
         number += 1
     return candidate
 
@@ -120,7 +120,7 @@ def keep(
             **card_of(context, params, config=config, results=results, parents=parents, scenes=scenes),
             "departures": list(departures),
         }
-        made = save_artefact(
+        artefact = save_artefact(
             s,
             context.files,
             kind=kind,
@@ -132,7 +132,7 @@ def keep(
             study_id=context.job.study_id,
             job_id=context.job.id,
         )
-        return made.id
+        return artefact.id
 
 
 def card_of(

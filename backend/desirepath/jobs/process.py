@@ -427,8 +427,8 @@ def _give_up_waiting(database: Database, settings: Settings, job_id: str) -> Out
     with database.transaction() as s:
         job = s.get(Job, job_id)
         if job is not None and job.state not in FINAL_STATES:
-            said = "Database or artefact store was away, or the disk full, several times in a row; start it again."
-            job.error = f"{said}\n{read_log(settings, job_id)}".strip()
+            reason = "Database or artefact store was away, or the disk full, several times in a row; start it again."
+            job.error = f"{reason}\n{read_log(settings, job_id)}".strip()
             finish(job, "failed")
     return Outcome.FAILED
 

@@ -77,10 +77,10 @@ def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[s
         ).as_dict(),
         **describe_model(model),
     }
-    kept = keep_reward_model(
+    artefact_id = keep_reward_model(
         context, params, answers, model, name=params.model, reduction=params.reduction, results=result
     )
-    return {"reward_model": kept, **result}
+    return {"reward_model": artefact_id, **result}
 
 
 def _held_out(preferences: Sequence[Preference], fit: Fit, params: RewardModelParams) -> dict[str, Any]:

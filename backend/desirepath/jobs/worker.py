@@ -198,15 +198,15 @@ def run_worker(settings: Settings, *, parent: int | None = None) -> None:
     if parent is not None:
         threading.Thread(target=stop_with_parent, args=(parent,), daemon=True).start()
     # A handler that sets an event itself waits for ever where it interrupts this thread's waiting for that event.
-    asked: queue.SimpleQueue[None] = queue.SimpleQueue()
+    stop_asked: queue.SimpleQueue[None] = queue.SimpleQueue()
 
     def stop_when_asked() -> None:
-        asked.get()
+        stop_asked.get()
         stop()
 
     threading.Thread(target=stop_when_asked, daemon=True).start()
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: asked.put(None))
+        signal.signal(number, lambda *_: stop_asked.put(None))
     worker = Worker(settings, stopping, woken)
     worker.run()
     worker.close()

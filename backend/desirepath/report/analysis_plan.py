@@ -74,8 +74,8 @@ class AnalysisPlan(BaseModel):
 
 def find_declared_plan(protocol: dict[str, Any]) -> AnalysisPlan | None:
     """The plan of a study's frozen protocol, None where it declares none."""
-    given = protocol.get("analysis")
-    return AnalysisPlan.model_validate(given) if given is not None else None
+    declared = protocol.get("analysis")
+    return AnalysisPlan.model_validate(declared) if declared is not None else None
 
 
 def deviations(declared: AnalysisPlan | None, used: AnalysisPlan) -> list[str]:

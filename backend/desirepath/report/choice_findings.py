@@ -70,21 +70,23 @@ def describe_condition(choices: Sequence[Choice], condition: str, plan: Analysis
             {
                 person: [
                     (first_answers[person, choice.query], choice)
-                    for choice in given
+                    for choice in of_person
                     if (person, choice.query) in first_answers
                 ]
-                for person, given in _by_person([choice for choice in own if choice.role == role]).items()
+                for person, of_person in _by_person([choice for choice in own if choice.role == role]).items()
             },
             fewest=plan.min_probes,
         )
         for role in PROBES
     }
-    seconds = [[choice.decision_s for choice in given if choice.decision_s is not None] for given in by_person.values()]
+    seconds = [
+        [choice.decision_s for choice in of_person if choice.decision_s is not None] for of_person in by_person.values()
+    ]
     return OfCondition(
         answers=len(regular),
         second_shown=clustered_share(
-            [float(np.mean([choice.second_chosen for choice in given])) for given in by_person.values()],
-            [len(given) for given in by_person.values()],
+            [float(np.mean([choice.second_chosen for choice in of_person])) for of_person in by_person.values()],
+            [len(of_person) for of_person in by_person.values()],
         ),
         decision_s=mean_of([float(np.median(times)) for times in seconds if times]),
         repeat=again["repeat"],
@@ -101,24 +103,24 @@ def _by_person(choices: Sequence[Choice]) -> dict[str, list[Choice]]:
 
 def compare_conditions(regular: Sequence[Choice], pair: Pair) -> Agreement:
     """Agreement of the same person's answers to the same queries under two conditions."""
-    return _over_people({person: _both(given, pair) for person, given in _by_person(regular).items()})
+    return _over_people({person: _both(of_person, pair) for person, of_person in _by_person(regular).items()})
 
 
-def _both(given: Sequence[Choice], pair: Pair) -> list[tuple[Choice, Choice]]:
+def _both(of_person: Sequence[Choice], pair: Pair) -> list[tuple[Choice, Choice]]:
     """One person's answers to the queries that were asked under both conditions."""
-    first, second = ({choice.query: choice for choice in given if choice.condition == name} for name in pair)
+    first, second = ({choice.query: choice for choice in of_person if choice.condition == name} for name in pair)
     return [(first[query], second[query]) for query in sorted(first.keys() & second.keys())]
 
 
 def _over_people(pairs: Mapping[str, Sequence[tuple[Choice, Choice]]], fewest: int = 1) -> Agreement:
     shares, sizes, kappas = [], [], []
-    for given in pairs.values():
-        if len(given) < fewest:
+    for both in pairs.values():
+        if len(both) < fewest:
             continue
-        sizes.append(len(given))
-        shares.append(agreement([a.chosen for a, _ in given], [b.chosen for _, b in given]))
+        sizes.append(len(both))
+        shares.append(agreement([a.chosen for a, _ in both], [b.chosen for _, b in both]))
         # places are those of the first answer: with the sides swapped whoever is steady takes the other place
-        kappas.append(cohens_kappa([a.second_chosen for a, _ in given], [b.chosen == a.second for a, b in given]))
+        kappas.append(cohens_kappa([a.second_chosen for a, _ in both], [b.chosen == a.second for a, b in both]))
     kappa = end_at_scale(mean_of(kappas), -1.0, 1.0)
     return Agreement(clustered_share(shares, sizes), kappa, sum(math.isnan(kappa) for kappa in kappas))
 
@@ -131,8 +133,8 @@ def agree_per_person(
     by_person = _by_person(choices)
     between_all: dict[str, float] = {}
     within_all: dict[str, float] = {}
-    for person, given in by_person.items():
-        regular = [choice for choice in given if choice.role == "regular"]
+    for person, of_person in by_person.items():
+        regular = [choice for choice in of_person if choice.role == "regular"]
         shares = [
             agreement([a.chosen for a, _ in both], [b.chosen for _, b in both])
             for pair in pairs
@@ -143,7 +145,7 @@ def agree_per_person(
             first = {choice.query: choice for choice in regular if choice.condition == condition}
             repeats = [
                 choice
-                for choice in given
+                for choice in of_person
                 if choice.role == "repeat" and choice.condition == condition and choice.query in first
             ]
             if len(repeats) >= plan.min_probes:
@@ -159,12 +161,12 @@ def agree_per_person(
 
 def count_triads(choices: Sequence[Choice], condition: str) -> Triads | None:
     """The condition's triads that were answered whole; None where there are none."""
-    asked = [choice for choice in choices if choice.role == TRIAD and choice.condition == condition]
+    triad_choices = [choice for choice in choices if choice.role == TRIAD and choice.condition == condition]
     shares: list[float] = []
     sizes: list[int] = []
     count = circular = 0
-    for given in _by_person(asked).values():
-        whole = whole_triads({frozenset({choice.first, choice.second}): choice for choice in given})
+    for of_person in _by_person(triad_choices).values():
+        whole = whole_triads({frozenset({choice.first, choice.second}): choice for choice in of_person})
         ways = sum(is_circular([(choice.chosen, choice.rejected) for choice in three]) for three in whole)
         count, circular = count + len(whole), circular + ways
         if whole:
@@ -189,16 +191,16 @@ def disagreement(
     values = np.stack([np.asarray(getattr(measured, name), dtype=float) for name in metrics], axis=1)
     row_of = {trajectory: k for k, trajectory in enumerate(shown)}
     per_person: dict[Pair, list[NDArray[np.float64]]] = {pair: [] for pair in transitions}
-    for given in _by_person(regular).values():
-        seen = {row_of[t] for choice in given for t in (choice.first, choice.second)}
+    for choices in _by_person(regular).values():
+        seen = {row_of[t] for choice in choices for t in (choice.first, choice.second)}
         of_person = values[sorted(seen)]
         deviation = [float(of.std(ddof=1)) if has_spread(of) else math.nan for of in of_person.T]
         scored = values / np.array(deviation)  # the mean cancels in a difference
         for pair in transitions:
             flips = [
-                scored[row_of[there.chosen]] - scored[row_of[here.chosen]]
-                for here, there in _both(given, pair)
-                if here.chosen != there.chosen
+                scored[row_of[after.chosen]] - scored[row_of[before.chosen]]
+                for before, after in _both(choices, pair)
+                if before.chosen != after.chosen
             ]
             if flips:
                 per_person[pair].append(np.mean(flips, axis=0))

@@ -214,9 +214,9 @@ def describe_who_was_asked_on(findings: Findings) -> list[str]:
         f"{further} further answer{'s' * (further > 1)}: {', '.join(codes)}"
         for further, codes in sorted(by_answers.items())
     )
-    asked, total = len(findings.asked_on), sum(findings.asked_on.values())
+    count, total = len(findings.asked_on), sum(findings.asked_on.values())
     return [
-        f"{asked} of {findings.flow.analysed} people {'was' if asked == 1 else 'were'} asked on, since what was "
+        f"{count} of {findings.flow.analysed} people {'was' if count == 1 else 'were'} asked on, since what was "
         f"learned was not surely better for that very person ({total} further answers in all; {each}). These answers "
         "taught their robot and are in no other number here."
     ]

@@ -129,20 +129,22 @@ def analyse(
     revised = find_declared_plan(dict(data.newest)) if data.newest is not None else declared
     used = plan or revised or AnalysisPlan()
     everyone = [row for row in data.people if is_asked_for(who, simulated=row.simulated)]
-    kept = [row for row in everyone if _counts(row, used)]
-    if not kept:
-        there = Counter("simulated participants" if row.simulated else "people" for row in data.people)
-        counted = ", ".join(f"{count} {kind}" for kind, count in there.items()) or "nobody"
+    analysed = [row for row in everyone if _counts(row, used)]
+    if not analysed:
+        kinds = Counter("simulated participants" if row.simulated else "people" for row in data.people)
+        counted = ", ".join(f"{count} {kind}" for kind, count in kinds.items()) or "nobody"
         raise NothingToReport(
             f"who = {who!r}: none of them has a {'completed ' if used.sessions == 'completed' else ''}session that "
             f"counts (joined: {counted}; excluded or withdrawn: {sum(map(_left_out, data.people))}); choose people, "
             "simulated or all"
         )
-    own = data.of({row.code for row in kept})
+    own = data.of({row.code for row in analysed})
     conditions = own.conditions
     regular = [choice for choice in own.choices if choice.role == "regular"]
-    asked = {choice.condition for choice in regular} | {ranking.condition for ranking in own.importance}
-    queried = tuple(name for name in conditions if name in asked) if regular else ()  # otherwise they were rated only
+    answered = {choice.condition for choice in regular} | {ranking.condition for ranking in own.importance}
+    queried = (
+        tuple(name for name in conditions if name in answered) if regular else ()
+    )  # otherwise they were rated only
     designs, scales = designs_of(own), scale_results(own)
     every_rated = measures(own, used, scales)
     ranked = analyse_rankings(own.importance, every_rated, used, intervals=intervals)
@@ -150,16 +152,16 @@ def analyse(
     rated = [of for of in every_rated if (of.item.questionnaire, of.item.key) not in of_explanations]
     return Findings(
         who=who,
-        analysed=tuple(row.code for row in kept),
-        simulated=sum(row.simulated for row in kept),
+        analysed=tuple(row.code for row in analysed),
+        simulated=sum(row.simulated for row in analysed),
         plan=used,
         plan_hash=used.digest(),
         declared_hash=declared.digest() if declared else None,
         deviations=deviations(declared, used),
         conditions=conditions,
         designs=designs,
-        flow=_flow(everyone, kept, used),
-        orders=dict(sorted(Counter(", ".join(c for c in row.order if c in conditions) for row in kept).items())),
+        flow=_flow(everyone, analysed, used),
+        orders=dict(sorted(Counter(", ".join(c for c in row.order if c in conditions) for row in analysed).items())),
         demographics=demographics(own),
         items=item_results(rated, designs, used, intervals=intervals),
         rankings=ranking_results(own.ratings, used, own, intervals=intervals),
@@ -169,8 +171,8 @@ def analyse(
         triads={name: of for name in queried if (of := count_triads(own.choices, name))},
         disagreement=disagreement(regular, queried, used.metrics, load),
         personalised=compare_own(own.comparisons, used),
-        own_policies=dict(Counter(row.own_policy for row in kept if row.own_policy is not None)),
-        asked_on={row.code: row.further for row in kept if row.further},
+        own_policies=dict(Counter(row.own_policy for row in analysed if row.own_policy is not None)),
+        asked_on={row.code: row.further for row in analysed if row.further},
         guessed=count_guesses(own.guesses),
         met=summarise_meetings(own.meetings),
         ways=analyse_methods(own.method_choices, own.taught, used),
@@ -178,7 +180,7 @@ def analyse(
         if (intervals if beside is None else beside)
         else None,
         explained=ranked,
-        devices=_devices(own.choices, {row.code: row for row in kept}),
+        devices=_devices(own.choices, {row.code: row for row in analysed}),
     )
 
 
@@ -190,14 +192,14 @@ def _counts(person: ParticipantRow, plan: AnalysisPlan) -> bool:
     return not _left_out(person) and (plan.sessions == "all" or person.state == FINISHED)
 
 
-def _flow(everyone: Sequence[ParticipantRow], kept: Sequence[ParticipantRow], plan: AnalysisPlan) -> Flow:
+def _flow(everyone: Sequence[ParticipantRow], analysed: Sequence[ParticipantRow], plan: AnalysisPlan) -> Flow:
     open_ones = [row for row in everyone if not _left_out(row) and not _counts(row, plan)]
     return Flow(
         joined=len(everyone),
         withdrawn=sum(row.withdrawn for row in everyone),
         excluded=dict(Counter(row.excluded for row in everyone if row.excluded and not row.withdrawn)),
         unfinished=dict(Counter(row.state for row in open_ones)),
-        analysed=len(kept),
+        analysed=len(analysed),
     )
 
 

@@ -158,7 +158,9 @@ def _equivalent(
     margins = plan.equivalence
     tests = []
     if margins is not None and margins.rating is not None:
-        tests += [equivalence(one, margins.rating, about=about) for about, one in _differences(rated, designs)]
+        tests += [
+            equivalence(differences, margins.rating, about=about) for about, differences in _differences(rated, designs)
+        ]
     if margins is not None and margins.share is not None:
         for against in ARMS:
             shares = own_shares(data.comparisons, against)
@@ -181,13 +183,13 @@ def _weighed(data: StudyData, rated: Sequence[Measure], designs: Sequence[StudyD
 
 def _reliabilities(data: StudyData) -> list[ScaleReliability]:
     reliabilities = []
-    asked = find_askings(data.ratings)
+    topics = find_askings(data.ratings)
     for questionnaire, scale in data.scales:
         keys = [item.key for item in scale.items]
         answers: dict[str, dict[str, dict[str, int]]] = {}
         for rating in data.ratings:
             if rating.questionnaire == questionnaire and rating.item in keys:
-                about = find_topic(rating, asked)
+                about = find_topic(rating, topics)
                 answers.setdefault(about, {}).setdefault(rating.person, {})[rating.item] = rating.value
         for condition, by_person in sorted(answers.items()):
             turned = [
@@ -229,8 +231,8 @@ def _models(
         rows = [(choice.person, conditions.index(choice.condition), float(choice.second_chosen)) for choice in regular]
         models.append(_model("choosing the second shown", rows, conditions))
     for against in ARMS:
-        if asked := own_against(data.comparisons, against):
-            rows = [(comparison.person, 0, float(comparison.chosen == "own")) for comparison in asked]
+        if comparisons := own_against(data.comparisons, against):
+            rows = [(comparison.person, 0, float(comparison.chosen == "own")) for comparison in comparisons]
             models.append(_model(f"choosing the own policy over {ARMS[against]}", rows, ["all"]))
     return models
 

@@ -58,11 +58,11 @@ def analyse_methods(choices: Sequence[MethodChoice], taught: Sequence[Taught], p
         return None
     names = sorted({name for choice in choices for name in (choice.chosen, choice.rejected)})
     wins = count_wins(((choice.person, choice.chosen, choice.rejected) for choice in choices), names)
-    asked = wins + wins.transpose(0, 2, 1)
-    each = asked.sum(axis=(1, 2))
+    counts = wins + wins.transpose(0, 2, 1)
+    each = counts.sum(axis=(1, 2))
     with np.errstate(invalid="ignore"):
-        shares = wins.sum(axis=2) / asked.sum(axis=2)
-        of_pair = wins / asked
+        shares = wins.sum(axis=2) / counts.sum(axis=2)
+        of_pair = wins / counts
     whole = shares[np.isfinite(shares).all(axis=1)]
     test, between = _tests(whole, names, plan)
     weights = {name: {lesson.person: lesson.weights for lesson in taught if lesson.method == name} for name in names}
@@ -71,9 +71,9 @@ def analyse_methods(choices: Sequence[MethodChoice], taught: Sequence[Taught], p
         comparisons=len(choices),
         look_alike=sum(choice.look_alike for choice in choices),
         unfinished=int((each < each.max()).sum()),
-        won={name: clustered_share(shares[:, k], asked.sum(axis=2)[:, k]) for k, name in enumerate(names)},
+        won={name: clustered_share(shares[:, k], counts.sum(axis=2)[:, k]) for k, name in enumerate(names)},
         pairs={
-            (names[i], names[j]): clustered_share(of_pair[:, i, j], asked[:, i, j])
+            (names[i], names[j]): clustered_share(of_pair[:, i, j], counts[:, i, j])
             for i, j in combinations(range(len(names)), 2)
         },
         test=test,

@@ -57,31 +57,31 @@ def compare_own(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[P
     Answers of one person depend on each other, and so do those of people who were lent the same policy of another's
     (they share what is good or bad about it): units are people, or the people of one lent policy together.
     """
-    of_arm = [(against, asked) for against in ARMS if (asked := own_against(comparisons, against))]
-    raw = [_tests(asked, against, plan) for against, asked in of_arm]
+    of_arm = [(against, of_opponent) for against in ARMS if (of_opponent := own_against(comparisons, against))]
+    raw = [_tests(of_opponent, against, plan) for against, of_opponent in of_arm]
     tests = correct_tests([declared for declared, _ in raw], plan.correction)
     return [
         Personalised(
             against=against,
-            share=_share(asked, against),
+            share=_share(of_opponent, against),
             test=test,
             beside=beside,
-            people=len(_counts(asked)),
-            clusters=len(_units(asked, against)),
-            answers=len(asked),
-            look_alike=sum(comparison.look_alike for comparison in asked),
-            stand_ins=len({comparison.person for comparison in asked if comparison.stand_in}),
+            people=len(_counts(of_opponent)),
+            clusters=len(_units(of_opponent, against)),
+            answers=len(of_opponent),
+            look_alike=sum(comparison.look_alike for comparison in of_opponent),
+            stand_ins=len({comparison.person for comparison in of_opponent if comparison.stand_in}),
         )
-        for (against, asked), test, (_, beside) in zip(of_arm, tests, raw, strict=True)
+        for (against, of_opponent), test, (_, beside) in zip(of_arm, tests, raw, strict=True)
     ]
 
 
-def _tests(asked: Sequence[Comparison], against: str, plan: AnalysisPlan) -> tuple[Tested, Tested]:
+def _tests(comparisons: Sequence[Comparison], against: str, plan: AnalysisPlan) -> tuple[Tested, Tested]:
     """The declared test, and the other one. Sign test: which of the two a unit chose more often. Signed ranks: by how
     much more of its people's choices than half."""
     names = ("the own policy", ARMS[against])
     about = f"own policy against {ARMS[against]}"
-    shares = own_shares(asked, against)
+    shares = own_shares(comparisons, against)
     over, under = (shares > 0.5).astype(int), (shares < 0.5).astype(int)
     sign = sign_test(over.tolist(), under.tolist(), about=about, names=names)
     if len(shares) < 2:
@@ -103,10 +103,10 @@ def own_shares(comparisons: Sequence[Comparison], against: str) -> NDArray[np.fl
     return np.array([_mean_share(unit, against) for unit in units.values()])
 
 
-def _units(asked: Sequence[Comparison], against: str) -> dict[str, list[Comparison]]:
+def _units(comparisons: Sequence[Comparison], against: str) -> dict[str, list[Comparison]]:
     """Comparisons by what was sampled: people, or of lent policies all of the people who were lent one of them."""
     of_person: dict[str, list[Comparison]] = defaultdict(list)
-    for comparison in asked:
+    for comparison in comparisons:
         of_person[comparison.person].append(comparison)
     if against != "other":
         return of_person
@@ -117,21 +117,21 @@ def _units(asked: Sequence[Comparison], against: str) -> dict[str, list[Comparis
     return units
 
 
-def _mean_share(asked: Sequence[Comparison], against: str) -> float:
+def _mean_share(comparisons: Sequence[Comparison], against: str) -> float:
     """Mean over the unit's people of the share of their choices that went to the own policy."""
-    counts = _counts(asked)
+    counts = _counts(comparisons)
     return float(np.mean([of["own"] / (of["own"] + of[against]) for of in counts.values()]))
 
 
-def _counts(asked: Sequence[Comparison]) -> Mapping[str, Counter[str]]:
+def _counts(comparisons: Sequence[Comparison]) -> Mapping[str, Counter[str]]:
     counts: dict[str, Counter[str]] = defaultdict(Counter)
-    for comparison in asked:
+    for comparison in comparisons:
         counts[comparison.person][comparison.chosen] += 1
     return counts
 
 
-def _share(asked: Sequence[Comparison], against: str) -> Mean:
-    units = [_counts(unit) for unit in _units(asked, against).values()]
+def _share(comparisons: Sequence[Comparison], against: str) -> Mean:
+    units = [_counts(unit) for unit in _units(comparisons, against).values()]
     if all(len(unit) == 1 for unit in units):
         people = [of for unit in units for of in unit.values()]
         return share_over_people([of["own"] for of in people], [of[against] for of in people])

@@ -71,11 +71,11 @@ def demographics(data: StudyData) -> list[Described]:
     """Items outside blocks that are neither rankings nor of a validated scale, whose score counts."""
     scored = {(questionnaire, item.key) for questionnaire, scale in data.scales for item in scale.items}
     answers: dict[tuple[str, str, str], list[Any]] = defaultdict(list)
-    asked = find_askings(data.ratings)
+    topics = find_askings(data.ratings)
     for rating in data.ratings:
         single = rating.condition is None and not isinstance(rating.value, list)
         if single and (rating.questionnaire, rating.item) not in scored:
-            answers[rating.questionnaire, rating.item, find_topic(rating, asked)].append(rating.value)
+            answers[rating.questionnaire, rating.item, find_topic(rating, topics)].append(rating.value)
     described = []
     for (questionnaire, key, asking), values in sorted(answers.items(), key=lambda entry: data.place(*entry[0][:2])):
         item = data.item(questionnaire, key)
@@ -101,8 +101,8 @@ def measures(data: StudyData, plan: AnalysisPlan, scales: Sequence[ScaleResult])
     scored = {(of.questionnaire, item.key) for of in scales for item in of.scale.items}
     answers: dict[tuple[str, str], dict[str, dict[str, list[float]]]] = defaultdict(dict)
     for rating in data.ratings:
-        asked = plan.items is None or rating.questionnaire == plan.items
-        if not asked or rating.condition is None or not isinstance(rating.value, int | float):
+        wanted = plan.items is None or rating.questionnaire == plan.items
+        if not wanted or rating.condition is None or not isinstance(rating.value, int | float):
             continue
         if (rating.questionnaire, rating.item) not in scored:
             rated_by = answers[rating.questionnaire, rating.item].setdefault(rating.person, {})
@@ -132,16 +132,16 @@ def ranking_results(
     """Chi-square of first choices per ranking, p corrected over the rankings; its pairs where significant, corrected
     over pairs and rankings. Each asking is a ranking of its own; whoever ranked the same again counts with the last."""
     orders: dict[tuple[str, str, str], dict[str, list[str]]] = defaultdict(dict)
-    asked = find_askings(ratings)
+    topics = find_askings(ratings)
     for rating in ratings:
         if isinstance(rating.value, list) and (plan.ranking is None or rating.questionnaire == plan.ranking):
-            key = rating.questionnaire, rating.item, find_topic(rating, asked)
+            key = rating.questionnaire, rating.item, find_topic(rating, topics)
             orders[key][rating.person] = [str(option) for option in rating.value]
     places: dict[tuple[str, str, str], dict[str, list[int]]] = {}
     for key, of_person in sorted(orders.items(), key=lambda entry: data.place(*entry[0][:2])):
-        given = list(of_person.values())
-        names = sorted({name for order in given for name in order})
-        places[key] = {name: [sum(o[k] == name for o in given) for k in range(len(names))] for name in names}
+        rankings = list(of_person.values())
+        names = sorted({name for order in rankings for name in order})
+        places[key] = {name: [sum(o[k] == name for o in rankings) for k in range(len(names))] for name in names}
     tests = correct_tests(
         [
             equal_first_choices(
@@ -181,16 +181,16 @@ def scale_results(data: StudyData) -> list[ScaleResult]:
     """Every validated scale that was asked. Whoever answered it about a condition more than once counts with the mean
     of the scores; outside blocks every asking (before, after) has a score of its own."""
     results = []
-    asked = find_askings(data.ratings)
+    topics = find_askings(data.ratings)
     for questionnaire, scale in data.scales:
         keys = {item.key for item in scale.items}
-        given: dict[tuple[str, str | None, str], dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
+        by_asking: dict[tuple[str, str | None, str], dict[str, list[Any]]] = defaultdict(lambda: defaultdict(list))
         for rating in data.ratings:
             if rating.questionnaire == questionnaire and rating.item in keys:
-                asking = find_topic(rating, asked) if rating.condition is None else ""
-                given[rating.person, rating.condition, asking][rating.item].append(rating.value)
+                asking = find_topic(rating, topics) if rating.condition is None else ""
+                by_asking[rating.person, rating.condition, asking][rating.item].append(rating.value)
         scores, incomplete = [], 0
-        for (person, condition, asking), answers in given.items():
+        for (person, condition, asking), answers in by_asking.items():
             times = max(map(len, answers.values()))
             if any(len(answers[key]) < times for key in keys):
                 incomplete += times  # whose answer is missing is not known
@@ -204,6 +204,6 @@ def scale_results(data: StudyData) -> list[ScaleResult]:
             name: end_at_scale(mean_of(values), scale.lowest, scale.highest)
             for name, values in sorted(of_condition.items())
         }
-        if given:
+        if by_asking:
             results.append(ScaleResult(questionnaire, scale, scores, means, incomplete))
     return results

@@ -20,8 +20,8 @@ def table_section(
 
 def significant_points(tests: Sequence[Tested], pairs: Sequence[Tested], alpha: float) -> list[str]:
     """A sentence for each significant test and pair, and for each test that could not have found anything."""
-    told = [test for test in tests if test.significant(alpha) or not test.possible(alpha)]
-    return [test.sentence(alpha) for test in (*told, *(pair for pair in pairs if pair.significant(alpha)))]
+    reported = [test for test in tests if test.significant(alpha) or not test.possible(alpha)]
+    return [test.sentence(alpha) for test in (*reported, *(pair for pair in pairs if pair.significant(alpha)))]
 
 
 def test_row(test: Tested, alpha: float, columns: str) -> list[str]:

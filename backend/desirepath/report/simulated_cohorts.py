@@ -146,8 +146,8 @@ class SimulatedPerson:
     def _opinion(self, what: str, item: str, *about: str) -> float:
         """Standard normal, correlated between items by `items_alike`."""
         alike = self.cohort.items_alike
-        one = self._random(what, item, *about).normal()
-        return one if not alike else math.sqrt(1 - alike) * one + math.sqrt(alike) * self._random(what, *about).normal()
+        own = self._random(what, item, *about).normal()
+        return own if not alike else math.sqrt(1 - alike) * own + math.sqrt(alike) * self._random(what, *about).normal()
 
     @property
     def drops_out(self) -> bool:
@@ -161,9 +161,9 @@ class SimulatedPerson:
 
     def rank(self, ranking: str, options: Sequence[str]) -> list[str]:
         """All options, best first, by Luce's rule: each place goes to one that is left, by shares of first choices."""
-        given, names = self.cohort.first_choice.get(ranking, {}), sorted(options)
-        rest = (1 - sum(given.values())) / max(1, sum(name not in given for name in names))
-        shares = np.array([given.get(name, rest) for name in names])
+        first_choice, names = self.cohort.first_choice.get(ranking, {}), sorted(options)
+        rest = (1 - sum(first_choice.values())) / max(1, sum(name not in first_choice for name in names))
+        shares = np.array([first_choice.get(name, rest) for name in names])
         utility = np.log(shares) + self._random("ranking", ranking).gumbel(size=len(names))
         return [names[k] for k in np.argsort(-utility)]
 
@@ -237,8 +237,8 @@ def simulate_data(
                 for scale in scales
                 for item in scale.items
             ]
-            asked = [("regular", k) for k in range(queries)] + [("repeat", k) for k in range(repeats)]
-            choices += [_choice(person, code, condition, role, f"{code}-{k}") for role, k in asked]
+            roles = [("regular", k) for k in range(queries)] + [("repeat", k) for k in range(repeats)]
+            choices += [_choice(person, code, condition, role, f"{code}-{k}") for role, k in roles]
         ratings += [Rating(code, None, "view_ranking", r, person.rank(r, list(cells))) for r in rankings]
         for against in opponents if comparisons and person.is_shown_own else ():
             for k in range(comparisons):
@@ -255,8 +255,8 @@ def _cells(factors: Levels) -> dict[str, tuple[str, ...]]:
 
 def _agreed(person: SimulatedPerson, item: ScaleItem, scale: Scale, condition: str, levels: Sequence[str]) -> int:
     """An answer to an item of a scale, turned round where agreeing lowers the score."""
-    given = person.rate(item.key, condition, scale.points, levels=levels, scale=scale.name)
-    return scale.points + 1 - given if item.reversed else given
+    points = person.rate(item.key, condition, scale.points, levels=levels, scale=scale.name)
+    return scale.points + 1 - points if item.reversed else points
 
 
 def _choice(person: SimulatedPerson, code: str, condition: str, role: str, query: str) -> Choice:
@@ -270,8 +270,8 @@ def _choice(person: SimulatedPerson, code: str, condition: str, role: str, query
 def read_cohort(file: Path) -> Cohort:
     """A cohort written as YAML, its keys those of `Cohort`. Raises CohortError naming what cannot be."""
     try:
-        given = Source(file.name, file_text(file)).data
-        return _COHORT.validate_json(json.dumps(given), strict=True)
+        data = Source(file.name, file_text(file)).data
+        return _COHORT.validate_json(json.dumps(data), strict=True)
     except ProtocolError as problem:
         raise CohortError(f"cohort = {file.name!r}: cannot be read ({problem})") from None
     except ValidationError as wrong:

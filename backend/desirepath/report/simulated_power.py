@@ -48,9 +48,9 @@ class Rate:
     high: float
 
 
-def rate(test: str, found: int, n: int) -> Rate:
-    estimate = wilson(found, n)
-    return Rate(test, found, n, found / n, estimate.low, estimate.high)
+def rate(test: str, significant: int, n: int) -> Rate:
+    estimate = wilson(significant, n)
+    return Rate(test, significant, n, significant / n, estimate.low, estimate.high)
 
 
 def no_trajectories(trajectory: str) -> Any:

@@ -96,10 +96,10 @@ def simulate_rankings(
             scores = draw_scores(random, trials)
             places = draw_ranking(scores, mean, random)
             for k in range(trials):
-                given = dict(zip(OBJECTS, np.round(scores[k], 4).tolist(), strict=True))
+                sliders = dict(zip(OBJECTS, np.round(scores[k], 4).tolist(), strict=True))
                 order = tuple(OBJECTS[thing] for thing in np.argsort(places[k], kind="stable"))
                 rankings.append(
-                    ImportanceRanking(code, name, f"{name}-{k}", "regular", ranking=order, scores=given, **of)
+                    ImportanceRanking(code, name, f"{name}-{k}", "regular", ranking=order, scores=sliders, **of)
                 )
         ratings += _rated(cohort, code, number, names, of_cell)
     protocol = {"protocol": "simulated", "version": 1}

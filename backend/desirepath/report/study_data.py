@@ -89,11 +89,11 @@ def find_askings(ratings: Iterable[Rating]) -> dict[str, set[str]]:
     return askings
 
 
-def find_topic(rating: Rating, asked: Mapping[str, set[str]]) -> str:
+def find_topic(rating: Rating, topics: Mapping[str, set[str]]) -> str:
     """What a rating is about: its condition; outside blocks "", or its asking where there are several."""
     if rating.condition is not None:
         return rating.condition
-    return rating.asking if len(asked[rating.questionnaire]) > 1 else ""
+    return rating.asking if len(topics[rating.questionnaire]) > 1 else ""
 
 
 @dataclass(frozen=True)
@@ -216,8 +216,8 @@ class StudyData:
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""
-        kept: dict[str, Any] = {name: [row for row in getattr(self, name) if row.person in codes] for name in OF_PEOPLE}
-        return replace(self, **kept)
+        rows: dict[str, Any] = {name: [row for row in getattr(self, name) if row.person in codes] for name in OF_PEOPLE}
+        return replace(self, **rows)
 
     @property
     def conditions(self) -> tuple[str, ...]:

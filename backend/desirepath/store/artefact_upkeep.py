@@ -57,7 +57,7 @@ def is_offered() -> ColumnElement[bool]:
 def uses_of(s: Session, artefact_id: str) -> Uses:
     """What hangs on an artefact; locks nothing, so that it can be looked at. Raises ArtefactError if there is none."""
     artefact = _artefact(s, artefact_id, lock=False)
-    made = (
+    children = (
         select(Artefact)
         .join(ArtefactParent, ArtefactParent.artefact_id == Artefact.id)
         .where(ArtefactParent.parent_id == artefact_id)
@@ -70,7 +70,7 @@ def uses_of(s: Session, artefact_id: str) -> Uses:
     ]
     arms = s.scalars(select(Trial.arms).where(Trial.arms.is_not(None)))
     return Uses(
-        made=tuple(s.scalars(made).unique()),
+        made=tuple(s.scalars(children).unique()),
         studies=tuple(studies),
         jobs=_jobs_on(s, artefact),
         shown=sum(mentions(compared, {artefact_id}) for compared in arms),

@@ -117,17 +117,17 @@ def restore(
     return {"data": str(data), "artefacts": len(manifest["sha256"]) - 1, "made_at": manifest["made_at"]}
 
 
-def _check_format(source: Path, given: object, wanted: str) -> None:
-    if given == wanted:
+def _check_format(source: Path, stated: object, wanted: str) -> None:
+    if stated == wanted:
         return
-    if given in (FORMAT, POSTGRES_FORMAT):
+    if stated in (FORMAT, POSTGRES_FORMAT):
         of = (
             "SQLite (leave DESIREPATH_DATABASE_URL empty)"
-            if given == FORMAT
+            if stated == FORMAT
             else "PostgreSQL (DESIREPATH_DATABASE_URL)"
         )
         raise BackupError(f"{source}: is of an installation on {of}; bring it back into such a one")
-    raise BackupError(f"{source}: format {given!r} is unknown; this version reads {FORMAT!r} and {POSTGRES_FORMAT!r}")
+    raise BackupError(f"{source}: format {stated!r} is unknown; this version reads {FORMAT!r} and {POSTGRES_FORMAT!r}")
 
 
 def _unpack(source: Path, tar: tarfile.TarFile, sums: dict[str, str], partial: Path, files: ArtefactStore) -> None:

@@ -362,30 +362,30 @@ class Database:
             message = str(problem.orig)
             where = self.file or self.url.render_as_string(hide_password=True)
             if "disk is full" in message or "No space left on device" in message:
-                said = "the disk is full; nothing of this change was stored. Free some space and try again"
-                raise DiskFull(f"database {where}: {said} ({message})") from problem
+                reason = "the disk is full; nothing of this change was stored. Free some space and try again"
+                raise DiskFull(f"database {where}: {reason} ({message})") from problem
             if "disk I/O error" in message:
-                said = "the disk is full or broken; nothing of this change was stored. Free some space and try again"
+                reason = "the disk is full or broken; nothing of this change was stored. Free some space and try again"
             elif "readonly database" in message and "query_only" not in message:
-                said = "the database was opened for reading or its file is read-only; nothing was stored"
+                reason = "the database was opened for reading or its file is read-only; nothing was stored"
             elif "unable to open database file" in message:
-                said = "the file cannot be opened; check that its folder exists and is writable"
+                reason = "the file cannot be opened; check that its folder exists and is writable"
             elif "file is not a database" in message or "malformed" in message:
-                said = "the file is damaged or no database; restore a backup (`desirepath restore`)"
+                reason = "the file is damaged or no database; restore a backup (`desirepath restore`)"
             elif "database is locked" in message:
                 raise DatabaseBusy(
                     f"database {where}: another process kept writing for more than {BUSY_TIMEOUT_MS / 1000:.0f} s; "
                     f"nothing was stored ({message})"
                 ) from problem
             elif any(words in message for words in NO_SERVER):
-                said = "no database server answers there; check DESIREPATH_DATABASE_URL and that the server runs"
-                raise DatabaseBusy(f"database {where}: {said} ({message})") from problem
+                reason = "no database server answers there; check DESIREPATH_DATABASE_URL and that the server runs"
+                raise DatabaseBusy(f"database {where}: {reason} ({message})") from problem
             elif isinstance(problem, OperationalError) and problem.connection_invalidated:
                 # Where it was lost at the commit itself nobody knows whether it was stored; requests may be repeated.
                 raise DatabaseBusy(f"database {where}: the connection was lost; ask again ({message})") from problem
             else:
                 raise
-            raise StorageError(f"database {where}: {said} ({message})") from problem
+            raise StorageError(f"database {where}: {reason} ({message})") from problem
         except StatementError as problem:
             if isinstance(problem.orig, Unstorable):
                 raise problem.orig from None

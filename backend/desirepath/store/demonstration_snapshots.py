@@ -51,7 +51,7 @@ def demonstrations_of(
     study's participants only people (default), only simulated ones, or all; a session or a participant is asked for by
     name.
     """
-    asked = (
+    rows = (
         select(StrokeRow, Participant, Response)
         .join(SessionRow, SessionRow.id == StrokeRow.session_id)
         .join(Participant, Participant.id == SessionRow.participant_id)
@@ -65,12 +65,12 @@ def demonstrations_of(
         .order_by(Participant.code, StrokeRow.created_at, StrokeRow.id)
     )
     if environment is not None:
-        asked = asked.where(StrokeRow.environment == environment)
+        rows = rows.where(StrokeRow.environment == environment)
     if session_id is not None:
-        asked = asked.where(StrokeRow.session_id == session_id)
+        rows = rows.where(StrokeRow.session_id == session_id)
     if participant_id is not None:
-        asked = asked.where(Participant.id == participant_id)
-    return [(stroke, person, response) for stroke, person, response in s.execute(asked) if lets_us_learn(person)]
+        rows = rows.where(Participant.id == participant_id)
+    return [(stroke, person, response) for stroke, person, response in s.execute(rows) if lets_us_learn(person)]
 
 
 def take_demonstrations(
@@ -97,7 +97,7 @@ def take_demonstrations(
     if not demonstrations:
         of = "" if session_id or participant_id else f" by {WHOSE_WORDS[whose]}"
         raise StrokeError(f"environment = {environment!r}: no demonstration was kept{of} that may be learned from")
-    kept = [
+    chosen = [
         KeptDemonstration(
             response=response.id,
             stroke=stroke.id,
@@ -113,29 +113,29 @@ def take_demonstrations(
         "setup": environment,
         "study": study_id,
         "session": session_id,
-        "demonstrations": [vars(item) for item in kept],
+        "demonstrations": [vars(item) for item in chosen],
     }
-    people = sorted({item.participant for item in kept})
+    people = sorted({item.participant for item in chosen})
     whom = people[0] if len(people) == 1 else f"{len(people)} participants"
     return save_artefact(
         s,
         files,
         kind="demonstrations",
-        name=f"{len(kept)} demonstrations in the {environment} by {whom}",
+        name=f"{len(chosen)} demonstrations in the {environment} by {whom}",
         setup=environment,
         content=json.dumps(content, sort_keys=True).encode(),
         card={
             "study": study_id,
             "session": session_id,
             "environment": environment,
-            "demonstrations": len(kept),
-            "pairs": sorted({item.pair for item in kept}),
+            "demonstrations": len(chosen),
+            "pairs": sorted({item.pair for item in chosen}),
             "participants": len(people),
-            "human": sum(item.source == "human" for item in kept),
+            "human": sum(item.source == "human" for item in chosen),
         },
-        answers=[item.response for item in kept],
+        answers=[item.response for item in chosen],
         study_id=study_id,
-        simulated=any(item.source == "simulated" for item in kept),
+        simulated=any(item.source == "simulated" for item in chosen),
     )
 
 

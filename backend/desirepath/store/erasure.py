@@ -147,8 +147,8 @@ def _find(s: Session, participant: Participant) -> _Doomed:
         if participant.id in owners:
             (doomed.artefacts if owners == {participant.id} else doomed.pooled).add(artefact_id)
     doomed.ids |= doomed.artefacts
-    made = select(Artefact.job_id).where(Artefact.id.in_(doomed.artefacts), Artefact.job_id.is_not(None))
-    doomed.jobs = {job_id for job_id in s.scalars(made) if job_id}
+    jobs = select(Artefact.job_id).where(Artefact.id.in_(doomed.artefacts), Artefact.job_id.is_not(None))
+    doomed.jobs = {job_id for job_id in s.scalars(jobs) if job_id}
     shown = select(Trial.trajectory_a, Trial.trajectory_b)
     own = {t for row in s.execute(shown.where(Trial.session_id.in_(sessions))) for t in row}
     own |= set(s.scalars(select(TrajectoryRow.id).where(TrajectoryRow.made_by.in_(doomed.artefacts))))

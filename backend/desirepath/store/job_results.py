@@ -18,7 +18,7 @@ class JobResult(BaseModel):
     @property
     def made(self) -> list[str]:
         """Ids of the artefacts that the job made, the main one first."""
-        return [made for made in (getattr(self, name, None) for name in MADE) if isinstance(made, str)]
+        return [artefact for artefact in (getattr(self, name, None) for name in MADE) if isinstance(artefact, str)]
 
 
 MADE = ("policy", "reward_model", "evaluation", "query_set")

@@ -40,8 +40,8 @@ def _places(node: yaml.Node | None) -> Iterator[tuple[tuple[int, int], str]]:
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:
             if isinstance(value, yaml.ScalarNode):
-                given = None if value.tag == "tag:yaml.org,2002:null" else value.value
-                if is_payment_code(str(key.value), given):
+                text = None if value.tag == "tag:yaml.org,2002:null" else value.value
+                if is_payment_code(str(key.value), text):
                     yield (value.start_mark.index, value.end_mark.index), key.value
             else:
                 yield from _places(value)

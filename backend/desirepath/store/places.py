@@ -31,13 +31,13 @@ def file_system_of(url: str) -> tuple[Any, str]:
         # Other processes write, too: what was listed a moment ago says nothing.
         options = {"use_listings_cache": False, "config_kwargs": S3_PATIENCE}
     try:
-        found, path = fsspec.core.url_to_fs(url, **options)
+        system, path = fsspec.core.url_to_fs(url, **options)
     except (ValueError, ImportError) as problem:
         known = "known are file:///FOLDER and s3://BUCKET/FOLDER"
         raise StorageError(f"store of files {url!r}: {problem}; {known}") from None
     if url.startswith("s3://"):
-        found.retries = S3_TRIES
-    return found, str(path)
+        system.retries = S3_TRIES
+    return system, str(path)
 
 
 @contextlib.contextmanager
@@ -51,11 +51,11 @@ def explain_errors(url: str) -> Iterator[None]:
         remote = not url.startswith("file:")
         if not isinstance(problem, OSError) and not _is_of_the_store(problem):
             raise
-        said = (problem.strerror if isinstance(problem, OSError) else None) or str(problem) or type(problem).__name__
+        reason = (problem.strerror if isinstance(problem, OSError) else None) or str(problem) or type(problem).__name__
         if is_full(problem):
-            raise DiskFull(f"artefact store {url}: {said}; check free space and permissions") from problem
+            raise DiskFull(f"artefact store {url}: {reason}; check free space and permissions") from problem
         advice = "does it run, and may this machine reach it?" if remote else "check free space and permissions"
-        raise (StoreAway if remote else StorageError)(f"artefact store {url}: {said}; {advice}") from problem
+        raise (StoreAway if remote else StorageError)(f"artefact store {url}: {reason}; {advice}") from problem
 
 
 def _is_of_the_store(problem: Exception) -> bool:
@@ -83,17 +83,17 @@ def write_to(where: str) -> Iterator[Path]:
         if system.exists(path):
             raise StorageError(f"{where}: something is there already; choose another name")
     with tempfile.TemporaryDirectory(prefix="desirepath-") as folder:
-        made = Path(folder) / (path.rstrip("/").rpartition("/")[2] or "written")
-        yield made
+        written = Path(folder) / (path.rstrip("/").rpartition("/")[2] or "written")
+        yield written
         with explain_errors(where):
-            if made.is_file():
-                system.put_file(str(made), path)
+            if written.is_file():
+                system.put_file(str(written), path)
                 return
-            files = [path for path in made.rglob("*") if path.is_file()]
+            files = [path for path in written.rglob("*") if path.is_file()]
             for last in (False, True):
                 batch = [file for file in files if (file.name == LAST_OF_FOLDER) == last]
                 if batch:
-                    names = [f"{path.rstrip('/')}/{file.relative_to(made).as_posix()}" for file in batch]
+                    names = [f"{path.rstrip('/')}/{file.relative_to(written).as_posix()}" for file in batch]
                     system.put([str(file) for file in batch], names)
 
 

@@ -69,10 +69,10 @@ def levels_of(data: Any) -> int:
     """How deep plain data nest: 0 for a number or a text."""
     deepest, waiting = 0, [(data, 0)]
     while waiting:
-        one, level = waiting.pop()
+        item, level = waiting.pop()
         deepest = max(deepest, level)
-        if isinstance(one, dict | list):
-            waiting += [(inner, level + 1) for inner in (one.values() if isinstance(one, dict) else one)]
+        if isinstance(item, dict | list):
+            waiting += [(inner, level + 1) for inner in (item.values() if isinstance(item, dict) else item)]
     return deepest
 
 
@@ -98,7 +98,7 @@ def mentions(data: Any, names: Collection[str]) -> bool:
 def copy_data(
     data: Any,
     *,
-    text: Callable[[str], Any] = lambda given: given,
+    text: Callable[[str], Any] = lambda item: item,
     without: Callable[[str, Any], bool] = lambda key, value: False,
     most_levels: int = MOST_LEVELS,
 ) -> Any:
@@ -108,22 +108,22 @@ def copy_data(
     holder: list[Any] = []
     waiting: list[tuple[Any, list[Any] | dict[str, Any], Any, int]] = [(data, holder, None, 0)]
     while waiting:
-        given, into, key, level = waiting.pop()
-        made: Any
-        if isinstance(given, dict):
-            kept = [(name, inner) for name, inner in given.items() if not without(name, inner)]
-            made = dict.fromkeys(name for name, _ in kept)  # their order is the given one, however it is filled
-            waiting += [(inner, made, name, level + 1) for name, inner in kept if level < most_levels]
-        elif isinstance(given, list):
-            items = [inner for inner in given if not without("", inner)]
-            made = [None] * len(items)
-            waiting += [(inner, made, k, level + 1) for k, inner in enumerate(items) if level < most_levels]
+        item, into, key, level = waiting.pop()
+        copied: Any
+        if isinstance(item, dict):
+            entries = [(name, inner) for name, inner in item.items() if not without(name, inner)]
+            copied = dict.fromkeys(name for name, _ in entries)  # their order is the given one, however it is filled
+            waiting += [(inner, copied, name, level + 1) for name, inner in entries if level < most_levels]
+        elif isinstance(item, list):
+            items = [inner for inner in item if not without("", inner)]
+            copied = [None] * len(items)
+            waiting += [(inner, copied, k, level + 1) for k, inner in enumerate(items) if level < most_levels]
         else:
-            made = text(given) if isinstance(given, str) else given
-        if isinstance(given, dict | list) and given and level >= most_levels:
-            made = CUT
+            copied = text(item) if isinstance(item, str) else item
+        if isinstance(item, dict | list) and item and level >= most_levels:
+            copied = CUT
         if into is holder:
-            holder.append(made)
+            holder.append(copied)
         else:
-            into[key] = made
+            into[key] = copied
     return holder[0]

@@ -46,12 +46,14 @@ def check_empty(url: str) -> None:
     """Raises BackupError where a database has tables already."""
     database = Database(url)
     try:
-        there = inspect(database.engine).get_table_names()
+        tables = inspect(database.engine).get_table_names()
     finally:
         database.close()
-    if there:
+    if tables:
         name = database.url.database
-        raise BackupError(f"database {name!r} has tables already ({min(there)}); bring a backup back into an empty one")
+        raise BackupError(
+            f"database {name!r} has tables already ({min(tables)}); bring a backup back into an empty one"
+        )
 
 
 def bring_back(url: str, dumped: Path) -> None:

@@ -59,8 +59,8 @@ def query_sets_here(s: Session, *, also: str | None = None) -> dict[str, str]:
     usable = or_(is_offered(), and_(Artefact.id == also, Artefact.quarantined_at.is_(None))) if also else is_offered()
     rows = select(Artefact).where(Artefact.kind.in_(KINDS), usable)
     return {
-        found.id: f"{found.name} ({found.setup}, {len(found.card['stored_queries'])} queries)"
-        for found in s.scalars(rows.order_by(Artefact.created_at.desc(), Artefact.id))
+        artefact.id: f"{artefact.name} ({artefact.setup}, {len(artefact.card['stored_queries'])} queries)"
+        for artefact in s.scalars(rows.order_by(Artefact.created_at.desc(), Artefact.id))
     }
 
 
@@ -147,11 +147,11 @@ def save_query_set(
 def _recorded(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
     """What a card says of recordings: `has`, of what all trajectories have; files, with the sha256 of each. Nothing of
     trajectories that engines made."""
-    found = [one.recorded for one in trajectories if one.recorded is not None]
-    if not found:
+    recorded = [each.recorded for each in trajectories if each.recorded is not None]
+    if not recorded:
         return {}
-    has = [part for part in PARTS if len(found) == len(trajectories) and all(part in one.has for one in found)]
-    return {"recorded": {"has": has, "files": {one.file: one.sha256 for one in found}}}
+    has = [part for part in PARTS if len(recorded) == len(trajectories) and all(part in each.has for each in recorded)]
+    return {"recorded": {"has": has, "files": {each.file: each.sha256 for each in recorded}}}
 
 
 def queries_of(s: Session, files: ArtefactStore, artefact_id: str, *, whole: bool = True) -> list[StoredQuery]:
@@ -174,7 +174,7 @@ def queries_of(s: Session, files: ArtefactStore, artefact_id: str, *, whole: boo
     return list(queries)
 
 
-_FIELDS = tuple(one.name for one in fields(StoredQuery))
+_FIELDS = tuple(field.name for field in fields(StoredQuery))
 # By the artefact's row, which never changes: a card holds hundreds of queries, and everybody who joins needs them.
 _listed: dict[tuple[str, datetime], tuple[StoredQuery, ...]] = {}
 

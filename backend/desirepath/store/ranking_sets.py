@@ -59,12 +59,14 @@ def save_ranking_set(
             "trajectory_b": row.id,
             "duration_a_s": row.duration_s,
             "duration_b_s": row.duration_s,
-            "practice": one.practice,
-            "things": list(one.things),
-            "scores": [[round(float(score), 4) for score in moment] for moment in one.scores],
-            **({} if one.attention is None else {"attention": [_per_mille(part) for part in one.attention]}),
+            "practice": explained.practice,
+            "things": list(explained.things),
+            "scores": [[round(float(score), 4) for score in moment] for moment in explained.scores],
+            **(
+                {} if explained.attention is None else {"attention": [_per_mille(part) for part in explained.attention]}
+            ),
         }
-        for row, one in zip(rows, ranked.rollouts, strict=True)
+        for row, explained in zip(rows, ranked.rollouts, strict=True)
     ]
     return save_artefact(
         s,

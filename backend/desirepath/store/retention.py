@@ -50,8 +50,8 @@ def erase_overdue(
         if study is None:
             raise LookupError(f"no study with id {study_id!r}; `desirepath study list` shows them")
         if not is_overdue(study, now):
-            kept = f"until {study.retain_until:%Y-%m-%d}" if study.retain_until else "without a date"
-            raise RetentionError(f"study {study.name!r} is kept {kept}; nothing is due, and nothing was erased")
+            until = f"until {study.retain_until:%Y-%m-%d}" if study.retain_until else "without a date"
+            raise RetentionError(f"study {study.name!r} is kept {until}; nothing is due, and nothing was erased")
         people = list(s.scalars(select(Participant.id).where(Participant.study_id == study_id)))
     compacted = True
     for number, participant_id in enumerate(people, 1):

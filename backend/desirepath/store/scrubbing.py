@@ -37,7 +37,7 @@ def _value(value: Any) -> Any:
             value = form.sub(instead, value)
         return value
     if isinstance(value, dict):
-        return {key: TAKEN_OUT if KEYS.search(str(key)) else _value(one) for key, one in value.items()}
+        return {key: TAKEN_OUT if KEYS.search(str(key)) else _value(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):
         return [_value(item) for item in value]
     return value

@@ -9,8 +9,8 @@ Side = Literal["a", "b"]
 SIDES: tuple[Side, Side] = ("a", "b")
 
 
-def is_side(given: object) -> TypeGuard[Side]:
-    return given in SIDES
+def is_side(value: object) -> TypeGuard[Side]:
+    return value in SIDES
 
 
 def other_side(side: Side) -> Side:

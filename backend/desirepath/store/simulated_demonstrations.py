@@ -28,28 +28,34 @@ def take_simulated_demonstrations(
     person: `still`, or how they walk meanwhile (`opposite`, `random`).
     Raises ValueError for an unknown style, SceneError for an unknown environment, or if nobody found a way to walk.
     """
-    kept = []
+    demonstrations = []
     for pair, scene in enumerate(demonstration_scenes(environment)):
         for drawn in range(per_pair):
             content = _drawn(style, scene, seed * per_pair + drawn, person).to_bytes()
             name = f"{style}-{seed}-{pair}-{drawn}"
-            kept.append(KeptDemonstration(name, name, style, pair, files.put(content), "simulated"))
+            demonstrations.append(KeptDemonstration(name, name, style, pair, files.put(content), "simulated"))
     who = "" if person == "still" else f", a person walking ({person})"
     snapshot = {
         "format": FORMAT,
         "setup": environment,
         "study": None,
         "session": None,
-        "demonstrations": [vars(item) for item in kept],
+        "demonstrations": [vars(item) for item in demonstrations],
     }
     return save_artefact(
         s,
         files,
         kind="demonstrations",
-        name=f"{len(kept)} demonstrations in the {environment} by the programmed {style}{who}",
+        name=f"{len(demonstrations)} demonstrations in the {environment} by the programmed {style}{who}",
         setup=environment,
         content=json.dumps(snapshot, sort_keys=True).encode(),
-        card={"environment": environment, "style": style, "seed": seed, "demonstrations": len(kept), "human": 0}
+        card={
+            "environment": environment,
+            "style": style,
+            "seed": seed,
+            "demonstrations": len(demonstrations),
+            "human": 0,
+        }
         | ({} if person == "still" else {"person": person}),
         simulated=True,
     )

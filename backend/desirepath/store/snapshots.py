@@ -113,9 +113,9 @@ def implied_choices(ratings: Sequence[RatedTrajectory]) -> list[tuple[RatedTraje
     implied = []
     for rated in _rated_alike(ratings):
         pairs = [
-            (one, other) if one.rating > other.rating else (other, one)
-            for one, other in combinations(rated, 2)
-            if one.rating != other.rating and one.trajectory != other.trajectory
+            (first, second) if first.rating > second.rating else (second, first)
+            for first, second in combinations(rated, 2)
+            if first.rating != second.rating and first.trajectory != second.trajectory
         ]
         implied += pairs if len(pairs) <= MOST_IMPLIED else random.Random(0).sample(pairs, MOST_IMPLIED)
     return implied
@@ -192,11 +192,11 @@ class Snapshot:
             raise SnapshotError(f"not a snapshot of this version ({FORMAT}): {problem}") from None
 
 
-def check_whose(given: str) -> Whose:
+def check_whose(whose: str) -> Whose:
     """What was typed as the choice of answers. Raises SnapshotError naming what there is to choose."""
-    if given not in get_args(Whose):
-        raise SnapshotError(f"answers = {given!r}: must be one of {', '.join(get_args(Whose))}")
-    return cast(Whose, given)
+    if whose not in get_args(Whose):
+        raise SnapshotError(f"answers = {whose!r}: must be one of {', '.join(get_args(Whose))}")
+    return cast(Whose, whose)
 
 
 def take_snapshot(
@@ -338,12 +338,12 @@ def _freeze(
         left_out=left_out,
         ratings=tuple(ratings),
     )
-    given: list[Answer | RatedTrajectory] = [*answers, *ratings]
-    people = sorted({answer.participant for answer in given})
+    evidence: list[Answer | RatedTrajectory] = [*answers, *ratings]
+    people = sorted({answer.participant for answer in evidence})
     # in lists, different people's models differ
     many = "participants" if whose == "all" else WHOSE_WORDS[whose]
     whom = people[0] if len(people) == 1 else f"{len(people)} {many}"
-    ending = f", {len(given)} answers of {whom}{f' in {view}' if view else ''}"
+    ending = f", {len(evidence)} answers of {whom}{f' in {view}' if view else ''}"
     return save_artefact(
         s,
         files,
@@ -359,11 +359,11 @@ def _freeze(
             "answers": len(answers),
             "probes": len(answers) - len(usable),
             **({"ratings": len(ratings)} if ratings else {}),
-            "participants": len({answer.participant for answer in given}),
-            "human": sum(answer.source == "human" for answer in given),
+            "participants": len({answer.participant for answer in evidence}),
+            "human": sum(answer.source == "human" for answer in evidence),
             "left_out": left_out,
         },
-        answers=[answer.response for answer in given],
+        answers=[answer.response for answer in evidence],
         study_id=study.id,
         simulated=snapshot.simulated,
     )

@@ -88,10 +88,10 @@ def lets_us_learn(person: Participant) -> bool:
 
 def may_be_published(person: Participant, protocol: Mapping[str, Any]) -> bool:
     """Whether they agreed to that, or the study did not ask. Who has not consented to anything did not agree."""
-    asked = any(
+    asks = any(
         "open_data" in ((entry.get("consent") or {}).get("purposes") or {}) for entry in protocol.get("stages", ())
     )
-    return (person.consents or {}).get("open_data", not asked) is not False
+    return (person.consents or {}).get("open_data", not asks) is not False
 
 
 def reason_not_to_learn(person: Participant, whose: Whose | Literal["session"]) -> str | None:

@@ -81,13 +81,13 @@ def open_questions(s: DatabaseSession, study: Study) -> list[OpenQuestion]:
     versions = s.scalars(
         select(ProtocolVersion).where(ProtocolVersion.study_id == study.id).order_by(ProtocolVersion.number)
     )
-    found: dict[str, OpenQuestion] = {}
+    questions: dict[str, OpenQuestion] = {}
     for version in (study, *versions):
         for questionnaire in thaw(version).questionnaires.values():
             for item in questionnaire.items:
                 if item.type == "text":
-                    found.setdefault(item.key, OpenQuestion(item.key, item.text))
-    return list(found.values())
+                    questions.setdefault(item.key, OpenQuestion(item.key, item.text))
+    return list(questions.values())
 
 
 # ---- answers ---------------------------------------------------------------------------------------------------------
@@ -102,16 +102,16 @@ def answers_to(s: DatabaseSession, study: Study, item: str, group: Group) -> lis
         .where(Session.study_id == study.id, Response.kind == "questionnaire", in_group(group), not_left_out())
         .order_by(Response.id)  # random, so it tells nothing
     )
-    found = {
+    by_response = {
         id_: CodedAnswer(id_, value[item].strip())
         for id_, value in rows
         if isinstance(value.get(item), str) and value[item].strip()
     }
     for coding in s.scalars(select(Coding).where(Coding.study_id == study.id, Coding.item == item)):
-        if coding.response_id in found:
-            found[coding.response_id].codes[coding.role] = frozenset(coding.codes)
-            found[coding.response_id].coders[coding.role] = coding.coder
-    return list(found.values())
+        if coding.response_id in by_response:
+            by_response[coding.response_id].codes[coding.role] = frozenset(coding.codes)
+            by_response[coding.response_id].coders[coding.role] = coding.coder
+    return list(by_response.values())
 
 
 def coders_of(s: DatabaseSession, study: Study, item: str) -> dict[str, str]:
@@ -132,7 +132,9 @@ def role_for(coders: dict[str, str], name: str) -> str | None:
 def next_for(answers: Iterable[CodedAnswer], role: str, name: str) -> CodedAnswer | None:
     """What this coder has not coded yet, the first in an order of their own."""
     left = [answer for answer in answers if role not in answer.codes]
-    return min(left, key=lambda one: hashlib.sha256(f"{name}\0{one.response}".encode()).digest(), default=None)
+    return min(
+        left, key=lambda candidate: hashlib.sha256(f"{name}\0{candidate.response}".encode()).digest(), default=None
+    )
 
 
 # ---- writing ---------------------------------------------------------------------------------------------------------
@@ -144,10 +146,10 @@ def write_code(s: DatabaseSession, study: Study, item: str, name: str, definitio
     name, definition = " ".join(name.split())[:LONGEST_NAME], definition.strip()[:LONGEST_DEFINITION]
     if not name or not definition:
         raise CodingError("code_incomplete")
-    there = codebook_of(s, study.id, item)
-    if any(code.name.casefold() == name.casefold() for code in there):
+    codebook = codebook_of(s, study.id, item)
+    if any(code.name.casefold() == name.casefold() for code in codebook):
         raise CodingError("code_twice", name=name)
-    if len(there) >= MOST_CODES:
+    if len(codebook) >= MOST_CODES:
         raise CodingError("too_many_codes", most=MOST_CODES)
     code = CodebookCode(study_id=study.id, item=item, name=name, definition=definition, written_by=by)
     s.add(code)
@@ -161,8 +163,8 @@ def remove_code(s: DatabaseSession, study: Study, item: str, code_id: str) -> No
     code = s.get(CodebookCode, code_id)
     if code is None or (code.study_id, code.item) != (study.id, item):
         raise CodingError("no_code")
-    given = select(Coding.codes).where(Coding.study_id == study.id, Coding.item == item)
-    uses = sum(code_id in codes for codes in s.scalars(given))
+    rows = select(Coding.codes).where(Coding.study_id == study.id, Coding.item == item)
+    uses = sum(code_id in codes for codes in s.scalars(rows))
     if uses:
         raise CodingError("code_in_use", name=code.name, count=uses)
     s.delete(code)
@@ -199,13 +201,13 @@ def settle(s: DatabaseSession, study: Study, item: str, response_id: str, codes:
 
 
 def _check(s: DatabaseSession, study: Study, item: str, response_id: str, codes: Collection[str]) -> None:
-    asked = (
+    rows = (
         select(Response.value)
         .join(Session, Session.id == Response.session_id)
         .join(Participant, Participant.id == Session.participant_id)
         .where(Response.id == response_id, Session.study_id == study.id, not_left_out())
     )
-    value = s.scalar(asked)
+    value = s.scalar(rows)
     if value is None or not isinstance(value.get(item), str):
         raise CodingError("no_answer")
     if set(codes) - {code.id for code in codebook_of(s, study.id, item)}:
@@ -213,8 +215,8 @@ def _check(s: DatabaseSession, study: Study, item: str, response_id: str, codes:
 
 
 def _coding(s: DatabaseSession, response_id: str, item: str, role: str) -> Coding | None:
-    found = select(Coding).where(Coding.response_id == response_id, Coding.item == item, Coding.role == role)
-    return s.scalars(found).first()
+    rows = select(Coding).where(Coding.response_id == response_id, Coding.item == item, Coding.role == role)
+    return s.scalars(rows).first()
 
 
 def _write(
@@ -224,11 +226,11 @@ def _write(
     response_id: str,
     role: str,
     codes: Collection[str],
-    there: Coding | None,
+    coded: Coding | None,
     *,
     by: str,
 ) -> Coding:
-    coding = there or Coding(study_id=study.id, response_id=response_id, item=item, role=role)
+    coding = coded or Coding(study_id=study.id, response_id=response_id, item=item, role=role)
     coding.coder, coding.codes = by, sorted(set(codes))
     s.add(coding)
     s.flush()

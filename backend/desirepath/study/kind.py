@@ -57,8 +57,8 @@ class Page:
 
     def stage_of(self, step: Step, stage: type[T]) -> T | None:
         """The stage that planned the step, None where it is none of that class."""
-        found = next((one for key, one in self.frozen.protocol.keyed_stages if key == step.stage), None)
-        return found if isinstance(found, stage) else None
+        own = next((candidate for key, candidate in self.frozen.protocol.keyed_stages if key == step.stage), None)
+        return own if isinstance(own, stage) else None
 
 
 @dataclass
@@ -90,13 +90,13 @@ class Moment:
     def answer_to(self, questionnaire: str) -> Mapping[str, Any] | None:
         """The participant's newest answers to that questionnaire, in whichever appointment; None: not answered."""
         keys = [step.key for step in self.plan if getattr(step, "questionnaire", None) == questionnaire]
-        given = (
+        rows = (
             select(Response.value)
             .join(Session, Session.id == Response.session_id)
             .where(Session.participant_id == self.session.participant_id, Response.step_key.in_(keys))
             .order_by(Response.created_at.desc())
         )
-        return self.s.scalars(given).first()
+        return self.s.scalars(rows).first()
 
     def is_asked(self, step: Step) -> bool:
         """Whether this person is asked that step, now that they come to it."""
@@ -121,13 +121,13 @@ class Moment:
         known: dict[tuple[str, str], Trial] = self.s.info.get("trials", {})  # of `session/view.py`
         if (self.session.id, step_key) in known:
             return known[self.session.id, step_key].query_id
-        found = select(Trial.query_id).where(Trial.session_id == self.session.id, Trial.step_key == step_key)
-        return self.s.scalars(found).first()
+        rows = select(Trial.query_id).where(Trial.session_id == self.session.id, Trial.step_key == step_key)
+        return self.s.scalars(rows).first()
 
     def has_trial(self, step_key: str) -> bool:
         """Whether a trial was made for that step."""
-        found = select(Trial.id).where(Trial.session_id == self.session.id, Trial.step_key == step_key)
-        return self.s.scalars(found).first() is not None
+        rows = select(Trial.id).where(Trial.session_id == self.session.id, Trial.step_key == step_key)
+        return self.s.scalars(rows).first() is not None
 
     def refusal(self, code: str, message: str, *, status: int = 409, **details: Any) -> Refused:
         """A refusal that names the session."""

@@ -77,8 +77,8 @@ def plan_power(
     # what conditions, items and rankings there are, only a session tells
     base = Cohort(steady=assumed.consistency, seed=assumed.seed)
     tell(f"{walk} bots walk through the study")
-    data, found, walked = _walked(frozen, base, walk)
-    design = measure_design(data, found, frozen)
+    data, findings, walked = _walked(frozen, base, walk)
+    design = measure_design(data, findings, frozen)
     _check_same(design, base, data)
     assumed = replace(
         assumed,
@@ -103,61 +103,64 @@ def _walked(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyDat
             outcome = walk_in_process(database, files, study, walk, Character(cohort=cohort), without_jobs=True)
             with database.session() as s:
                 data, load = read_study(s, files, study)
-            found = analyse(data, load, "simulated", AnalysisPlan(sessions="all"), intervals=False)
+            findings = analyse(data, load, "simulated", AnalysisPlan(sessions="all"), intervals=False)
         finally:
             database.close()
-    return data, found, {name: outcome[name] for name in ("participants", "completed", "responses")}
+    return data, findings, {name: outcome[name] for name in ("participants", "completed", "responses")}
 
 
-def measure_design(data: StudyData, found: Findings, frozen: FrozenProtocol) -> PlannedDesign:
+def measure_design(data: StudyData, findings: Findings, frozen: FrozenProtocol) -> PlannedDesign:
     """What a walked study asked: its factors, items and scales rated under each condition, rankings, queries,
     comparisons. Of several comparisons the first that something is rated in."""
     comparison = frozen.protocol.stage_of(ComparisonStage)
     design = next(
-        (design_found for design_found in found.designs if any(of.design is design_found for of in found.items)), None
+        (design_found for design_found in findings.designs if any(of.design is design_found for of in findings.items)),
+        None,
     )
-    items = [item.item.key for item in found.items if item.design is design]
+    items = [item.item.key for item in findings.items if item.design is design]
     return PlannedDesign(
         **(plan_factors(design) if design else {}),
-        conditions=tuple(sorted(design.cells if design else found.conditions)),
+        conditions=tuple(sorted(design.cells if design else findings.conditions)),
         items=tuple(items),
         scales=tuple(scale for _, scale in data.scales if scale.name in items),
-        rankings=tuple(ranking.item.key for ranking in found.rankings),
+        rankings=tuple(ranking.item.key for ranking in findings.rankings),
         queries=round(
             sum(choice.role == "regular" for choice in data.choices)
             / max(1, len({(choice.person, choice.condition) for choice in data.choices}))
         ),
         comparisons=comparison.scenes if comparison is not None else 0,
         opponents=comparison.opponents if comparison is not None else (),
-        ranked=_ranked(found),
+        ranked=_ranked(findings),
     )
 
 
-def _ranked(found: Findings) -> RankedDesign:
+def _ranked(findings: Findings) -> RankedDesign:
     """What was ranked by importance, if anything, as everybody met it."""
-    if found.explained is None or not found.explained.factors:
+    if findings.explained is None or not findings.explained.factors:
         return RankedDesign()
-    each = {(trial.of.person, trial.of.condition) for trial in found.explained.trials}
-    return RankedDesign(tuple(found.explained.factors), round(len(found.explained.trials) / len(each)))
+    each = {(trial.of.person, trial.of.condition) for trial in findings.explained.trials}
+    return RankedDesign(tuple(findings.explained.factors), round(len(findings.explained.trials) / len(each)))
 
 
 def _check_same(design: PlannedDesign, cohort: Cohort, data: StudyData) -> None:
     """The state machine must have stored what the cohorts assume it does."""
     simulated = design.study(cohort, len(data.people), 0)
     scored = {item.key for scale in design.scales for item in scale.items}
-    asked = {(rating.item, rating.condition) for rating in simulated.ratings if rating.item not in scored}
+    simulated_items = {(rating.item, rating.condition) for rating in simulated.ratings if rating.item not in scored}
     if design.between:
         return  # who is in which group the cohorts decide for themselves
 
     def answers_of(of: StudyData) -> dict[tuple[str, str | None, str], Any]:
-        return {(r.person, r.condition, r.item): r.value for r in of.ratings if (r.item, r.condition) in asked}
+        return {
+            (r.person, r.condition, r.item): r.value for r in of.ratings if (r.item, r.condition) in simulated_items
+        }
 
     stored, expected = answers_of(data), answers_of(simulated)
     if stored != expected:
         raise PowerError("the state machine stored other ratings than the bots gave; this is a bug, please report it")
 
 
-def _known(name: str, given: str, there: Sequence[str], default: int) -> str:
-    if given and given not in there:
-        raise PowerError(f"{name} = {given!r}: this study has {', '.join(there) or 'none'}")
-    return given or (there[default] if there else "")
+def _known(name: str, wanted: str, known: Sequence[str], default: int) -> str:
+    if wanted and wanted not in known:
+        raise PowerError(f"{name} = {wanted!r}: this study has {', '.join(known) or 'none'}")
+    return wanted or (known[default] if known else "")

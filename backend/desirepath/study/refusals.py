@@ -41,7 +41,7 @@ def _few_of(db: Database, session_id: str) -> bool:
     now = time.monotonic()
     with _logged_lock:
         of_all = _of_sessions.setdefault(db, {})
-        for other in [one for one, times in of_all.items() if now - times[-1] >= LOGGED_AGAIN_AFTER_S]:
+        for other in [key for key, times in of_all.items() if now - times[-1] >= LOGGED_AGAIN_AFTER_S]:
             del of_all[other]
         times = of_all.setdefault(session_id, deque())
         while times and now - times[0] >= LOGGED_AGAIN_AFTER_S:

@@ -59,13 +59,13 @@ class ChoiceAnswer(Answer):
     choice: Side
 
 
-def whole(given: object) -> int:
+def whole(value: object) -> int:
     """A whole number, also one that was typed. Raises ValueError."""
-    if isinstance(given, str) and given.strip().lstrip("-").isdigit() and len(given) < 12:
-        return int(given)
-    if isinstance(given, bool) or not isinstance(given, int):
+    if isinstance(value, str) and value.strip().lstrip("-").isdigit() and len(value) < 12:
+        return int(value)
+    if isinstance(value, bool) or not isinstance(value, int):
         raise ValueError("must be a whole number")
-    return given
+    return value
 
 
 WholeNumber = Annotated[int, BeforeValidator(whole)]

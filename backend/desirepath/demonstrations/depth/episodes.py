@@ -67,16 +67,16 @@ def with_mode(scene: Scene, mode: str, seed: int) -> Scene:
 
 def home_episodes(scenes: Sequence[Scene], modes: Sequence[str], seed: int = 0) -> Episodes:
     """These scenes with these modes in turn; one whose person finds no way has them standing."""
-    kept, kinds = [], []
+    chosen, kinds = [], []
     for i, scene in enumerate(scenes):
         mode = modes[i % len(modes)]
         try:
-            kept.append(with_mode(scene, mode, seed + i))
+            chosen.append(with_mode(scene, mode, seed + i))
         except SceneError:
-            kept.append(scene)
+            chosen.append(scene)
             mode = "static"
         kinds.append(mode)
-    return Episodes(tuple(kept), tuple(kinds))
+    return Episodes(tuple(chosen), tuple(kinds))
 
 
 class EpisodePool:
@@ -106,9 +106,9 @@ class EpisodePool:
         return self._vary(rows, which) if self._varied else rows, which, self._walks[which]
 
     def _vary(self, rows: k.Rows, which: NDArray[np.int64]) -> k.Rows:
-        there, back = slice(k.START_X, k.START_X + 2), slice(k.GOAL_X, k.GOAL_X + 2)
+        start, goal = slice(k.START_X, k.START_X + 2), slice(k.GOAL_X, k.GOAL_X + 2)
         turned = self._turns[which] & (self._random.random(len(rows)) < 0.5)
-        rows[turned, there], rows[turned, back] = rows[turned, back], rows[turned, there]
+        rows[turned, start], rows[turned, goal] = rows[turned, goal], rows[turned, start]
         about = rows[:, k.START_YAW] + self._random.normal(0.0, YAW_STD, len(rows))
         anywhere = self._random.uniform(-math.pi, math.pi, len(rows))
         yaw = np.where(self._shown[which], about, anywhere)

@@ -66,7 +66,7 @@ def roll_out_depth(controller: DepthController, make: MakeSenses, episodes: Epis
     senses = make(episodes.sights(), True)
     outcomes = np.full(n, int(Outcome.RUNNING), dtype=np.int8)
     paths = [[engine.poses[i, :2].copy()] for i in range(n)]
-    taken: list[list[NDArray[np.float32]]] = [[] for _ in range(n)]
+    commands: list[list[NDArray[np.float32]]] = [[] for _ in range(n)]
     begins = np.ones(n, dtype=bool)
     for _ in range(HOME.max_steps):
         rows = engine.rows
@@ -79,12 +79,12 @@ def roll_out_depth(controller: DepthController, make: MakeSenses, episodes: Epis
         for i in np.flatnonzero(outcomes == Outcome.RUNNING):
             # An ended environment already stands at its next start.
             paths[i].append(before[i] if begins[i] else engine.poses[i, :2].copy())
-            taken[i].append(actions[i].copy())
+            commands[i].append(actions[i].copy())
             if begins[i]:
                 outcomes[i] = engine.outcomes[i]
         if (outcomes != Outcome.RUNNING).all():
             break
-    return DepthRollouts(outcomes, list(map(np.array, paths)), list(map(np.array, taken)), episodes.modes)
+    return DepthRollouts(outcomes, list(map(np.array, paths)), list(map(np.array, commands)), episodes.modes)
 
 
 def depth_trajectories(controller: DepthController, make: MakeSenses, scenes: Sequence[Scene]) -> list[Trajectory]:

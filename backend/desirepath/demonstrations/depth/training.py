@@ -115,8 +115,8 @@ def _states_along(rollouts: Sequence[Trajectory], make: MakeSenses) -> list[Floa
     for t in range(len(times)):
         at = np.minimum(t, lengths - 1)
         poses = np.stack([rollout.poses[i].astype(np.float64) for rollout, i in zip(rollouts, at, strict=True)])
-        there = np.concatenate([people[np.arange(n), at], heights], axis=1)
-        states.append(senses.states(poses, goals, there, np.arange(n), np.full(n, t == 0)))
+        where = np.concatenate([people[np.arange(n), at], heights], axis=1)
+        states.append(senses.states(poses, goals, where, np.arange(n), np.full(n, t == 0)))
         actions = [rollout.actions[min(i, len(rollout.actions) - 1)] for rollout, i in zip(rollouts, at, strict=True)]
         senses.acted(np.stack(actions))
     whole = np.stack(states, axis=1)

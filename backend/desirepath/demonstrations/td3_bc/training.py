@@ -151,7 +151,7 @@ def train_with_demonstrations(
     count = max(1, min(config.checkpoints, config.updates // UPDATES_BETWEEN))
     marks = [round(config.updates * (k + 1) / count) for k in range(count)]
     history: list[dict[str, float | None]] = []
-    best, kept = -math.inf, training.policy()
+    best, best_policy = -math.inf, training.policy()
 
     def step() -> int:
         training.vector_step()
@@ -180,5 +180,7 @@ def train_with_demonstrations(
             )
             on_progress(min(1.0, training.done), {name: v for name, v in history[-1].items() if v is not None})
             if score > best:
-                best, kept = score, policy
-    return TrainedController(kept, history, max(range(len(history)), key=lambda k: history[k]["score"] or -math.inf))
+                best, best_policy = score, policy
+    return TrainedController(
+        best_policy, history, max(range(len(history)), key=lambda k: history[k]["score"] or -math.inf)
+    )

@@ -32,20 +32,22 @@ SUMS_TO_ONE = 1e-3
 
 def check_preference(preference: ArrayLike) -> Floats:
     """(3,) weights of demonstration, distance, efficiency. Raises LearningError unless >= 0 and summing to 1."""
-    found = np.asarray(preference, dtype=np.float32)
-    if found.shape != (SIZE,) or not np.isfinite(found).all() or (found < 0).any():
-        raise LearningError(f"preference = {found.tolist()}: must be three weights of at least 0 ({', '.join(NAMES)})")
-    if abs(float(found.sum()) - 1) > SUMS_TO_ONE:
-        raise LearningError(f"preference = {found.tolist()}: sums to {found.sum():.3f}, must sum to 1")
-    return found
+    weights = np.asarray(preference, dtype=np.float32)
+    if weights.shape != (SIZE,) or not np.isfinite(weights).all() or (weights < 0).any():
+        raise LearningError(
+            f"preference = {weights.tolist()}: must be three weights of at least 0 ({', '.join(NAMES)})"
+        )
+    if abs(float(weights.sum()) - 1) > SUMS_TO_ONE:
+        raise LearningError(f"preference = {weights.tolist()}: sums to {weights.sum():.3f}, must sum to 1")
+    return weights
 
 
 def edge(of: int, to: int) -> Floats:
     """(11, 3) preferences from objective `to` alone to objective `of` alone, the third 0 (section 5.4.2)."""
     shares = np.arange(STEPS_PER_EDGE + 1, dtype=np.float32) / STEPS_PER_EDGE
-    found = np.zeros((len(shares), SIZE), dtype=np.float32)
-    found[:, of], found[:, to] = shares, 1 - shares
-    return found
+    preferences = np.zeros((len(shares), SIZE), dtype=np.float32)
+    preferences[:, of], preferences[:, to] = shares, 1 - shares
+    return preferences
 
 
 EDGES = ((1, 2), (0, 1), (2, 0))
@@ -67,17 +69,17 @@ KEY_PREFERENCES = np.array(
 def sample_preferences(n: int, random: np.random.Generator) -> Floats:
     """(n, 3) preferences that are trained under: half uniform over the triangle, a third on its edges, a sixth at its
     corners. A uniform draw hardly ever comes near the edges, which is where people push a slider to."""
-    found = random.dirichlet(np.ones(SIZE), n).astype(np.float32)
+    weights = random.dirichlet(np.ones(SIZE), n).astype(np.float32)
     left = random.choice(SIZE, n, p=(1 / 6, 1 / 3, 1 / 2)) + 1  # of each, how many weights stay
-    found[np.argsort(np.argsort(-found, axis=1), axis=1) >= left[:, None]] = 0
-    found /= found.sum(axis=1, keepdims=True)
-    return found
+    weights[np.argsort(np.argsort(-weights, axis=1), axis=1) >= left[:, None]] = 0
+    weights /= weights.sum(axis=1, keepdims=True)
+    return weights
 
 
 def part_of(preferences: Floats) -> NDArray[np.int64]:
     """(n,) which of the three parts of the triangle each preference lies in: that of its largest weight."""
-    found: NDArray[np.int64] = preferences.argmax(axis=1)
-    return found
+    largest: NDArray[np.int64] = preferences.argmax(axis=1)
+    return largest
 
 
 def sample_preferences_in(parts: NDArray[np.int64], random: np.random.Generator) -> Floats:
@@ -85,10 +87,10 @@ def sample_preferences_in(parts: NDArray[np.int64], random: np.random.Generator)
 
     The parts are the triangle's three symmetric thirds: a uniform draw whose largest weight changes places.
     """
-    found = sample_preferences(len(parts), random)
-    rows, largest = np.arange(len(parts)), part_of(found)
-    found[rows, largest], found[rows, parts] = found[rows, parts], found[rows, largest]
-    return found
+    weights = sample_preferences(len(parts), random)
+    rows, largest = np.arange(len(parts)), part_of(weights)
+    weights[rows, largest], weights[rows, parts] = weights[rows, parts], weights[rows, largest]
+    return weights
 
 
 def objective_rewards(
@@ -99,16 +101,16 @@ def objective_rewards(
     setup: Setup = ADAPTABLE,
 ) -> Floats:
     """(n, 3) of each step in [-10, 0]: 10 (R_hat - 1); equation 5.2 of where it led; -10."""
-    found = np.empty((len(actions), SIZE), dtype=np.float32)
-    found[:, 0] = PENALTY * (np.clip(demonstration(observations, actions), 0, 1) - 1)
+    rewards = np.empty((len(actions), SIZE), dtype=np.float32)
+    rewards[:, 0] = PENALTY * (np.clip(demonstration(observations, actions), 0, 1) - 1)
     person_m = next_observations[:, 2] * setup.distance_scale_m
     inside = np.clip(CLOSE_M - person_m, 0, CLOSE_M - CLOSEST_M) / (CLOSE_M - CLOSEST_M)
-    found[:, 1] = -PENALTY * inside * inside
-    found[:, 2] = -PENALTY
-    return found
+    rewards[:, 1] = -PENALTY * inside * inside
+    rewards[:, 2] = -PENALTY
+    return rewards
 
 
 def scalarise(rewards: Floats, preferences: Floats) -> Floats:
     """(n,) core + preference . objectives, of reward vectors (n, 4) and preferences (n, 3)."""
-    found: Floats = rewards[:, 0] + (rewards[:, 1:] * preferences).sum(axis=1)
-    return found
+    scalars: Floats = rewards[:, 0] + (rewards[:, 1:] * preferences).sum(axis=1)
+    return scalars

@@ -68,7 +68,7 @@ class ConditioningSearchConfig:
     @classmethod
     def of(cls, stored: Mapping[str, Any]) -> Self:
         """Back from `as_dict`."""
-        own = {one.name: stored[one.name] for one in fields(cls) if one.name in stored}
+        own = {column.name: stored[column.name] for column in fields(cls) if column.name in stored}
         return cls(**own, gate=GateRule.of(stored))
 
 
@@ -177,8 +177,8 @@ def search_conditioning(
     better = compare_policies(own, course.rollout(conditioned.at(weights)), weights, setup)
     gate = verdict(config.gate, float(own.success.mean()), success_in(base, scenes), scenes=config.gate.scenes)
     preferred, score = mean_estimate(better.preferred), mean_estimate(better.scores(length_weight_of(weights, setup)))
-    found = BesideInstant(preferred, score)
-    return ConditioningSearchResult(policy, guesses[chosen], found, gate, chosen, history)
+    beside_instant = BesideInstant(preferred, score)
+    return ConditioningSearchResult(policy, guesses[chosen], beside_instant, gate, chosen, history)
 
 
 def _search(

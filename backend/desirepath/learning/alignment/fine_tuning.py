@@ -77,9 +77,11 @@ class FineTuningReward:
         scenes = scene_set(setup.name, config.weighing_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
         standing = np.array([[-1.0, 0.0]], dtype=np.float32)
         paid = []
-        for one in rollout(setup, base.rollout_policy, scenes):
-            moving = self._penalty(self._model.rewards(one.observations, one.actions, one.next_observations))
-            first = one.observations[:1]
+        for trajectory in rollout(setup, base.rollout_policy, scenes):
+            moving = self._penalty(
+                self._model.rewards(trajectory.observations, trajectory.actions, trajectory.next_observations)
+            )
+            first = trajectory.observations[:1]
             waiting = self._penalty(self._model.rewards(first, standing, first))
             paid.append(max(0.0, float((waiting - moving).sum())))
         dear = float(np.quantile(paid, 0.9))

@@ -134,5 +134,5 @@ def at_gate(policy: Policy, base: Policy, rule: GateRule, *, seed: int) -> Gate:
     """Both policies roll out in the gate's scenes. Raises SetupError where they are of two setups."""
     scenes = gate_scenes(require_same(policy=policy.setup, base=base.setup), rule, seed)
     own = evaluate(policy.rollout_policy, get_setup(policy.setup), scenes)
-    found = verdict(rule, success_rate(own.outcome), success_in(base, scenes), scenes=rule.scenes)
-    return replace(found, social=social_means(own))
+    gate = verdict(rule, success_rate(own.outcome), success_in(base, scenes), scenes=rule.scenes)
+    return replace(gate, social=social_means(own))

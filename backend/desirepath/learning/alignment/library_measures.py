@@ -27,22 +27,22 @@ def measure_against(
     parts: dict[str, list[Doubles]] = {}
     for policy in policies:
         own = list(rollout(setup, policy.rollout_policy, list(scenes)))
-        arrived = np.array([one.outcome == Outcome.SUCCESS for one in own])
-        both = np.flatnonzero(arrived & np.array([one.outcome == Outcome.SUCCESS for one in usual]))
+        arrived = np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in own])
+        both = np.flatnonzero(arrived & np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in usual]))
         if not len(both):  # what never arrives gains nothing
             own, both = usual, np.arange(1)
         firsts, pairs = [own[k] for k in both], [(own[k], usual[k]) for k in both]
-        found = {"steps": step_differences(basis, pairs).mean(0), "success": np.array(arrived.mean())}
+        measured_parts = {"steps": step_differences(basis, pairs).mean(0), "success": np.array(arrived.mean())}
         for symmetry, prefix in ((False, ""), (True, "mirrored_")):
             of_usual = known[symmetry][0][both], known[symmetry][1][both]
             of_own = measured(setup.name, firsts, left_right_symmetry=symmetry)
             differences = PairDifferences.between(setup.name, pairs, of_own, of_usual)
-            found |= {
+            measured_parts |= {
                 f"{prefix}seen": differences.seen.mean(0),
                 f"{prefix}named": differences.named.mean(0),
                 f"{prefix}embedding": differences.embedding.mean(0),
             }
-        for key, value in found.items():
+        for key, value in measured_parts.items():
             parts.setdefault(key, []).append(value)
     of = {key: np.stack(values) for key, values in parts.items()}
     return LibraryMeasures(

@@ -81,21 +81,21 @@ def search_mixes(
     many = scene_set(base.setup, config.arriving, purpose=Purpose.ALIGN_SELECT, seed=SCENES_SEED + 50 + config.seed)
     usual_s = _arriving(base, many)[1]
     places = np.argsort(-np.where(library.allowed, expected, -np.inf))[: config.first]
-    found = [candidate_at(library, int(place)) for place in places if library.allowed[place]]
-    values = judge([one.policy(library, trained, base) for one in found], scenes)
-    known = sorted(zip(found, values.tolist(), strict=True), key=lambda one: -one[1])[: config.kept]
+    candidates = [candidate_at(library, int(place)) for place in places if library.allowed[place]]
+    values = judge([candidate.policy(library, trained, base) for candidate in candidates], scenes)
+    known = sorted(zip(candidates, values.tolist(), strict=True), key=lambda scored: -scored[1])[: config.kept]
     for generation in range(config.generations):
         children = []
         for _ in range(2 * config.children):
-            child = _child([one for one, _ in known], random)
+            child = _child([candidate for candidate, _ in known], random)
             success, longer = _arriving(child.policy(library, trained, base), many)
             if success >= ENOUGH_SUCCESS and longer - usual_s <= library.longest_s:
                 children.append(child)
             if len(children) == config.children:
                 break
         if children:
-            values = judge([one.policy(library, trained, base) for one in children], scenes)
-            known = sorted([*known, *zip(children, values.tolist(), strict=True)], key=lambda one: -one[1])
+            values = judge([candidate.policy(library, trained, base) for candidate in children], scenes)
+            known = sorted([*known, *zip(children, values.tolist(), strict=True)], key=lambda scored: -scored[1])
             known = known[: config.kept]
         on_progress((generation + 1) / config.generations, {"gain": known[0][1]})
     return known
@@ -110,14 +110,14 @@ def _arriving(policy: Policy, scenes: Sequence[Scene]) -> tuple[float, float]:
 
 def _child(parents: Sequence[Candidate], random: np.random.Generator) -> Candidate:
     """Between two of a kind, or beyond, and a little aside."""
-    one = parents[int(random.integers(len(parents)))]
-    alike = [other for other in parents if other.setting == one.setting]
-    other, way = alike[int(random.integers(len(alike)))], np.float32(random.uniform(-0.25, 1.25))
-    values = one.values + way * (other.values - one.values)
+    first = parents[int(random.integers(len(parents)))]
+    alike = [second for second in parents if second.setting == first.setting]
+    second, way = alike[int(random.integers(len(alike)))], np.float32(random.uniform(-0.25, 1.25))
+    values = first.values + way * (second.values - first.values)
     if random.random() < ASIDE:
         moved = random.integers(len(values), size=2)
         values[moved] += random.normal(0, 0.25, 2).astype(np.float32)
-    if not one.setting:
+    if not first.setting:
         longer = np.float32(np.exp(random.normal(0, 0.1)))
         return Candidate(False, np.clip(longer * values, -0.5, LARGEST_PART).astype(np.float32))
     values = np.clip(values, 0, 1).astype(np.float32)

@@ -51,7 +51,11 @@ def better_for_person(
     setup = get_setup(require_same(own=own.setup, base=base.setup, answers=posterior.setup))
     drawn = scene_set(setup.name, scenes, purpose=Purpose.GATE, seed=JUDGING_SEED + seed)
     rolled_out = [rollout(setup, policy.rollout_policy, drawn) for policy in (own, base)]
-    both = [pair for pair in zip(*rolled_out, strict=True) if all(one.outcome == Outcome.SUCCESS for one in pair)]
+    both = [
+        pair
+        for pair in zip(*rolled_out, strict=True)
+        if all(trajectory.outcome == Outcome.SUCCESS for trajectory in pair)
+    ]
     moved = [pair for pair in both if not np.array_equal(pair[0].poses, pair[1].poses)]
     symmetry = posterior.config.posterior.left_right_symmetry
     differences = PairDifferences.of(setup.name, both, left_right_symmetry=symmetry) if moved else None

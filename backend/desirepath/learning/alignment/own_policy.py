@@ -60,9 +60,11 @@ def search_policy(
     expected = expected_gains(library.measures, *posteriors)
     known = search_mixes(library, conditioned, base, expected, judge, config, on_progress)
     start = library.policy(place, conditioned, base).without_critic()
-    found = [one.policy(library, conditioned.as_trained(), base).without_critic() for one, _ in known[:FINAL]]
+    searched = [
+        candidate.policy(library, conditioned.as_trained(), base).without_critic() for candidate, _ in known[:FINAL]
+    ]
     scenes = scene_set(base.setup, SCENES, purpose=Purpose.ALIGN_SELECT, seed=JUDGING_SEED + config.seed)
-    measures = measure_against(base, [start, *found], basis, scenes)
+    measures = measure_against(base, [start, *searched], basis, scenes)
     by_posterior = gains_by_posterior(measures, *posteriors, among=library.measures)
     allowed = (by_posterior >= by_posterior[:, :1]).all(axis=0)  # neither expects less of it than of the start
     allowed &= measures.success >= min(ENOUGH_SUCCESS, float(measures.success[0]))
@@ -70,4 +72,4 @@ def search_policy(
     together = by_posterior.sum(axis=0)
     best = int(np.where(allowed, together, -np.inf).argmax())
     by_name = {"start": round(float(together[0]), 4), "searched": round(float(together[1:].max()), 4)}
-    return SearchedPolicy([start, *found][best], "searched" if best else "start", by_name)
+    return SearchedPolicy([start, *searched][best], "searched" if best else "start", by_name)

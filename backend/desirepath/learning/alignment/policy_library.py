@@ -50,8 +50,8 @@ class LibraryMeasures:
     @property
     def longer_s(self) -> Doubles:
         """(n,) seconds that each takes more than the base policy."""
-        found: Doubles = self.pairs.seen[:, 0, TIME]
-        return found
+        seconds: Doubles = self.pairs.seen[:, 0, TIME]
+        return seconds
 
     def __getitem__(self, rows: NDArray[np.int64]) -> LibraryMeasures:
         return LibraryMeasures(self.pairs[rows], self.mirrored[rows], self.steps[rows], self.success[rows])
@@ -84,15 +84,15 @@ class PolicyLibrary(StoredArrays):
     @property
     def allowed(self) -> NDArray[np.bool_]:
         """(n,) those that arrive often enough and soon enough to be anybody's."""
-        found: NDArray[np.bool_] = self.measures.success >= LEAST_SUCCESS
-        return found & (self.measures.longer_s <= self.longest_s)
+        arrives: NDArray[np.bool_] = self.measures.success >= LEAST_SUCCESS
+        return arrives & (self.measures.longer_s <= self.longest_s)
 
     def without_what_is_not_allowed(self) -> PolicyLibrary:
         """Mixes that are allowed, and the trained ones that some of these are of; settings cost nothing to keep."""
         first = len(self.settings)
-        kept = np.flatnonzero(self.allowed[first:])
-        rows = np.concatenate([np.arange(first), first + kept])
-        mixes = self.mixes[kept]
+        allowed = np.flatnonzero(self.allowed[first:])
+        rows = np.concatenate([np.arange(first), first + allowed])
+        mixes = self.mixes[allowed]
         used = np.flatnonzero(np.any(mixes != 0, axis=0))
         actors = tuple(self.actors[k] for k in used)
         return PolicyLibrary(self.setup, self.settings, self.weights[used], actors, mixes[:, used], self.measures[rows])
@@ -166,11 +166,11 @@ def gains_by_posterior(
 ) -> Doubles:
     """(2, n) what each is expected to gain over the base policy by the free-form and by the step posterior, each in the
     largest gain among these (or among those given), less doubt."""
-    found = []
+    gains = []
     of_largest = _by_posterior(measures if among is None else among, believed, steps)
     for (mean, deviation), (others, _) in zip(_by_posterior(measures, believed, steps), of_largest, strict=True):
-        found.append((mean - DOUBT * deviation) / max(float(np.abs(others).max()), 1e-9))
-    return np.stack(found)
+        gains.append((mean - DOUBT * deviation) / max(float(np.abs(others).max()), 1e-9))
+    return np.stack(gains)
 
 
 def _by_posterior(

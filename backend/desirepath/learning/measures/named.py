@@ -40,8 +40,8 @@ class WholeSteps:
 
     def sums(self, values: Doubles) -> Doubles:
         """(trajectories,) sum of (n,) over each trajectory's steps."""
-        found: Doubles = np.bincount(self.steps.of, values).astype(np.float64)
-        return found
+        totals: Doubles = np.bincount(self.steps.of, values).astype(np.float64)
+        return totals
 
     @cached_property
     def within(self) -> Doubles:
@@ -50,54 +50,54 @@ class WholeSteps:
 
     def near(self, values: Doubles) -> Doubles:
         """(trajectories,) mean of (n,) over the steps near the person, counted down where there are few of them."""
-        found: Doubles = np.bincount(self.steps.of, values * self.within) / (
+        means: Doubles = np.bincount(self.steps.of, values * self.within) / (
             np.bincount(self.steps.of, self.within) + 3.0
         )
-        return found
+        return means
 
     def at_first(self, values: Doubles) -> Doubles:
         """(trajectories,) mean over the first half minus mean over the second."""
         first = (self.steps.place < 0.5).astype(np.float64)
         counts = np.bincount(self.steps.of, first)
         rest = np.bincount(self.steps.of) - counts
-        found: Doubles = np.bincount(self.steps.of, values * first) / np.maximum(counts, 1) - np.bincount(
+        differences: Doubles = np.bincount(self.steps.of, values * first) / np.maximum(counts, 1) - np.bincount(
             self.steps.of, values * (1 - first)
         ) / np.maximum(rest, 1)
-        return found
+        return differences
 
     @cached_property
     def closing_m_s(self) -> Doubles:
         """(n,) how fast the person comes nearer."""
         distance = self.word("person_m")
         before = self.steps.observations[:, 2] * self.steps.setup.distance_scale_m
-        found: Doubles = (before - distance) / CONTROL_DT_S
-        return found
+        closing: Doubles = (before - distance) / CONTROL_DT_S
+        return closing
 
     @cached_property
     def time_to_collision_s(self) -> Doubles:
         """(n,) until contact at this pace, at most LONGEST_TTC_S (Hayward 1972, of robot and person)."""
         gap = np.maximum(self.word("person_m") - 0.48, 0.0)
-        found: Doubles = np.clip(gap / np.maximum(self.closing_m_s, 1e-3), 0.0, LONGEST_TTC_S)
-        return found
+        seconds: Doubles = np.clip(gap / np.maximum(self.closing_m_s, 1e-3), 0.0, LONGEST_TTC_S)
+        return seconds
 
     @cached_property
     def in_front(self) -> Doubles:
         """(n,) 1 within the social distance in front of the person's face."""
-        found = []
-        for one in self.trajectories:
-            person = one.scene.person.pose
-            offsets = one.poses[1:, :2].astype(np.float64) - [person.x, person.y]
+        near_ahead = []
+        for trajectory in self.trajectories:
+            person = trajectory.scene.person.pose
+            offsets = trajectory.poses[1:, :2].astype(np.float64) - [person.x, person.y]
             bearing = np.arctan2(offsets[:, 1], offsets[:, 0]) - person.yaw
             ahead = np.cos(bearing) >= np.cos(FRONT_RAD)
-            found.append(ahead & (np.linalg.norm(offsets, axis=1) < SOCIAL_M))
-        return np.concatenate(found).astype(np.float64)
+            near_ahead.append(ahead & (np.linalg.norm(offsets, axis=1) < SOCIAL_M))
+        return np.concatenate(near_ahead).astype(np.float64)
 
     @cached_property
     def hesitations(self) -> Doubles:
         """(n,) 1 where the robot slows from driving to nearly standing."""
         speed, before = self.word("speed"), (self.steps.before[:, 0] + 1) / 2
-        found: Doubles = ((before >= 0.4) & (speed < 0.2)).astype(np.float64)
-        return found
+        hesitates: Doubles = ((before >= 0.4) & (speed < 0.2)).astype(np.float64)
+        return hesitates
 
 
 def _mean(word: str) -> Callable[[WholeSteps], Doubles]:

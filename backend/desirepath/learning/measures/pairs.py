@@ -88,8 +88,8 @@ class _Unit:
 
     def scaled(self, values: Doubles) -> Doubles:
         """(pairs, columns) of values of first and second in turn."""
-        found: Doubles = np.clip((values[0::2] - values[1::2]) / self.typical, -LARGEST, LARGEST) / self.length
-        return found
+        clipped: Doubles = np.clip((values[0::2] - values[1::2]) / self.typical, -LARGEST, LARGEST) / self.length
+        return clipped
 
 
 def measured(setup: str, trajectories: Sequence[Trajectory], *, left_right_symmetry: bool = False) -> Measured:

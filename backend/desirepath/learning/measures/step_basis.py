@@ -109,21 +109,23 @@ class StepBasis(StoredArrays):
     def of_steps(self, observations: Floats, actions: Floats, next_observations: Floats) -> Floats:
         """(n, K) of steps as transitions have them."""
         setup = get_setup(self.setup)
-        found: Floats = self.layer.of(seen_steps(setup, observations, actions, next_observations)) @ self.mix
-        return found - self.offset
+        values: Floats = self.layer.of(seen_steps(setup, observations, actions, next_observations)) @ self.mix
+        return values - self.offset
 
     def means(self, trajectories: Sequence[Trajectory]) -> Doubles:
         """(n, K) mean over each trajectory's steps. Raises ValueError for none."""
         if not trajectories:
             raise ValueError("trajectories: none given; at least one is needed")
         steps = self.of_steps(
-            np.concatenate([one.observations for one in trajectories]),
-            np.concatenate([one.actions for one in trajectories]),
-            np.concatenate([one.next_observations for one in trajectories]),
+            np.concatenate([trajectory.observations for trajectory in trajectories]),
+            np.concatenate([trajectory.actions for trajectory in trajectories]),
+            np.concatenate([trajectory.next_observations for trajectory in trajectories]),
         )
-        lengths = np.array([len(one.actions) for one in trajectories])
-        found: Doubles = np.add.reduceat(steps.astype(np.float64), np.cumsum(lengths) - lengths) / lengths[:, None]
-        return found
+        lengths = np.array([len(trajectory.actions) for trajectory in trajectories])
+        of_trajectories: Doubles = (
+            np.add.reduceat(steps.astype(np.float64), np.cumsum(lengths) - lengths) / lengths[:, None]
+        )
+        return of_trajectories
 
     def to_arrays(self) -> dict[str, Floats]:
         """By name, for storage."""

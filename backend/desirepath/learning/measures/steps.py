@@ -68,28 +68,28 @@ class SeenSteps:
         if not names:
             raise ValueError("trajectories: none given; at least one is needed")
         require_steps(trajectories)
-        lengths = [len(one.actions) for one in trajectories]
-        actions = [np.clip(one.actions.astype(np.float64), -1, 1) for one in trajectories]
+        lengths = [len(driven.actions) for driven in trajectories]
+        actions = [np.clip(driven.actions.astype(np.float64), -1, 1) for driven in trajectories]
         return cls(
             get_setup(require_same(**names)),
-            np.concatenate([one.observations for one in trajectories]).astype(np.float64),
+            np.concatenate([driven.observations for driven in trajectories]).astype(np.float64),
             np.concatenate(actions),
-            np.concatenate([one.next_observations for one in trajectories]).astype(np.float64),
-            np.concatenate([np.concatenate([one[:1], one[:-1]]) for one in actions]),
+            np.concatenate([driven.next_observations for driven in trajectories]).astype(np.float64),
+            np.concatenate([np.concatenate([taken_actions[:1], taken_actions[:-1]]) for taken_actions in actions]),
             np.repeat(np.arange(len(lengths)), lengths),
             np.concatenate([np.arange(n) / max(n - 1, 1) for n in lengths]),
         )
 
     def means(self, values: Doubles) -> Doubles:
         """(trajectories,) mean of (n,) over each trajectory's steps."""
-        found: Doubles = np.bincount(self.of, values) / np.bincount(self.of)
-        return found
+        of_trajectories: Doubles = np.bincount(self.of, values) / np.bincount(self.of)
+        return of_trajectories
 
     def lowest(self, values: Doubles) -> Doubles:
         """(trajectories,) least of (n,) over each trajectory's steps."""
-        found: Doubles = np.full(self.of[-1] + 1, np.inf)
-        np.minimum.at(found, self.of, values)
-        return found
+        least: Doubles = np.full(self.of[-1] + 1, np.inf)
+        np.minimum.at(least, self.of, values)
+        return least
 
     @cached_property
     def words(self) -> dict[str, Doubles]:
@@ -173,7 +173,7 @@ def reference(setup: str) -> Reference:
     if setup not in shown:
         raise LearningError(f"setup = {setup!r}: simulated people are of {', '.join(sorted(shown))}")
     queries = QuerySet.load(resolve(shown[setup])).queries[:REFERENCE_PAIRS]
-    trajectories = tuple(one for query in queries for one in (query.trajectory_a, query.trajectory_b))
+    trajectories = tuple(trajectory for query in queries for trajectory in (query.trajectory_a, query.trajectory_b))
     steps = SeenSteps.of_trajectories(trajectories)
     return Reference(
         trajectories,

@@ -37,8 +37,8 @@ def measure_attention(actor: Actor, rolled_out: CrowdRollout) -> tuple[Rows, Row
     def rows(stream: str) -> Rows:
         if stream not in weights:
             return ((),) * len(rolled_out.poses)
-        found = [tuple(float(weight) for weight in row) for row in weights[stream]]
-        return (*found, found[-1])
+        looked_at = [tuple(float(weight) for weight in row) for row in weights[stream]]
+        return (*looked_at, looked_at[-1])
 
     return rows("spatial"), rows("temporal")
 
@@ -68,12 +68,12 @@ def until(rolled_out: CrowdRollout, steps: int) -> CrowdRollout:
     scene, crowd = rolled_out.scene, rolled_out.scene.crowd
     if crowd is not None:
         walked = []
-        for one in crowd.pedestrians:
+        for pedestrian in crowd.pedestrians:
             knots = None
-            if one.walk is not None:
-                every = (one.walk.times_s, one.walk.x, one.walk.y, one.walk.yaw)
+            if pedestrian.walk is not None:
+                every = (pedestrian.walk.times_s, pedestrian.walk.x, pedestrian.walk.y, pedestrian.walk.yaw)
                 knots = Walk(*(part[: steps + 1] for part in every))
-            walked.append(replace(one, walk=knots))
+            walked.append(replace(pedestrian, walk=knots))
         scene = replace(scene, crowd=replace(crowd, pedestrians=tuple(walked)))
     return replace(
         rolled_out,
@@ -92,13 +92,13 @@ def attention_to_people(rolled_out: CrowdRollout, spatial: Doubles, temporal: Do
     the moment's strongest, as the stage draws it; a person gets the strongest of the sectors that have a point of
     theirs, and of the rays whose group is around one, and the mean of both. Nobody's point: 0.
     """
-    found = np.zeros((len(spatial), 1 + len(rolled_out.scene.crowd.pedestrians if rolled_out.scene.crowd else ())))
+    shares = np.zeros((len(spatial), 1 + len(rolled_out.scene.crowd.pedestrians if rolled_out.scene.crowd else ())))
     for k in range(len(spatial)):
         owner, bearing, away = _owners(rolled_out, k)
         sector = np.arange(SECTORS) * len(spatial[k]) // SECTORS
         strengths = spatial[k][sector] / max(float(spatial[k].max()), 1e-9)
         rays = temporal[k] / max(float(temporal[k].max()), 1e-9)
-        looked = np.zeros((2, found.shape[1]))
+        looked = np.zeros((2, shares.shape[1]))
         np.maximum.at(looked[0], owner[owner >= 0], strengths[owner >= 0])
         for ray in range(GROUPS):
             off = np.abs((bearing - 2 * math.pi * ray / GROUPS + math.pi) % (2 * math.pi) - math.pi)
@@ -106,8 +106,8 @@ def attention_to_people(rolled_out: CrowdRollout, spatial: Doubles, temporal: Do
             nearest = int(near.argmin())
             if near[nearest] < np.inf and owner[nearest] >= 0:
                 looked[1, owner[nearest]] = max(looked[1, owner[nearest]], rays[ray])
-        found[k] = looked.mean(axis=0)
-    return found
+        shares[k] = looked.mean(axis=0)
+    return shares
 
 
 def _owners(rolled_out: CrowdRollout, k: int) -> tuple[NDArray[np.int64], Doubles, Doubles]:
@@ -119,8 +119,8 @@ def _owners(rolled_out: CrowdRollout, k: int) -> tuple[NDArray[np.int64], Double
     world = np.stack([x + c * points[:, 0] - s * points[:, 1], y + s * points[:, 0] + c * points[:, 1]], axis=1)
     people = rolled_out.scene.people_at([k * CONTROL_DT_S])[:, 0]
     facing = [float(rolled_out.scene.person_poses([k * CONTROL_DT_S])[0, 2])]
-    for one in rolled_out.scene.crowd.pedestrians if rolled_out.scene.crowd else ():
-        facing.append(float(one.walk.poses_at([k * CONTROL_DT_S])[0, 2]) if one.walk else one.yaw)
+    for pedestrian in rolled_out.scene.crowd.pedestrians if rolled_out.scene.crowd else ():
+        facing.append(float(pedestrian.walk.poses_at([k * CONTROL_DT_S])[0, 2]) if pedestrian.walk else pedestrian.yaw)
     cos, sin = np.cos(facing), np.sin(facing)
     to = world[:, None, :] - people[None, :, :]
     along = np.abs(to[:, :, 0] * cos + to[:, :, 1] * sin) - PED_DEPTH_M / 2

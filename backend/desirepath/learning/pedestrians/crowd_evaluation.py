@@ -108,14 +108,14 @@ def _table(
     """poses: (steps + 1, 3) of the robot in each scene; people: (people, steps + 1, 2)."""
     return CrowdTable(
         outcome,
-        np.array([(len(one) - 1) * CONTROL_DT_S for one in poses]),
-        np.array([min_human_distance(one[None], who).min() for one, who in zip(poses, people, strict=True)]),
+        np.array([(len(path) - 1) * CONTROL_DT_S for path in poses]),
+        np.array([min_human_distance(path[None], who).min() for path, who in zip(poses, people, strict=True)]),
         social_metrics(
-            [one[:, :2] for one in poses],
+            [path[:, :2] for path in poses],
             scenes,
             success=outcome == Outcome.SUCCESS,
-            path_length=np.array([path_length(one[None])[0] for one in poses]),
-            accumulated_angle=np.array([accumulated_angle(one[None])[0] for one in poses]),
+            path_length=np.array([path_length(path[None])[0] for path in poses]),
+            accumulated_angle=np.array([accumulated_angle(path[None])[0] for path in poses]),
             dt=CONTROL_DT_S,
             people=people,
         ),
@@ -144,23 +144,23 @@ def roll_out_crowd(act: CrowdAct, given: Given, scene: Scene, *, icp: bool = Tru
     engine = CrowdEngine(n_envs=1, icp=icp)
     engine.reset([scene])
     people = 1 + (len(scene.crowd.pedestrians) if scene.crowd else 0)
-    kept: dict[str, list[Any]] = {name: [] for name in ("poses", "people", "facing", "states", "actions")}
+    recorded: dict[str, list[Any]] = {name: [] for name in ("poses", "people", "facing", "states", "actions")}
 
     def note() -> None:
-        kept["poses"].append(engine.poses[0].copy())
-        kept["people"].append(engine.people_xy[0, :people].copy())
-        kept["facing"].append(engine.world.facing[0, :people].copy())
+        recorded["poses"].append(engine.poses[0].copy())
+        recorded["people"].append(engine.people_xy[0, :people].copy())
+        recorded["facing"].append(engine.world.facing[0, :people].copy())
 
     note()
     while not engine.dones.all():
         state = states(engine, given)
         action = act(state)
         engine.step(action)
-        kept["states"].append(state[0])
-        kept["actions"].append(action[0])
+        recorded["states"].append(state[0])
+        recorded["actions"].append(action[0])
         note()
-    seen = record(scene, np.array(kept["people"]), np.array(kept["facing"]))
+    seen = record(scene, np.array(recorded["people"]), np.array(recorded["facing"]))
     return CrowdRollout(
-        seen, Outcome(int(engine.outcomes[0])), np.array(kept["poses"]), np.array(kept["states"]),
-        np.array(kept["actions"]),
+        seen, Outcome(int(engine.outcomes[0])), np.array(recorded["poses"]), np.array(recorded["states"]),
+        np.array(recorded["actions"]),
     )  # fmt: skip

@@ -86,13 +86,13 @@ class Attention(nn.Module):
         self.score = perceptron(64, 60, 50, 1, last=False)
         self.feature = perceptron(64, 80, 50, self.OUT)
 
-    def weights(self, given: Tensor) -> Tensor:
+    def weights(self, vectors: Tensor) -> Tensor:
         """(b, 30), summing to 1."""
-        scores: Tensor = self.score(self.embedding(given))
+        scores: Tensor = self.score(self.embedding(vectors))
         return torch.softmax(scores[..., 0], dim=1)
 
-    def forward(self, given: Tensor) -> Tensor:
-        embedded = self.embedding(given)
+    def forward(self, vectors: Tensor) -> Tensor:
+        embedded = self.embedding(vectors)
         weights = torch.softmax(self.score(embedded), dim=1)
         attended: Tensor = (weights * self.feature(embedded)).sum(dim=1)
         return attended
@@ -121,21 +121,21 @@ class AttentionExtractor(nn.Module):
     def streams(self, states: Tensor) -> list[tuple[Attention, Tensor]]:
         """Each stream with the vectors that it is given."""
         points, path = states[:, : 2 * SECTORS], states[:, -PATH:]
-        found = []
+        pairs = []
         if self.spatial is not None:
-            found.append((self.spatial, _sectors(points, path)))
+            pairs.append((self.spatial, _sectors(points, path)))
         if self.temporal is not None:
             if self.variant == "no_tagd":
-                given = _sectors(states[:, 2 * SECTORS : 4 * SECTORS], path)
+                vectors = _sectors(states[:, 2 * SECTORS : 4 * SECTORS], path)
             else:
                 groups = states[:, 2 * SECTORS : 2 * SECTORS + 4 * GROUPS].reshape(-1, GROUPS, 4)
                 older, newer = groups[:, :, :2], groups[:, :, 2:]
-                given = torch.cat([newer, GAP_TIMES * (newer - older), path[:, None].expand(-1, GROUPS, -1)], dim=2)
-            found.append((self.temporal, given))
-        return found
+                vectors = torch.cat([newer, GAP_TIMES * (newer - older), path[:, None].expand(-1, GROUPS, -1)], dim=2)
+            pairs.append((self.temporal, vectors))
+        return pairs
 
     def forward(self, states: Tensor) -> Tensor:
-        return torch.cat([stream(given) for stream, given in self.streams(states)], dim=1)
+        return torch.cat([stream(vectors) for stream, vectors in self.streams(states)], dim=1)
 
 
 class ConvolutionExtractor(nn.Module):
@@ -227,19 +227,19 @@ class Chooser(Actor):
 
     def costs(self, states: Tensor) -> Tensor:
         """(b, tables, 24), the dearest 1."""
-        found: Tensor = self.head(self.read(states))
-        return found.reshape(-1, self.tables, len(COMMANDS))
+        tables: Tensor = self.head(self.read(states))
+        return tables.reshape(-1, self.tables, len(COMMANDS))
 
     def forward(self, states: Tensor) -> Tensor:
-        found: Tensor = self.get_buffer("actions")[self.costs(states)[:, self.which].argmin(dim=1)]
-        return found
+        actions: Tensor = self.get_buffer("actions")[self.costs(states)[:, self.which].argmin(dim=1)]
+        return actions
 
     def alone(self) -> Chooser:
         """The same with nothing but the table by which it acts."""
-        one = Chooser(self.variant)
+        policy = Chooser(self.variant)
         rows = slice(self.which * len(COMMANDS), (self.which + 1) * len(COMMANDS))
-        one.load_state_dict({name: v[rows] if name in LAST_LAYER else v for name, v in self.state_dict().items()})
-        return one
+        policy.load_state_dict({name: v[rows] if name in LAST_LAYER else v for name, v in self.state_dict().items()})
+        return policy
 
 
 class Critic(nn.Module):
@@ -265,8 +265,8 @@ def attention_weights(actor: Actor, states: Tensor) -> dict[str, Tensor]:
         raise ValueError(f"{actor.variant} has no attention; {', '.join(list(VARIANTS)[:4])} have")
     with torch.no_grad():
         return {
-            "spatial" if stream is actor.read.spatial else "temporal": stream.weights(given)
-            for stream, given in actor.read.streams(states)
+            "spatial" if stream is actor.read.spatial else "temporal": stream.weights(vectors)
+            for stream, vectors in actor.read.streams(states)
         }
 
 
@@ -275,8 +275,8 @@ def actor_acts(actor: Actor) -> Callable[[NDArray[np.float32]], NDArray[np.float
 
     def act(states: NDArray[np.float32]) -> NDArray[np.float32]:
         with torch.no_grad():
-            found: NDArray[np.float32] = actor(torch.as_tensor(states)).numpy()
-        return found
+            actions: NDArray[np.float32] = actor(torch.as_tensor(states)).numpy()
+        return actions
 
     return act
 

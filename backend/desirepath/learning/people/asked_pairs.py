@@ -44,19 +44,19 @@ class AskedPairs:
 
     def better(self, scores: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) first minus second of scores of all trajectories in turn."""
-        found: NDArray[np.float64] = scores[0::2] - scores[1::2]
-        return found
+        margins: NDArray[np.float64] = scores[0::2] - scores[1::2]
+        return margins
 
     def with_manners(self, setup: str, seed: int, manners: int, kept: int) -> AskedPairs:
         """Asked about are `kept` of these pairs and `manners` of policies in many manners, the most telling ones; what
         is predicted stays."""
         config = MannerConfig(QueryConfig(seed=FIRST_SEED + seed, max_duration_s=longest_simulated_s(setup)))
         scenes = scene_set(setup, manners, purpose=Purpose.QUERIES, seed=MANNER_SEED + seed)
-        found = manner_pairs(setup, scenes, replace(config, pairs_per_scene=MANNERS_PER_SCENE))
-        differences = PairDifferences.of(setup, found)
-        chosen = separating(differences, list(range(len(found))), manners)
+        pairs = manner_pairs(setup, scenes, replace(config, pairs_per_scene=MANNERS_PER_SCENE))
+        differences = PairDifferences.of(setup, pairs)
+        chosen = separating(differences, list(range(len(pairs))), manners)
         old = [*self.asked[:kept], *self.test]
-        trajectories = [*(found[k] for k in chosen), *(self.trajectories[k] for k in old)]
+        trajectories = [*(pairs[k] for k in chosen), *(self.trajectories[k] for k in old)]
         asked = manners + len(self.asked[:kept])
         together = differences[chosen].joined(self.differences[old])
         return AskedPairs(tuple(trajectories), together, np.arange(asked), np.arange(asked, len(trajectories)), manners)
@@ -69,7 +69,7 @@ class AskedPairs:
 
     @property
     def in_turn(self) -> list[Trajectory]:
-        return [one for pair in self.trajectories for one in pair]
+        return [trajectory for pair in self.trajectories for trajectory in pair]
 
 
 def asked_pairs(setup: str, seed: int, *, asked: int, test: int) -> AskedPairs:
@@ -85,12 +85,12 @@ def asked_pairs(setup: str, seed: int, *, asked: int, test: int) -> AskedPairs:
     pairs: list[tuple[Trajectory, Trajectory]] = []
     for row in range(len(scenes)):
         good = [k for k in range(len(policies)) if flaw(rolled_out[k][row], rules) is None]
-        found = 0
+        in_scene = 0
         for _ in range(3 * PER_SCENE if len(good) > 1 else 0):
             a, b = (rolled_out[k][row] for k in random.choice(good, 2, replace=False))
-            if found < PER_SCENE and not look_alike(a, b, rules):
+            if in_scene < PER_SCENE and not look_alike(a, b, rules):
                 pairs.append((a, b))
-                found += 1
+                in_scene += 1
         if len(pairs) >= asked + test:
             break
     # The last scenes are never asked about: no scene is in both.
@@ -112,8 +112,10 @@ class Candidates:
     @cached_property
     def arrived(self) -> NDArray[np.bool_]:
         """(settings, scenes) both the candidate and the base policy arrive."""
-        base = np.array([one.outcome == Outcome.SUCCESS for one in self.base])
-        return np.asarray(np.array([[one.outcome == Outcome.SUCCESS for one in of] for of in self.rolled_out]) & base)
+        base = np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in self.base])
+        return np.asarray(
+            np.array([[trajectory.outcome == Outcome.SUCCESS for trajectory in of] for of in self.rolled_out]) & base
+        )
 
     @cached_property
     def differences(self) -> tuple[PairDifferences, ...]:
@@ -125,7 +127,7 @@ def candidate_settings() -> list[NDArray[np.float32]]:
     """No weight, each objective at a half and at full strength."""
     named: list[dict[str, float]] = [{}]
     named += [{name: strength} for strength in (0.5, 1.0) for name in NAMES]
-    return [preference_weights(one) for one in named]
+    return [preference_weights(weights) for weights in named]
 
 
 def candidates(setup: str, count: int, *, purpose: Purpose, seed: int) -> Candidates:

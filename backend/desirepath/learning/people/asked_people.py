@@ -115,37 +115,37 @@ def benchmark_people(
     if max(config.answers) > config.pool:
         raise LearningError(f"answers = {max(config.answers)}: at most the pool of {config.pool} pairs")
     answering = ResponseModel(**response_models([config.response_model])[config.response_model])
-    found: list[dict[str, Any]] = []
-    done = {(one["seed"], one["person"]): one for one in known}
+    measured_people: list[dict[str, Any]] = []
+    done = {(each["seed"], each["person"]): each for each in known}
     total = len(config.seeds) * (len(config.families) * config.people + len(more or {}))
     for seed in config.seeds:
         room: _Room | None = None
         first = config.first + seed * config.people
         by_family = [
-            [(family, *one) for one in people_of(family, config.people, setup, first).items()]
+            [(family, *member) for member in people_of(family, config.people, setup, first).items()]
             for family in config.families
         ]
-        everybody = [one for turn in zip(*by_family, strict=True) for one in turn]
-        for family, name, person in [*everybody, *(("file", *one) for one in (more or {}).items())]:
+        everybody = [entry for turn in zip(*by_family, strict=True) for entry in turn]
+        for family, name, person in [*everybody, *(("file", *entry) for entry in (more or {}).items())]:
             if (seed, name) not in done:
                 room = room or _Room.of(setup, seed, config)
                 measured = _measured(person, room, answering, config)
                 done[seed, name] = {"family": family, "person": name, "seed": seed} | measured
                 if on_person:
                     on_person(done[seed, name])
-            found.append(done[seed, name])
+            measured_people.append(done[seed, name])
             if on_progress:
-                on_progress(len(found) / total)
-    return result_of(setup, config, found)
+                on_progress(len(measured_people) / total)
+    return result_of(setup, config, measured_people)
 
 
 def result_of(setup: str, config: PeopleConfig, persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """As `benchmark_people`, of so many persons; of a run that is not through, too."""
     card = people_card()
-    names = list(dict.fromkeys(str(one["family"]) for one in persons))
+    names = list(dict.fromkeys(str(person["family"]) for person in persons))
     rows = [
         {"family": name, "held_out": name in card.held_out}
-        | row_of([one for one in persons if one["family"] == name], config.answers, config.shown_after)
+        | row_of([person for person in persons if person["family"] == name], config.answers, config.shown_after)
         for name in names
     ]
     return {
@@ -165,15 +165,15 @@ def known_people(path: Path, setup: str, config: PeopleConfig) -> list[dict[str,
     which do not say how sure each answer was."""
     if not path.is_file():
         return []
-    found = json.loads(path.read_text())
-    same = found.get("setup") == setup and found.get("config") == json.loads(json.dumps(asdict(config)))
-    persons = [one for one in found["persons"] if "bins" in one] if same else []
+    stored = json.loads(path.read_text())
+    same = stored.get("setup") == setup and stored.get("config") == json.loads(json.dumps(asdict(config)))
+    persons = [person for person in stored["persons"] if "bins" in person] if same else []
     return [
         {
             key: {int(n): of for n, of in value.items()} if isinstance(value, dict) else value
-            for key, value in one.items()
+            for key, value in person.items()
         }
-        for one in persons
+        for person in persons
     ]
 
 
@@ -182,14 +182,16 @@ def people_of(family: str, count: int, setup: str, first: int) -> Mapping[str, F
     if family != NINE:
         return members(family, count, setup, first)
     alone = [(name,) for name in NAMES]
-    both = [pair for pair in combinations(NAMES, 2) if tuple(NAMES.index(one) for one in pair) not in OPPOSITES]
+    both = [
+        pair for pair in combinations(NAMES, 2) if tuple(NAMES.index(objective) for objective in pair) not in OPPOSITES
+    ]
     wanted = [*alone, *both]
-    found: dict[str, FamilyMember] = {}
+    people: dict[str, FamilyMember] = {}
     for k in range(first, first + count):
         names = wanted[k % len(wanted)]
         parts = [(ObjectiveMember(name), 1 / len(names)) for name in names]
-        found[f"{NINE}:{k}"] = mix_members(setup, *parts)
-    return found
+        people[f"{NINE}:{k}"] = mix_members(setup, *parts)
+    return people
 
 
 def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleConfig) -> dict[str, Any]:
@@ -239,8 +241,8 @@ def answers_of(person: FamilyMember, pairs: AskedPairs, answering: ResponseModel
     better = pairs.better(scores)
     random = np.random.default_rng([seed, 62])
     wrong, coin = random.random(len(better)) < answering.lapse_rate, random.choice([-1.0, 1.0], len(better))
-    given = np.where(better > 0, 1.0, -1.0) * np.where(wrong, -1.0, 1.0)
-    return np.where((better == 0) | (np.abs(better) < answering.indifference), coin, given)
+    answers = np.where(better > 0, 1.0, -1.0) * np.where(wrong, -1.0, 1.0)
+    return np.where((better == 0) | (np.abs(better) < answering.indifference), coin, answers)
 
 
 def _shown(posterior: FreePosterior, person: FamilyMember, room: _Room) -> dict[str, Any]:
@@ -274,8 +276,8 @@ def _both(some: Candidates, k: int) -> Any:
 def _gained(
     person: FamilyMember, own: Sequence[Trajectory], room: _Room, base: Doubles, unit: float, prefix: str
 ) -> dict[str, Any]:
-    arrived = np.array([one.outcome == Outcome.SUCCESS for one in own])
-    both = arrived & np.array([one.outcome == Outcome.SUCCESS for one in room.report.base])
+    arrived = np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in own])
+    both = arrived & np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in room.report.base])
     gained = (person.scores(list(own)) / unit - base)[both]
     return {
         f"{prefix}gain": float(gained.mean()),

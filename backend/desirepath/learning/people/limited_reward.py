@@ -51,14 +51,14 @@ class LimitedReward:
             raise
 
     def __call__(self, values: Floats) -> Floats:
-        found = [np.zeros(0, dtype=np.float32)]
+        rewards = [np.zeros(0, dtype=np.float32)]
         for first in range(0, len(values), ROWS):
             rows = values[first : first + ROWS]
             padded = np.zeros((ROWS, values.shape[1]), dtype=np.float32)
             padded[: len(rows)] = rows
             answer = self._ask(padded.tobytes(), within_s=ANSWER_S)
-            found.append(np.frombuffer(answer, dtype=np.float32)[: len(rows)])
-        return np.concatenate(found)
+            rewards.append(np.frombuffer(answer, dtype=np.float32)[: len(rows)])
+        return np.concatenate(rewards)
 
     def close(self) -> None:
         """End the process."""
@@ -112,13 +112,13 @@ def main() -> None:
     for limit, most in ((resource.RLIMIT_AS, MEMORY_BYTES), (resource.RLIMIT_CPU, CPU_S), (resource.RLIMIT_CORE, 0)):
         resource.setrlimit(limit, (most, most))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))  # it writes no file
-    given, answers = sys.stdin.buffer, sys.stdout.buffer
+    requests, answers = sys.stdin.buffer, sys.stdout.buffer
     from desirepath.learning.people.reward_manifest import RewardManifest
     from desirepath.learning.people.reward_networks import reader_of
 
     try:
-        manifest = RewardManifest.model_validate_json(_read(given))
-        reward = reader_of(manifest)(_read(given), manifest)
+        manifest = RewardManifest.model_validate_json(_read(requests))
+        reward = reader_of(manifest)(_read(requests), manifest)
     except LearningError as problem:
         _send(answers, PROBLEM + str(problem).encode())
         return
@@ -128,7 +128,7 @@ def main() -> None:
     _send(answers, NUMBERS)
     while True:
         try:
-            values = np.frombuffer(_read(given), dtype=np.float32).reshape(-1, manifest.width)
+            values = np.frombuffer(_read(requests), dtype=np.float32).reshape(-1, manifest.width)
         except EOFError:
             return
         try:

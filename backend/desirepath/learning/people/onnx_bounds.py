@@ -67,7 +67,7 @@ def _check(model: Any, width: int) -> None:
             tensors += [attribute.t] if kind == onnx.AttributeProto.TENSOR else list(attribute.tensors)
     _check_weights(tensors)
     weights = {tensor.name for tensor in graph.initializer}
-    inputs = [one for one in graph.input if one.name not in weights]
+    inputs = [declared for declared in graph.input if declared.name not in weights]
     if len(inputs) != 1 or len(graph.output) != 1:
         raise ValueError(f"needed are one input (n, {width}) and one reward per step")
     _check_sizes(model, inputs[0], width)
@@ -96,23 +96,25 @@ def _check_weights(tensors: list[Any]) -> None:
             raise ValueError(f"weights {tensor.name!r} have {count:,} numbers and {stored:,} stored")
 
 
-def _check_sizes(model: Any, given: Any, width: int) -> None:
+def _check_sizes(model: Any, network_input: Any, width: int) -> None:
     """Fix the batch and infer every size between, so that what is too large is refused before it is made."""
     import onnx
 
-    tensor = given.type.tensor_type
+    tensor = network_input.type.tensor_type
     if tensor.elem_type != onnx.TensorProto.FLOAT or len(tensor.shape.dim) not in (0, 2):
         raise ValueError(f"its input must be (n, {width}) float32")
-    stated = [one.dim_value for one in tensor.shape.dim]
+    stated = [dimension.dim_value for dimension in tensor.shape.dim]
     if len(stated) == 2 and stated[1] not in (0, width):
         raise ValueError(f"its input is (n, {stated[1]}); the manifest's inputs are {width}")
     del model.graph.value_info[:]
-    for one in (given, *model.graph.output):
-        one.type.tensor_type.ClearField("shape")
+    for tensor_of in (network_input, *model.graph.output):
+        tensor_of.type.tensor_type.ClearField("shape")
     for size in (ROWS, width):
         tensor.shape.dim.add().dim_value = size
     known = onnx.shape_inference.infer_shapes(model, check_type=True, strict_mode=True, data_prop=True).graph
-    shapes = {one.name: one.type.tensor_type.shape for one in (*known.value_info, *known.output)}
+    shapes = {
+        known_tensor.name: known_tensor.type.tensor_type.shape for known_tensor in (*known.value_info, *known.output)
+    }
     for node in model.graph.node:
         for name in filter(None, node.output):
             if name not in shapes:

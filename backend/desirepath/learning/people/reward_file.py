@@ -42,8 +42,8 @@ class RewardFileMember(FamilyMember):
             "action": steps.actions,
             "next_observation": steps.next_observations,
         }
-        ours = np.concatenate([columns[part.of] for part in self.manifest.inputs], axis=1, dtype=np.float32)
-        values = self.reward(self.manifest.conversion(ours))
+        values_of_steps = np.concatenate([columns[part.of] for part in self.manifest.inputs], axis=1, dtype=np.float32)
+        values = self.reward(self.manifest.conversion(values_of_steps))
         if not np.isfinite(values).all():
             raise LearningError(f"{self.manifest.file}: the reward of a step is not a number")
         means = steps.means(values.astype(np.float64))
@@ -57,7 +57,7 @@ class RewardModelMember(FamilyMember):
     model: RewardModel
 
     def scores(self, trajectories: list[Trajectory] | tuple[Trajectory, ...]) -> Doubles:  # type: ignore[override]
-        return np.array([self.model.trajectory_reward(one) for one in trajectories], dtype=np.float64)
+        return np.array([self.model.trajectory_reward(trajectory) for trajectory in trajectories], dtype=np.float64)
 
 
 def read_reward(path: Path, setup: str) -> FamilyMember:
@@ -89,9 +89,9 @@ def _member(manifest: RewardManifest, content: bytes, named: Path) -> RewardFile
     return RewardFileMember(manifest, LimitedReward(manifest.model_dump_json().encode(), content, str(named)))
 
 
-def _require_setup(path: Path, found: str, setup: str) -> None:
-    if found != setup:
-        raise LearningError(f"{path}: setup = {found!r}; --setup asks for {setup!r}")
+def _require_setup(path: Path, stated: str, setup: str) -> None:
+    if stated != setup:
+        raise LearningError(f"{path}: setup = {stated!r}; --setup asks for {setup!r}")
 
 
 def _bounded(path: Path, most: int) -> bytes:

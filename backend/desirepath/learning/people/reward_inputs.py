@@ -76,7 +76,7 @@ class InputPart(BaseModel):
         if (self.form is None) == (self.columns is None):
             raise ValueError('state either form ("export" or "si") or columns with name, unit, scale and offset each')
         scanned = self.of != "action" and (
-            self.form == "si" or any(one.name.startswith(LIDAR) for one in self.columns or ())
+            self.form == "si" or any(column.name.startswith(LIDAR) for column in self.columns or ())
         )
         if scanned and self.lidar is None:
             raise ValueError(
@@ -95,8 +95,8 @@ class Conversion:
     scale: NDArray[np.float64]
     offset: NDArray[np.float64]
 
-    def __call__(self, ours: NDArray[np.float32]) -> NDArray[np.float32]:
-        return (ours[:, self.of].astype(np.float64) * self.scale + self.offset).astype(np.float32)
+    def __call__(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return (values[:, self.of].astype(np.float64) * self.scale + self.offset).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -119,8 +119,8 @@ def quantities(setup: Setup, of: Of) -> dict[str, Quantity]:
             "angular_velocity": Quantity(1, "rad/s", limits.w_max),
         }
     return {
-        str(one["name"]): Quantity(at, str(one["unit"]), float(str(one["divided_by"])))
-        for at, one in enumerate(setup.observation_layout())
+        str(row["name"]): Quantity(at, str(row["unit"]), float(str(row["divided_by"])))
+        for at, row in enumerate(setup.observation_layout())
     }
 
 
@@ -135,14 +135,14 @@ def conversion(setup: Setup, parts: tuple[InputPart, ...]) -> Conversion:
     for part in parts:
         known = quantities(setup, part.of)
         for column in _columns(setup, part, known):
-            ours = known[column.name]
-            if column.unit not in UNITS[ours.unit]:
-                allowed = ", ".join(UNITS[ours.unit])
+            quantity = known[column.name]
+            if column.unit not in UNITS[quantity.unit]:
+                allowed = ", ".join(UNITS[quantity.unit])
                 raise ValueError(f"{part.of}.{column.name}: unit = {column.unit!r}: must be one of {allowed}")
-            each = UNITS[ours.unit][column.unit] * column.scale
-            at.append(before + ours.at)
-            scale.append(ours.scale * each)
-            offset.append(ours.offset * each + column.offset)
+            each = UNITS[quantity.unit][column.unit] * column.scale
+            at.append(before + quantity.at)
+            scale.append(quantity.scale * each)
+            offset.append(quantity.offset * each + column.offset)
         before += len(known)
     return Conversion(np.array(at, dtype=np.intp), np.array(scale), np.array(offset))
 
@@ -151,28 +151,30 @@ def _columns(setup: Setup, part: InputPart, known: dict[str, Quantity]) -> list[
     """The part's columns one by one, those of a scan under the names of our sectors."""
     if part.form == "export":
         return [
-            InputColumn(name=name, unit=one.unit, scale=1 / one.scale, offset=-one.offset / one.scale)
-            for name, one in known.items()
+            InputColumn(
+                name=name, unit=quantity.unit, scale=1 / quantity.scale, offset=-quantity.offset / quantity.scale
+            )
+            for name, quantity in known.items()
         ]
     beams = [name for name in known if name.startswith(LIDAR)]
     order = part.lidar.order(len(beams)) if part.lidar is not None and beams else []
     stated = part.columns or _in_si(known)
-    found: list[InputColumn] = []
+    columns: list[InputColumn] = []
     for column in stated:
         if column.name == LIDAR and beams:
-            found += [column.model_copy(update={"name": beams[k]}) for k in order]
+            columns += [column.model_copy(update={"name": beams[k]}) for k in order]
         elif column.name in beams:
             k = beams.index(column.name)
-            found.append(column.model_copy(update={"name": beams[order[k]]}))
+            columns.append(column.model_copy(update={"name": beams[order[k]]}))
         elif column.name in known:
-            found.append(column)
+            columns.append(column)
         else:
             names = [name for name in known if name not in beams] + (
                 [LIDAR, f"{beams[0]} ... {beams[-1]}"] if beams else []
             )
             raise ValueError(f"{part.of}: name = {column.name!r}: must be one of {', '.join(names)}")
-    return found
+    return columns
 
 
 def _in_si(known: dict[str, Quantity]) -> tuple[InputColumn, ...]:
-    return tuple(InputColumn(name=name, unit=one.unit, scale=1.0, offset=0.0) for name, one in known.items())
+    return tuple(InputColumn(name=name, unit=quantity.unit, scale=1.0, offset=0.0) for name, quantity in known.items())

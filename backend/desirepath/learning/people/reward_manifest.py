@@ -59,7 +59,9 @@ def read_manifest(content: bytes, named: str) -> RewardManifest:
     try:
         manifest = RewardManifest.model_validate(json.loads(content))
     except ValidationError as problem:
-        wrong = "; ".join(f"{'.'.join(map(str, one['loc'])) or 'manifest'}: {one['msg']}" for one in problem.errors())
+        wrong = "; ".join(
+            f"{'.'.join(map(str, error['loc'])) or 'manifest'}: {error['msg']}" for error in problem.errors()
+        )
         raise LearningError(f"{named}: not a reward manifest of format {FORMAT!r}: {wrong}") from None
     except (ValueError, RecursionError) as problem:
         raise LearningError(f"{named}: not a reward manifest of format {FORMAT!r}: {problem}") from None

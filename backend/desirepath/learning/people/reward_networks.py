@@ -79,20 +79,20 @@ def _onnx(content: bytes, manifest: RewardManifest) -> Callable[[Floats], Floats
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
     try:
         session = onnxruntime.InferenceSession(bounded, options, providers=["CPUExecutionProvider"])
-        (given,) = session.get_inputs()
+        (network_input,) = session.get_inputs()
         tried = [
-            np.asarray(session.run(None, {given.name: values})[0], dtype=np.float32)
+            np.asarray(session.run(None, {network_input.name: values})[0], dtype=np.float32)
             for values in _same_among_others(manifest.width)
         ]
     except Exception as problem:  # onnxruntime raises what it likes for files of others
         why = (str(problem) or type(problem).__name__).splitlines()[0][:200]
         raise LearningError(f"{manifest.file}: no ONNX network of {manifest.width} inputs per step: {why}") from None
-    for found in tried:
-        if found.size != ROWS:
+    for rewards in tried:
+        if rewards.size != ROWS:
             raise LearningError(
-                f"{manifest.file}: needed is one reward per step; it gives {found.shape} for {ROWS} steps"
+                f"{manifest.file}: needed is one reward per step; it gives {rewards.shape} for {ROWS} steps"
             )
-    once, again = (found.reshape(-1)[::2] for found in tried)
+    once, again = (rewards.reshape(-1)[::2] for rewards in tried)
     most = np.abs(once, where=np.isfinite(once), out=np.zeros_like(once)).max()
     if not np.allclose(once, again, rtol=1e-4, atol=1e-5 * most, equal_nan=True):
         raise LearningError(
@@ -101,7 +101,7 @@ def _onnx(content: bytes, manifest: RewardManifest) -> Callable[[Floats], Floats
         )
 
     def reward(values: Floats) -> Floats:
-        return np.asarray(session.run(None, {given.name: values})[0], dtype=np.float32).reshape(-1)
+        return np.asarray(session.run(None, {network_input.name: values})[0], dtype=np.float32).reshape(-1)
 
     return reward
 

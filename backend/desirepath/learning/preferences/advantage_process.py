@@ -48,15 +48,15 @@ class AdvantageProcess:
             step = whole - gradient
             for _ in range(HALVINGS):
                 tried = gradient + step
-                there = kernel @ tried
-                found = float(-0.5 * (tried @ there)) + _log_likelihood(signs * (there + mean))
-                if found >= worth:
+                product = kernel @ tried
+                likelihood = float(-0.5 * (tried @ product)) + _log_likelihood(signs * (product + mean))
+                if likelihood >= worth:
                     break
                 step = step / 2
             else:
                 break
-            moved, gained = np.abs(there + mean - f).max(), found - worth
-            gradient, f, worth = tried, there + mean, found
+            moved, gained = np.abs(product + mean - f).max(), likelihood - worth
+            gradient, f, worth = tried, product + mean, likelihood
             if moved < 1e-5 or gained < 1e-9:
                 break
         _, root, triangle = _at(signs, f, kernel)
@@ -92,17 +92,17 @@ class AdvantageProcess:
         """(m, count) what pairs differ by, drawn together from what is believed (Matheron's rule)."""
         scale = math.sqrt(self.strength)
         drawn = random.normal(0, scale, (pairs[1].shape[1], count))
-        found: Doubles = scale * pairs[0][:, None] + pairs[1] @ drawn
+        drawn_scores: Doubles = scale * pairs[0][:, None] + pairs[1] @ drawn
         if not len(self.gradient):
-            return found
+            return drawn_scores
         apart = self.root[:, None] * (self.seen[1] @ drawn) + random.normal(0, 1, (len(self.root), count))
         solved = self.root[:, None] * np.linalg.solve(self.triangle.T, np.linalg.solve(self.triangle, apart))
-        return found + self.strength * pairs[1] @ (self.seen[1].T @ (self.gradient[:, None] - solved))
+        return drawn_scores + self.strength * pairs[1] @ (self.seen[1].T @ (self.gradient[:, None] - solved))
 
     def weights(self) -> Doubles:
         """(columns,) posterior mean of what each column weighs, beyond the prior's mean."""
-        found: Doubles = self.strength * self.seen[1].T @ self.gradient
-        return found
+        own: Doubles = self.strength * self.seen[1].T @ self.gradient
+        return own
 
 
 def entropy_bits(probabilities: Doubles) -> Doubles:

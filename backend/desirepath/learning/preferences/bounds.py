@@ -91,8 +91,8 @@ def nearest_ceiling_m(bounds: SceneBounds) -> float:
     scene = bounds.scene
     people = scene.people_at([0.0])[:, 0]
     at_start = min(math.dist(place, (scene.start.x, scene.start.y)) for place in people)
-    standing = [scene.person.pose, *(Pose(*one.route[0]) for one in _crowd(scene) if one.speed == 0)]
-    at_goal = min(math.dist((one.x, one.y), (scene.goal.x, scene.goal.y)) for one in standing)
+    standing = [scene.person.pose, *(Pose(*walker.route[0]) for walker in _crowd(scene) if walker.speed == 0)]
+    at_goal = min(math.dist((pose.x, pose.y), (scene.goal.x, scene.goal.y)) for pose in standing)
     return min(at_start, at_goal + scene.goal_radius)
 
 

@@ -116,8 +116,8 @@ class FreePosterior:
         sharper = self._sharper
         for way, seen in self._of(differences):
             predicted.append(way.process.predict(seen, sharper))
-        found: Doubles = masses @ np.stack(predicted)
-        return found
+        mixed: Doubles = masses @ np.stack(predicted)
+        return mixed
 
     def probability_better(self, differences: PairDifferences, by: float = 0.0) -> float:
         """That the first of these pairs are on average preferred to the second by more than `by`, in what a typical
@@ -156,8 +156,8 @@ class FreePosterior:
             probable, doubt = way.process.predict_and_doubt(seen)
             predicted.append(probable)
             certain.append(doubt)
-        found: Doubles = entropy_bits(self._masses @ np.stack(predicted)) - self._masses @ np.stack(certain)
-        return np.maximum(found, 0.0)
+        bits: Doubles = entropy_bits(self._masses @ np.stack(predicted)) - self._masses @ np.stack(certain)
+        return np.maximum(bits, 0.0)
 
     def bits_about(self, differences: PairDifferences, others: PairDifferences) -> Doubles:
         """(n,) bits that the answer to each pair is expected to tell about the answer to one of the others: what may
@@ -241,8 +241,8 @@ class FreePosterior:
     def _of_the_nine(self, differences: PairDifferences) -> NDArray[np.float32]:
         """(PREDICTING, n) how much better the first of each pair is by the nine alone, by particle."""
         scaled = differences.seen[:, 0] / typical_differences(self.setup)
-        found: NDArray[np.float32] = self._few.weights @ gains(scaled).T.astype(np.float32)
-        return found
+        mixed: NDArray[np.float32] = self._few.weights @ gains(scaled).T.astype(np.float32)
+        return mixed
 
     @cached_property
     def _reference(self) -> PairDifferences:
@@ -266,8 +266,8 @@ class FreePosterior:
 
 def _typical(advantages: NDArray[np.float32]) -> Doubles:
     """(particles,) what a pair's advantage (columns) is, whichever side has it: root of the mean square."""
-    found: Doubles = np.sqrt(np.square(advantages, dtype=np.float64).mean(1))
-    return found
+    typical: Doubles = np.sqrt(np.square(advantages, dtype=np.float64).mean(1))
+    return typical
 
 
 def _probability_above(advantages: NDArray[np.float32], least: Doubles | float) -> float:
@@ -278,23 +278,23 @@ def _probability_above(advantages: NDArray[np.float32], least: Doubles | float) 
     return float(ndtr((means - least) / errors).mean())
 
 
-def bits_about_others(asked: Doubles, others: Doubles) -> Doubles:
+def bits_about_others(own: Doubles, others: Doubles) -> Doubles:
     """(n,) mutual information (bits) between the answer to each pair and the answer to one of m others, on average over
     these. asked (samples, n), others (samples, m): probability that the first is chosen, by each sample of what is
     believed. Expected predictive information gain (Bickford Smith et al. 2023)."""
-    both = asked.T @ others / len(asked)
-    one, other = asked.mean(0)[:, None], others.mean(0)[None]
+    both = own.T @ others / len(own)
+    first, second = own.mean(0)[:, None], others.mean(0)[None]
     common = (
-        _part(both, one * other)
-        + _part(one - both, one * (1 - other))
-        + _part(other - both, (1 - one) * other)
-        + _part(1 - one - other + both, (1 - one) * (1 - other))
+        _part(both, first * second)
+        + _part(first - both, first * (1 - second))
+        + _part(second - both, (1 - first) * second)
+        + _part(1 - first - second + both, (1 - first) * (1 - second))
     )
-    found: Doubles = np.maximum(common.mean(1), 0.0)
-    return found
+    bits: Doubles = np.maximum(common.mean(1), 0.0)
+    return bits
 
 
 def _part(joint: Doubles, apart: Doubles) -> Doubles:
     joint, apart = np.maximum(joint, 1e-12), np.maximum(apart, 1e-12)
-    found: Doubles = joint * np.log2(joint / apart)
-    return found
+    part: Doubles = joint * np.log2(joint / apart)
+    return part

@@ -61,9 +61,9 @@ class WeightsOfPaths(StoredArrays):
         """
         off = (self.measured[:, scenes] - drawn) / typical_differences(self.setup)
         scores = np.log(self.mass) - np.square(off).sum(axis=(1, 2)) / (2 * noise**2)
-        found: Doubles = np.exp(scores - scores.max())
-        found /= found.sum()
-        return found
+        shares: Doubles = np.exp(scores - scores.max())
+        shares /= shares.sum()
+        return shares
 
 
 def credible(shares: Doubles, mass: Doubles, level: float = 0.9) -> tuple[Doubles, Doubles]:

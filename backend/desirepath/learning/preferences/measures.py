@@ -120,10 +120,10 @@ def near_person_m(nearest_m: NDArray[np.float64]) -> Doubles:
 
 @cache
 def _typical_differences(setup: str) -> tuple[float, ...]:
-    table, given = table_of(setup), get_setup(setup).preferences.typical
+    table, typical = table_of(setup), get_setup(setup).preferences.typical
     names = [measure.name for measure in table]
-    check_names(setup, "typical", given, names)
-    return tuple(given.get(measure.name, measure.noticeable) for measure in table)
+    check_names(setup, "typical", typical, names)
+    return tuple(typical.get(measure.name, measure.noticeable) for measure in table)
 
 
 def typical_differences(setup: str) -> Doubles:

@@ -111,9 +111,13 @@ posterior, rewards and policies treat them alike; `objectives_of` says which a s
 NAMES = tuple(objective.name for objective in OBJECTIVES)
 CROWD_NAMES = tuple(objective.name for objective in CROWD_OBJECTIVES)
 SIZE = len(OBJECTIVES)
-OPPOSITES = tuple((k, NAMES.index(one.opposite)) for k, one in enumerate(OBJECTIVES) if one.opposite in NAMES[k + 1 :])
+OPPOSITES = tuple(
+    (k, NAMES.index(objective.opposite))
+    for k, objective in enumerate(OBJECTIVES)
+    if objective.opposite in NAMES[k + 1 :]
+)
 """Pairs of objectives that nobody prefers at once, as indices."""
-MIRRORED = np.array([NAMES.index(one.mirrored or one.name) for one in OBJECTIVES])
+MIRRORED = np.array([NAMES.index(objective.mirrored or objective.name) for objective in OBJECTIVES])
 """weights[MIRRORED]: the same preference in a world with left and right exchanged."""
 
 
@@ -134,15 +138,15 @@ def mirrored_of(setup: str) -> NDArray[np.int64]:
 
 def sides_of(setup: str) -> tuple[int, ...]:
     """Places of the objectives that prefer a side."""
-    return tuple(k for k, one in enumerate(objectives_of(setup)) if one.measured_by == "passing_side")
+    return tuple(k for k, row in enumerate(objectives_of(setup)) if row.measured_by == "passing_side")
 
 
 def scales(setup: str) -> Mapping[str, float]:
     """Reward per step of objectives' step terms at full weight, by name, as far as the setup's file says. Raises
     SetupError for a file that names another objective."""
-    given = get_setup(setup).preferences.scales
-    check_names(setup, "scales", given, names_of(setup))
-    return given
+    own = get_setup(setup).preferences.scales
+    check_names(setup, "scales", own, names_of(setup))
+    return own
 
 
 def preference_weights(weights: Mapping[str, float]) -> Floats:

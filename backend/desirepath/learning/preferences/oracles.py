@@ -257,11 +257,11 @@ def judged(value: Value, trajectories: Sequence[Trajectory], response_model: Res
 
 def _peak_and_end(value: Value, trajectories: Sequence[Trajectory]) -> Doubles:
     """(n,) mean value of the most extreme moment and the last one; extreme: farthest from the whole's."""
-    found = np.zeros(len(trajectories))
+    scores = np.zeros(len(trajectories))
     for k, (trajectory, whole) in enumerate(zip(trajectories, value(trajectories), strict=True)):
         values = value(moments(trajectory, PEAK_S))
-        found[k] = (values[np.abs(values - whole).argmax()] + values[-1]) / 2
-    return found
+        scores[k] = (values[np.abs(values - whole).argmax()] + values[-1]) / 2
+    return scores
 
 
 def make_oracle(

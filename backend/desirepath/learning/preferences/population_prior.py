@@ -110,17 +110,17 @@ def prior_of_earlier(setup: str, people: Sequence[EarlierPerson]) -> WeightPrior
         return None
     basis = _directions(setup, people[0].differences)
     rank = basis.shape[1]
-    seen = [columns_of(one.differences) @ basis for one in people]
-    signs = [np.where(one.chosen, 1.0, -1.0) for one in people]
+    seen = [columns_of(person.differences) @ basis for person in people]
+    signs = [np.where(person.chosen, 1.0, -1.0) for person in people]
     mean: Doubles = np.zeros(rank)
     spread: Doubles = np.eye(rank)
     for _ in range(ROUNDS):
         root: Doubles = np.linalg.cholesky(spread).astype(np.float64)
-        found = [_weights(rows, of_one, mean, root) for rows, of_one in zip(seen, signs, strict=True)]
-        means = np.stack([one for one, _ in found])
+        of_people = [_weights(rows, of_one, mean, root) for rows, of_one in zip(seen, signs, strict=True)]
+        means = np.stack([weights for weights, _ in of_people])
         mean = means.sum(0) / (len(people) + LIKE_EVERYBODY)
         apart = means - mean
-        total = AS_SPREAD * np.eye(rank) + apart.T @ apart + np.sum([unsure for _, unsure in found], axis=0)
+        total = AS_SPREAD * np.eye(rank) + apart.T @ apart + np.sum([unsure for _, unsure in of_people], axis=0)
         spread = np.asarray(total / (AS_SPREAD + len(people)), dtype=np.float64)
     return WeightPrior(EARLIER, basis @ mean, basis @ np.linalg.cholesky(spread))
 
@@ -142,7 +142,9 @@ def _directions(setup: str, some: PairDifferences) -> Doubles:
     if not priors:
         width = columns_of(some).shape[1]
         return np.eye(width)[:, : len(some.named[0])]
-    both = np.concatenate([np.column_stack([one.factor, one.mean]) for one in priors], axis=1) / np.sqrt(len(priors))
+    both = np.concatenate([np.column_stack([prior.factor, prior.mean]) for prior in priors], axis=1) / np.sqrt(
+        len(priors)
+    )
     left, sizes, _ = np.linalg.svd(both, full_matrices=False)
-    found: Doubles = (left * sizes)[:, :DIRECTIONS]
-    return found
+    directions: Doubles = (left * sizes)[:, :DIRECTIONS]
+    return directions

@@ -67,28 +67,28 @@ def check_answers(
             predicted = float(posterior.predict(differences[[k]])[0])
             probable.append(predicted if choice else 1 - predicted)
         posterior = posterior.updated(differences[[k]], bool(choice))
-    given = np.clip(np.array(probable), 1e-9, 1.0)
-    sure = np.maximum(given, 1 - given)
-    right = int((given > 0.5).sum())
+    likelihoods = np.clip(np.array(probable), 1e-9, 1.0)
+    sure = np.maximum(likelihoods, 1 - likelihoods)
+    right = int((likelihoods > 0.5).sum())
     weights = posterior.named_weights()
     most = sorted(weights, key=lambda name: -abs(weights[name]))[:3]
     towards = (differences.named * np.where(chosen, 1, -1)[:, None])[:MOST_CHECKED]  # chosen minus rejected
     return posterior, PredictiveCheck(
-        answers=len(given),
+        answers=len(likelihoods),
         correct=right,
         claimed=float(sure.sum()),
         p_value=float(_so_many(sure)[: right + 1].sum()),
-        log_score=float(np.log(given).mean()) if len(given) else 0.0,
+        log_score=float(np.log(likelihoods).mean()) if len(likelihoods) else 0.0,
         something_else=posterior.something_else(),
         words={name: round(weights[name], 3) for name in most},
         agreeing={name: int((towards[:, NAMED.index(name)] * weights[name] > 0).sum()) for name in most},
-        odds=odds_against_chance(given),
+        odds=odds_against_chance(likelihoods),
     )
 
 
 def _so_many(probabilities: Doubles) -> Doubles:
     """(n + 1,) probability that so many of independent events come true (Poisson binomial, exact)."""
-    found = np.ones(1)
+    chances = np.ones(1)
     for probability in probabilities:
-        found = np.convolve(found, [1 - probability, probability])
-    return found
+        chances = np.convolve(chances, [1 - probability, probability])
+    return chances

@@ -17,10 +17,10 @@ with one of about 0.02 (docs/numbers.md), the level of a test."""
 MOST = 700.0  # natural logarithm; larger odds have no float
 
 
-def odds_against_chance(given: NDArray[np.float64]) -> float:
+def odds_against_chance(likelihoods: NDArray[np.float64]) -> float:
     """How many times more probable answers are by what was predicted than by a coin. given: (n,) probability of each
     answer as it was given, predicted from those before it."""
-    return math.exp(min(float(np.log(2 * np.clip(given, 1e-9, 1.0)).sum()), MOST))
+    return math.exp(min(float(np.log(2 * np.clip(likelihoods, 1e-9, 1.0)).sum()), MOST))
 
 
 def better_than_chance(odds: float) -> bool:

@@ -43,21 +43,21 @@ def usable(preferences: Sequence[Preference], *, fewest: int = 2) -> tuple[Setup
 
     Raises TooFewAnswers if fewer than `fewest` are left, SetupError if setups are mixed.
     """
-    kept = [
+    used = [
         p
         for p in preferences
         if len(p.chosen.actions) and len(p.rejected.actions) and not np.array_equal(p.chosen.poses, p.rejected.poses)
     ]
-    if len(kept) < fewest:
+    if len(used) < fewest:
         raise TooFewAnswers(
-            f"preferences: {len(kept)} usable of {len(preferences)} given; learning needs at least {fewest} answers "
+            f"preferences: {len(used)} usable of {len(preferences)} given; learning needs at least {fewest} answers "
             "about two different trajectories"
         )
-    return get_setup(require_same(**{f"answer {k}": p.setup for k, p in enumerate(kept)})), kept
+    return get_setup(require_same(**{f"answer {k}": p.setup for k, p in enumerate(used)})), used
 
 
 def usable_steps(preferences: Sequence[Preference], *, fewest: int = 2) -> tuple[Setup, list[Preference]]:
     """`usable` for what is learned from single steps. Raises NotRecordedError where these were not recorded, too."""
-    setup, kept = usable(preferences, fewest=fewest)
-    require_steps(trajectory for one in kept for trajectory in (one.chosen, one.rejected))
-    return setup, kept
+    setup, used = usable(preferences, fewest=fewest)
+    require_steps(trajectory for preference in used for trajectory in (preference.chosen, preference.rejected))
+    return setup, used

@@ -28,42 +28,42 @@ def scene_bounds(setup: str) -> tuple[SceneBounds, ...]:
 def far_enough_m(setup: str) -> float:
     """Where `farther` is content: the ceiling of nine in ten scenes, as beyond it the goal itself is too near the
     person."""
-    given = get_setup(setup)
-    if given.preferences.far_enough_m is not None:
-        return given.preferences.far_enough_m
-    ceiling = bounds.nearest_ceiling_m if given.pedestrians else bounds.ceiling_m
-    return float(np.quantile([ceiling(one) for one in scene_bounds(setup)], 0.9))
+    own = get_setup(setup)
+    if own.preferences.far_enough_m is not None:
+        return own.preferences.far_enough_m
+    ceiling = bounds.nearest_ceiling_m if own.pedestrians else bounds.ceiling_m
+    return float(np.quantile([ceiling(scene) for scene in scene_bounds(setup)], 0.9))
 
 
 @cache
 def closeness(setup: str) -> Closeness:
     """What a step costs who prefers `closer`: less never pays within a quarter of a second and 0.1 m of contact."""
-    given = get_setup(setup)
-    if given.preferences.closeness is not None:
-        return given.preferences.closeness
-    contact = bounds.touching_m if given.pedestrians else bounds.contact_m
-    return Closeness(contact(scene_bounds(setup)[0]) + 0.1 + 0.25 * given.robot.limits.v_max, range_m=0.6, least=0.1)
+    own = get_setup(setup)
+    if own.preferences.closeness is not None:
+        return own.preferences.closeness
+    contact = bounds.touching_m if own.pedestrians else bounds.contact_m
+    return Closeness(contact(scene_bounds(setup)[0]) + 0.1 + 0.25 * own.robot.limits.v_max, range_m=0.6, least=0.1)
 
 
 @cache
 def middle(setup: str) -> Middle:
     """Where a conditioning search changes what it conditions on: half the usual way to the goal, and two thirds of that
     farther."""
-    given = get_setup(setup).preferences.middle
-    if given is not None:
-        return given
-    half_way_m = float(np.median([one.goal_m for one in scene_bounds(setup)])) / 2
+    own = get_setup(setup).preferences.middle
+    if own is not None:
+        return own
+    half_way_m = float(np.median([scene.goal_m for scene in scene_bounds(setup)])) / 2
     return Middle(half_way_m, half_way_m * 2 / 3)
 
 
 @cache
 def longest_shown_s(setup: str) -> float:
     """Of a query's trajectory: twice the straight way at full speed in nine of ten scenes, at most 20 s."""
-    given = get_setup(setup).preferences.longest_shown_s
-    if given is not None:
-        return given
+    own = get_setup(setup).preferences.longest_shown_s
+    if own is not None:
+        return own
     return min(
-        LONGEST_WATCHED_S, 2 * float(np.quantile([bounds.full_speed_s(one) for one in scene_bounds(setup)], 0.9))
+        LONGEST_WATCHED_S, 2 * float(np.quantile([bounds.full_speed_s(scene) for scene in scene_bounds(setup)], 0.9))
     )
 
 

@@ -60,7 +60,7 @@ def seen_differences(pairs: Sequence[tuple[Trajectory, Trajectory]]) -> Doubles:
         measures(trajectories if s is None else [beginning(trajectory, s) for trajectory in trajectories])
         for s in SPANS_S
     ]
-    differences: Doubles = np.stack([one[0::2] - one[1::2] for one in judged], axis=1)
+    differences: Doubles = np.stack([values[0::2] - values[1::2] for values in judged], axis=1)
     return differences
 
 

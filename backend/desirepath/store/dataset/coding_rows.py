@@ -48,9 +48,9 @@ def coding_rows(
         if item is None or coding.item == item:
             codings[coding.response_id].append(coding)
     for answer in answers:
-        for coding in sorted(codings[answer.id], key=lambda given: (given.item, ROLES.index(given.role))):
-            given: list[str | None] = [*sorted(names[code] for code in coding.codes)]
-            for code in given or [None]:
+        for coding in sorted(codings[answer.id], key=lambda coding: (coding.item, ROLES.index(coding.role))):
+            named: list[str | None] = [*sorted(names[code] for code in coding.codes)]
+            for code in named or [None]:
                 yield {
                     "response": answer.id,
                     **marks(answer.session_id),
@@ -76,10 +76,10 @@ def add_codings(s: Session, study_id: str, codebook: Iterable[Row], codings: Ite
         s.add(code)
         s.flush()  # one by one: codes of one moment keep an order
         ids[row["item"], row["code"]] = code.id
-    given: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
+    by_coder: dict[tuple[str, str, str], list[Row]] = defaultdict(list)
     for row in codings:
-        given[row["response"], row["item"], row["coder"]].append(row)
-    for (response, item, role), rows in given.items():
+        by_coder[row["response"], row["item"], row["coder"]].append(row)
+    for (response, item, role), rows in by_coder.items():
         s.add(
             Coding(
                 study_id=study_id,

@@ -129,10 +129,10 @@ def _add_study(s: Session, folder: Path, about: About) -> None:
 
 def _check_protocol(written: str, files: dict[str, str], about: AboutProtocol, what: str) -> None:
     """What the data set holds must be the protocol whose hash it tells. Raises DatasetError."""
-    found, expected = protocol_digest(written, files), about.written_sha256
-    if found != expected:
+    actual, expected = protocol_digest(written, files), about.written_sha256
+    if actual != expected:
         raise DatasetError(
-            f"{what} have sha256 {found}, but {STUDY_FILE} says {expected}: this is not the protocol that the answers "
+            f"{what} have sha256 {actual}, but {STUDY_FILE} says {expected}: this is not the protocol that the answers "
             "were collected with; use an untouched copy"
         )
 
@@ -245,8 +245,8 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
 
 
 def _consents(row: Row) -> Row | None:
-    asked = {purpose: row[purpose] for purpose in ("training", "open_data") if row[purpose] is not None}
-    return asked or None
+    answered = {purpose: row[purpose] for purpose in ("training", "open_data") if row[purpose] is not None}
+    return answered or None
 
 
 def _kept(row: Row, table: Table, model: type[Any]) -> Row:

@@ -161,8 +161,8 @@ def read_about(folder: Path) -> About:
     except ValidationError as problem:
         first = problem.errors()[0]
         field = ".".join(map(str, first["loc"]))
-        given = repr(first["input"])[:80]
-        raise DatasetError(f"{STUDY_FILE}: {field} = {given}: {first['msg']}") from None
+        value = repr(first["input"])[:80]
+        raise DatasetError(f"{STUDY_FILE}: {field} = {value}: {first['msg']}") from None
 
 
 def frozen_in(folder: Path) -> tuple[str, Row]:
@@ -243,13 +243,13 @@ def _rows(folder: Path, table: Table) -> Iterator[Row]:
     name = f"{table.name}.parquet"
     for row in _unbounded_rows(folder, table):
         for column in table.columns:
-            given = row[column.name]
-            if column.form is not None and given is not None and not column.form.fullmatch(given):
-                raise DatasetError(f"{name}: {column.name} = {given[:80]!r}: no {column.name} of ours is written so")
-            if column.json and given is not None:
-                _check_depth(given, f"{name}: {column.name}")
-                if not isinstance(given, dict):
-                    raise DatasetError(f"{name}: {column.name} = {str(given)[:80]!r}: must be a JSON object")
+            value = row[column.name]
+            if column.form is not None and value is not None and not column.form.fullmatch(value):
+                raise DatasetError(f"{name}: {column.name} = {value[:80]!r}: no {column.name} of ours is written so")
+            if column.json and value is not None:
+                _check_depth(value, f"{name}: {column.name}")
+                if not isinstance(value, dict):
+                    raise DatasetError(f"{name}: {column.name} = {str(value)[:80]!r}: must be a JSON object")
         yield row
 
 
@@ -278,22 +278,22 @@ def _unbounded_rows(folder: Path, table: Table) -> Iterator[Row]:
         raise DatasetError(f"{name}: {problem}") from None
 
 
-def _columns(found: pa.Table, table: Table, name: str) -> pa.Table:
+def _columns(rows: pa.Table, table: Table, name: str) -> pa.Table:
     """The table's own columns. Raises DatasetError for one that is missing or of another type."""
     for column in table.columns:
-        if column.name not in found.column_names or not _is(found.schema.field(column.name).type, column.type):
+        if column.name not in rows.column_names or not _is(rows.schema.field(column.name).type, column.type):
             raise DatasetError(f"{name}: column {column.name!r} ({column.type_name()}) is missing or of another type")
-    return found.select([column.name for column in table.columns])
+    return rows.select([column.name for column in table.columns])
 
 
-def _is(found: pa.DataType, wanted: pa.DataType) -> bool:
-    return bool((found.value_type if pa.types.is_dictionary(found) else found) == wanted)
+def _is(actual: pa.DataType, wanted: pa.DataType) -> bool:
+    return bool((actual.value_type if pa.types.is_dictionary(actual) else actual) == wanted)
 
 
-def _unpacked_bytes(found: pa.Table) -> int:
+def _unpacked_bytes(rows: pa.Table) -> int:
     """How large the rows are once every text stands in its row."""
     size = 0
-    for column in found.columns:
+    for column in rows.columns:
         if pa.types.is_dictionary(column.type):
             for chunk in column.chunks:
                 size += pc.sum(pc.binary_length(chunk.dictionary).take(chunk.indices)).as_py() or 0

@@ -66,8 +66,8 @@ class Content:
             person.id for person in everyone if person.withdrawn_at is not None or person.id not in self.people
         } | self.closed
         gone = {person.id: person.code for person in everyone if person.id in out}
-        kept = [row for row in sessions if row.participant_id not in gone]
-        self.by_id = {row.id: row for row in sorted(kept, key=lambda row: self.people[row.participant_id].code)}
+        present = [row for row in sessions if row.participant_id not in gone]
+        self.by_id = {row.id: row for row in sorted(present, key=lambda row: self.people[row.participant_id].code)}
         # what an event may call somebody who withdrew or is left out
         self.gone = {*gone, *gone.values()} | {row.id for row in sessions} - self.by_id.keys()
         order = {session_id: k for k, session_id in enumerate(self.by_id)}
@@ -96,7 +96,7 @@ class Content:
     def participants(self) -> Iterator[Row]:
         for person in self.people.values():
             withdrawn = person.withdrawn_at is not None
-            kept = not withdrawn and person.id not in self.closed
+            shown = not withdrawn and person.id not in self.closed
             consents = person.consents or {}
             yield {
                 **stored_columns(PARTICIPANTS, person),
@@ -104,8 +104,8 @@ class Content:
                 "withdrawn": withdrawn,
                 "training": consents.get("training"),
                 "open_data": consents.get("open_data"),
-                "oracle": as_json(person.oracle) if kept else None,
-                "excluded_reason": self._scrub(person.excluded_reason) if kept else None,
+                "oracle": as_json(person.oracle) if shown else None,
+                "excluded_reason": self._scrub(person.excluded_reason) if shown else None,
             }
 
     def sessions(self) -> Iterator[Row]:
@@ -171,10 +171,10 @@ class Content:
             step = self._step_of(answer)
             if answer.kind != "questionnaire" and not step.get("rates"):
                 continue
-            for item, given in sorted(self._value(answer).items()):
+            for item, value in sorted(self._value(answer).items()):
                 if item in MARKS:
                     continue
-                is_number = isinstance(given, int | float) and not isinstance(given, bool)
+                is_number = isinstance(value, int | float) and not isinstance(value, bool)
                 yield {
                     "response": answer.id,
                     **self.of_session(answer.session_id),
@@ -182,8 +182,8 @@ class Content:
                     "item": item,
                     "questionnaire": step.get("questionnaire") or step.get("stage"),
                     "condition": step.get("block"),
-                    "answer": given if isinstance(given, str) else as_json(given),
-                    "answer_number": float(given) if is_number else None,
+                    "answer": value if isinstance(value, str) else as_json(value),
+                    "answer_number": float(value) if is_number else None,
                 }
 
     def tuning_changes(self) -> Iterator[Row]:
@@ -236,8 +236,8 @@ class Content:
     def events(self) -> Iterator[Row]:
         events = self.s.scalars(select(Event).where(Event.study_id == self.study.id).order_by(Event.id))
         nobody = {"session": None, "participant": None, "simulated": None, "excluded": None}
-        kept = (e for e in events if e.session_id not in self.gone and not mentions(e.data, self.gone))
-        for number, event in enumerate(kept, start=1):
+        present = (e for e in events if e.session_id not in self.gone and not mentions(e.data, self.gone))
+        for number, event in enumerate(present, start=1):
             known = event.session_id in self.by_id
             yield {
                 "number": number,
@@ -295,7 +295,7 @@ class Content:
         if answer.kind != "questionnaire":
             return answer.value
         return {
-            item: given if item in self.chosen_items else self._scrub_all(given) for item, given in answer.value.items()
+            item: value if item in self.chosen_items else self._scrub_all(value) for item, value in answer.value.items()
         }
 
     def _scrub_all(self, value: Any) -> Any:

@@ -107,9 +107,9 @@ def _row(row: TrajectoryRow, trajectory: Trajectory) -> Row:
 def _metrics(trajectory_id: str, trajectory: Trajectory) -> Row:
     from desirepath.analysis.metrics import measure  # brings the simulator, which a start need not wait for
 
-    found = measure([trajectory])
-    values = {column: float(getattr(found, name)[0]) for column, name in MEASURED.items()}
-    values |= {column: float(getattr(found.social, name)[0]) for column, name in SOCIAL.items()}
+    metrics = measure([trajectory])
+    values = {column: float(getattr(metrics, name)[0]) for column, name in MEASURED.items()}
+    values |= {column: float(getattr(metrics.social, name)[0]) for column, name in SOCIAL.items()}
     return {
         "trajectory": trajectory_id,
         "outcome": Outcome(trajectory.outcome).name.lower(),
@@ -139,7 +139,7 @@ def _steps(trajectory_id: str, trajectory: Trajectory) -> pa.Table:
     }
     schema = STEPS.schema()
     return pa.Table.from_arrays(
-        [pa.array(columns[one.name], one.type, from_pandas=True) for one in schema], schema=schema
+        [pa.array(columns[column.name], column.type, from_pandas=True) for column in schema], schema=schema
     )
 
 

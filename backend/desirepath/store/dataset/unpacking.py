@@ -34,21 +34,23 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 @contextlib.contextmanager
-def unpack(given: Path) -> Iterator[Path]:
+def unpack(data_set: Path) -> Iterator[Path]:
     """The folder of a data set: the one that is given, or what a zip file holds, until the block ends.
 
     Raises DatasetError for a file that is no zip, that holds no data set or more than that, or that is made to harm.
     """
-    if not given.is_file():
-        yield given
+    if not data_set.is_file():
+        yield data_set
         return
     with tempfile.TemporaryDirectory(prefix="desirepath-") as place:
         try:
-            with given.open("rb") as raw, zipfile.ZipFile(_Bounded(raw)) as packed:
-                top, files = _contents(packed, given)
+            with data_set.open("rb") as raw, zipfile.ZipFile(_Bounded(raw)) as packed:
+                top, files = _contents(packed, data_set)
                 free = shutil.disk_usage(place).free
                 if (size := sum(info.file_size for info in files.values())) > free:
-                    raise DatasetError(f"{given.name}: needs {_mb(size)} in {place}, {_mb(free)} are free; make room")
+                    raise DatasetError(
+                        f"{data_set.name}: needs {_mb(size)} in {place}, {_mb(free)} are free; make room"
+                    )
                 for name, info in files.items():
                     target = Path(place) / name
                     target.parent.mkdir(parents=True, exist_ok=True)
@@ -58,7 +60,7 @@ def unpack(given: Path) -> Iterator[Path]:
             raise
         except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, ValueError, OSError) as problem:
             reason = in_words(problem)
-            message = f"{given.name}: cannot be unpacked ({reason}); give the folder or the zip of a data set"
+            message = f"{data_set.name}: cannot be unpacked ({reason}); give the folder or the zip of a data set"
             raise DatasetError(message) from None
         yield Path(place) / top
 
@@ -87,17 +89,17 @@ class _Bounded(io.RawIOBase):
         return True
 
 
-def _contents(packed: zipfile.ZipFile, given: Path) -> tuple[PurePosixPath, dict[str, zipfile.ZipInfo]]:
+def _contents(packed: zipfile.ZipFile, source: Path) -> tuple[PurePosixPath, dict[str, zipfile.ZipInfo]]:
     """The data set's own folder in the zip, and its files by name; what systems leave there is passed over."""
 
     def refused(name: str, reason: str) -> DatasetError:
-        return DatasetError(f"{given.name}: {name[:200]!r} {reason}; nothing was unpacked")
+        return DatasetError(f"{source.name}: {name[:200]!r} {reason}; nothing was unpacked")
 
     files: dict[str, zipfile.ZipInfo] = {}
     seen: set[str] = set()
     infos = packed.infolist()
     if len(infos) > MOST_FILES:
-        raise DatasetError(f"{given.name}: holds {len(infos):,} files, at most {MOST_FILES:,} are unpacked")
+        raise DatasetError(f"{source.name}: holds {len(infos):,} files, at most {MOST_FILES:,} are unpacked")
     for info in infos:
         name = info.orig_filename.removesuffix("/")
         parts = name.split("/")
@@ -115,15 +117,15 @@ def _contents(packed: zipfile.ZipFile, given: Path) -> tuple[PurePosixPath, dict
             raise refused(name, "is there twice")
         seen.add(name.casefold())
         files[name] = info
-    size, packed_size = sum(info.file_size for info in files.values()), given.stat().st_size
+    size, packed_size = sum(info.file_size for info in files.values()), source.stat().st_size
     if size > min(MOST_BYTES, max(FEW_BYTES, MOST_DENSE * packed_size)):
         raise DatasetError(
-            f"{given.name}: would be {_mb(size)} unpacked, {size // max(packed_size, 1)} times its size; at most "
+            f"{source.name}: would be {_mb(size)} unpacked, {size // max(packed_size, 1)} times its size; at most "
             f"{_mb(MOST_BYTES)} and {MOST_DENSE} times are unpacked"
         )
     tops = [PurePosixPath(name).parent for name in files if PurePosixPath(name).name == CHECKSUMS_FILE]
     if len(tops) != 1 or len(tops[0].parts) > 1:
-        raise DatasetError(f"{given.name}: holds no exported data set, or several; each has its {CHECKSUMS_FILE}")
+        raise DatasetError(f"{source.name}: holds no exported data set, or several; each has its {CHECKSUMS_FILE}")
     for name in files:
         if not PurePosixPath(name).is_relative_to(tops[0]):
             raise refused(name, f"lies outside the data set's folder {tops[0]}")

@@ -51,7 +51,7 @@ class Attempt:
 # ---- a stroke comes in -----------------------------------------------------------------------------------------------
 
 
-def attempt_of(step: PathStep, given: Mapping[str, Any], *, simulated: bool) -> Attempt:
+def attempt_of(step: PathStep, sent: Mapping[str, Any], *, simulated: bool) -> Attempt:
     """Turn what was sent into a demonstration, or say kindly why not; touches no table (about 0.1 s).
 
     Raises Refused for what is no stroke at all.
@@ -59,21 +59,21 @@ def attempt_of(step: PathStep, given: Mapping[str, Any], *, simulated: bool) -> 
     from desirepath.demonstrations.demonstration import demonstration_from  # numba comes with it
     from desirepath.demonstrations.stroke import Stroke, StrokeProblem
 
-    walk = walks.choose_walk(step, given)
-    drawn = {name: given.get(name) for name in ("points", "speeds", "times_s")}
-    pointer = str(given.get("pointer", "mouse"))
+    walk = walks.choose_walk(step, sent)
+    drawn = {name: sent.get(name) for name in ("points", "speeds", "times_s")}
+    pointer = str(sent.get("pointer", "mouse"))
     if not set(pointer.split("+")) <= POINTERS or ("bot" in pointer.split("+") and not simulated):
         raise Refused(422, "bad_value", "must be mouse, touch, pen or keys, or several with +", field="pointer")
     if not isinstance(drawn["points"], list) or not len(drawn["points"]) <= MOST_POINTS:
         raise Refused(422, "bad_value", f"must be a list of at most {MOST_POINTS} points", field="points")
     try:
         stroke = Stroke.of(**drawn)
-        made = demonstration_from(stroke, walks.scene_with(scene_of(step), walk))
+        demonstration = demonstration_from(stroke, walks.scene_with(scene_of(step), walk))
     except StrokeProblem as problem:
         if problem.code == "unreadable":
             raise Refused(422, "bad_value", str(problem), field="points") from None
         return Attempt(stroke.as_dict(), pointer, walk, None, walks.problem_of(problem))
-    return Attempt(stroke.as_dict(), pointer, walk, made, None)
+    return Attempt(stroke.as_dict(), pointer, walk, demonstration, None)
 
 
 def add_stroke(
@@ -96,13 +96,13 @@ def add_stroke(
         raise _refused(session, "drawn_already", "Keep the path that you drew, or take it back first.")
     stroke = _new(session, step, before, attempt.drawn, attempt.pointer, request_id, now)
     stroke.walk, stroke.problem, stroke.client_time = attempt.walk, attempt.problem, client_time
-    made = attempt.demonstration
-    if made is None:
+    demonstration = attempt.demonstration
+    if demonstration is None:
         stroke.state, stroke.shown_since = "refused", None
     else:
-        stroke.trajectory = save_trajectory(s, files, made.trajectory).id
+        stroke.trajectory = save_trajectory(s, files, demonstration.trajectory).id
         if not is_walked(step, stroke):
-            stroke.demonstration = files.put(made.to_bytes())
+            stroke.demonstration = files.put(demonstration.to_bytes())
     s.add(stroke)
     s.flush()
     _log(s, session, stroke, "stroke_drawn", client_time=client_time, code=(attempt.problem or {}).get("code"))
@@ -206,12 +206,12 @@ def mark_watched(
 def _add_walk(s: DatabaseSession, files: ArtefactStore, session: Session, stroke: StrokeRow, walked: Walked) -> None:
     """The walk stays with its stroke; what both make together takes the place of the trajectory alone."""
     stroke.walk, stroke.problem = walked.stored, walked.problem
-    made = walked.demonstration
-    if made is None:
+    demonstration = walked.demonstration
+    if demonstration is None:
         stroke.state = "refused"
     else:
-        stroke.trajectory = save_trajectory(s, files, made.trajectory).id
-        stroke.demonstration = files.put(made.to_bytes())
+        stroke.trajectory = save_trajectory(s, files, demonstration.trajectory).id
+        stroke.demonstration = files.put(demonstration.to_bytes())
     _log(s, session, stroke, "stroke_walked", code=(walked.problem or {}).get("code"))
 
 

@@ -76,12 +76,12 @@ def plan_walks(environment: str, pair: int) -> tuple[dict[str, Any], ...]:
     from desirepath.simulation.demonstration_scenes import demonstration_scene
 
     scene = demonstration_scene(environment, pair)
-    found = []
+    walks = []
     for mode, seed in PLANNED:
         walk = walking_scene(scene, mode, seed).walk
         assert walk is not None  # noqa: S101  that is what it was asked for
-        found.append({"source": "planned", "mode": mode, "seed": seed, "spline": _knots(walk)})
-    return tuple(found)
+        walks.append({"source": "planned", "mode": mode, "seed": seed, "spline": _knots(walk)})
+    return tuple(walks)
 
 
 def offer_walks(step: PathStep) -> tuple[dict[str, Any], ...]:
@@ -89,19 +89,19 @@ def offer_walks(step: PathStep) -> tuple[dict[str, Any], ...]:
     return plan_walks(step.environment, step.pair) if step.person == "recorded" else ()
 
 
-def choose_walk(step: PathStep, given: Mapping[str, Any]) -> dict[str, Any] | None:
+def choose_walk(step: PathStep, sent: Mapping[str, Any]) -> dict[str, Any] | None:
     """The walk that a stroke is drawn for, None where the person stands. Raises Refused for a choice there is not."""
     walks = offer_walks(step)
     if not walks:
         return None
-    choice = given.get("walk")
+    choice = sent.get("walk")
     if isinstance(choice, bool) or not isinstance(choice, int) or not 0 <= choice < len(walks):
         raise Refused(422, "bad_value", f"must be the number of a walk, 0 to {len(walks) - 1}", field="walk")
     return walks[choice]
 
 
 def combine_with_walk(
-    step: PathStep, scene: Scene, drawn: Mapping[str, Any], beside: str | None, given: Any, *, simulated: bool
+    step: PathStep, scene: Scene, drawn: Mapping[str, Any], beside: str | None, recorded: Any, *, simulated: bool
 ) -> Walked:
     """A recorded walk with the path it was walked beside: what they make together; touches no table (about 0.1 s).
 
@@ -112,7 +112,7 @@ def combine_with_walk(
     from desirepath.demonstrations.stroke import Stroke, StrokeProblem
     from desirepath.simulation.walks import Walk, WalkError
 
-    times, poses = _recording(given)
+    times, poses = _recording(recorded)
     stands = scene.person.pose
     if not 0 <= times[0] <= BEGINS_WITHIN_S or math.dist(poses[0][:2], (stands.x, stands.y)) > BEGINS_WITHIN_M:
         raise _bad(f"must begin with the rollout, within {BEGINS_WITHIN_M} m of where the person stood")
@@ -129,10 +129,10 @@ def combine_with_walk(
         **({"simulated": True} if simulated else {}),
     }
     try:
-        made = demonstration_from(Stroke.of(**drawn), scene_with(scene, stored))
+        demonstration = demonstration_from(Stroke.of(**drawn), scene_with(scene, stored))
     except StrokeProblem as problem:
         return Walked(stored, times[-1], None, problem_of(problem))
-    return Walked(stored, times[-1], made, None)
+    return Walked(stored, times[-1], demonstration, None)
 
 
 def problem_of(problem: Any) -> dict[str, Any]:
@@ -146,11 +146,11 @@ def _knots(walk: Walk) -> dict[str, list[float]]:
     return {field.name: list(getattr(walk, field.name)) for field in fields(walk)}
 
 
-def _recording(given: Any) -> tuple[list[float], list[list[float]]]:
+def _recording(sent: Any) -> tuple[list[float], list[list[float]]]:
     """Times and poses as plain numbers. Raises Refused naming what is wrong."""
     try:
-        times = [float(value) for value in given["times_s"]]
-        poses = [[float(value) for value in pose] for pose in given["poses"]]
+        times = [float(value) for value in sent["times_s"]]
+        poses = [[float(value) for value in pose] for pose in sent["poses"]]
     except (TypeError, ValueError, KeyError, OverflowError):
         raise _bad("must be {times_s: [...], poses: [[x, y, yaw], ...]}") from None
     if not 2 <= len(times) == len(poses) <= MOST_POSES or any(len(pose) != 3 for pose in poses):

@@ -53,8 +53,8 @@ def _compared(s: DatabaseSession, session: Session) -> list[dict[str, Any]]:
 
 
 def _guessed(s: DatabaseSession, session: Session) -> bool | None:
-    given = select(Response.value).where(Response.session_id == session.id, Response.kind == "guess")
-    return next((bool(value["right"]) for value in s.scalars(given) if "right" in value), None)
+    guesses = select(Response.value).where(Response.session_id == session.id, Response.kind == "guess")
+    return next((bool(value["right"]) for value in s.scalars(guesses) if "right" in value), None)
 
 
 def _methods(moment: Moment) -> dict[str, Any] | None:
@@ -88,8 +88,8 @@ def _methods(moment: Moment) -> dict[str, Any] | None:
 
 def _wanted(moment: Moment, methods: set[str]) -> str | None:
     """The first of them where they were ranked by preference."""
-    asked = select(Response.value).where(Response.session_id == moment.session.id, Response.kind == "questionnaire")
-    for value in moment.s.scalars(asked):
+    answers = select(Response.value).where(Response.session_id == moment.session.id, Response.kind == "questionnaire")
+    for value in moment.s.scalars(answers):
         ranked = value.get(RANKED_BY_PREFERENCE)
         if isinstance(ranked, list) and set(ranked) == methods:
             return str(ranked[0])

@@ -174,16 +174,16 @@ def jobs_of(s: DatabaseSession, session: Session) -> list[Job]:
     """The session's alignments, of each recipe the newest (a retry counts), the one to be preferred first: a
     search's policy is shown instead of the instant policy that it began with, once it is there and better. Of answers
     only those that learned from the most: after further pairs what fewer answers taught counts no more."""
-    found = s.scalars(
+    jobs = s.scalars(
         select(Job)
         .join(Session, Session.id == Job.session_id)
         .where(Session.participant_id == session.participant_id, Job.kind.in_(("align", PATHS_JOB)))
         .order_by(Job.created_at, Job.id)
     ).all()
-    of_answers = list(dict.fromkeys(job.params["snapshot"] for job in found if job.kind == "align"))
+    of_answers = list(dict.fromkeys(job.params["snapshot"] for job in jobs if job.kind == "align"))
     newest = {
         (job.params["snapshot"], job.params.get("recipe")): job
-        for job in found
+        for job in jobs
         if job.params["snapshot"] not in of_answers[:-1]
     }
     return sorted(newest.values(), key=lambda job: job.params.get("recipe") == "instant")
@@ -296,17 +296,17 @@ def earlier_snapshots(s: DatabaseSession, session: Session) -> list[str]:
         )
         .order_by(Job.finished_at.desc(), Job.id)
     )
-    found: dict[str, str] = {}
+    snapshots: dict[str, str] = {}
     for job, other, person in rows:
         consented = (person.consents or {}).get("training") is True
-        if person.id in found or not consented or _groups(other) != _groups(session):
+        if person.id in snapshots or not consented or _groups(other) != _groups(session):
             continue
-        kept = s.get(Artefact, job.params["snapshot"])
-        if kept is not None and kept.quarantined_at is None:
-            found[person.id] = kept.id
-        if len(found) == MOST_EARLIER:
+        artefact = s.get(Artefact, job.params["snapshot"])
+        if artefact is not None and artefact.quarantined_at is None:
+            snapshots[person.id] = artefact.id
+        if len(snapshots) == MOST_EARLIER:
             break
-    return list(found.values())
+    return list(snapshots.values())
 
 
 def _groups(session: Session) -> dict[str, str]:

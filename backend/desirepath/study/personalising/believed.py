@@ -117,5 +117,5 @@ def _weights_of(s: DatabaseSession, shown: Job | None) -> dict[str, float] | Non
     learned = shown.result_as(Learned) if shown is not None else None
     artefact = s.get(Artefact, learned.policy) if learned is not None else None
     config = (artefact.card.get("config") or {}) if artefact is not None else {}
-    found = config.get("preference_weights")
-    return {str(name): float(weight) for name, weight in found.items()} if found else None
+    weights = config.get("preference_weights")
+    return {str(name): float(weight) for name, weight in weights.items()} if weights else None

@@ -66,10 +66,10 @@ def find_letters(s: DatabaseSession, session: Session) -> list[str]:
 def without_comparing(s: DatabaseSession, session: Session) -> str | None:
     """Why nothing can be learned from the session's choices: `one_sided`, `too_fast`, or None. Simulated participants
     decide in no time."""
-    given = _choices(s, session)
-    if position_bias([letter for letter, _ in given]).is_found:
+    choices = _choices(s, session)
+    if position_bias([letter for letter, _ in choices]).is_found:
         return "one_sided"
-    seconds = [took for _, took in given if took is not None]
+    seconds = [took for _, took in choices if took is not None]
     return "too_fast" if not session.simulated and is_too_fast(seconds) else None
 
 

@@ -35,8 +35,8 @@ def rollouts_for(
             continue
         made_by = result.policy if controller == "own" else controller
         return [
-            Rollout(made.of(ARMS[controller]), made_by)
-            for made in result.situations
-            if pair is None or made.scene_seed == pair_seed(environment, pair)
+            Rollout(situation.of(ARMS[controller]), made_by)
+            for situation in result.situations
+            if pair is None or situation.scene_seed == pair_seed(environment, pair)
         ]
     return []

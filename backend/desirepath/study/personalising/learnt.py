@@ -68,11 +68,11 @@ def find_learnt(s: DatabaseSession, files: ArtefactStore, session: Session) -> L
     from desirepath.learning.preferences.predictive_power import better_than_chance, odds_against_chance
 
     after = [memory.posterior(measured, answers[:n]) for n in range(len(answers) + 1)]
-    places, given = measured.index(), []
+    places, likelihoods = measured.index(), []
     for before, (query, chosen) in zip(after, answers, strict=False):
         probable = float(before.predict(measured.differences[[places[query]]])[0])
-        given.append(probable if chosen == measured.queries[places[query]].trajectory_a else 1 - probable)
-    odds = odds_against_chance(np.array(given))
+        likelihoods.append(probable if chosen == measured.queries[places[query]].trajectory_a else 1 - probable)
+    odds = odds_against_chance(np.array(likelihoods))
     sides = position_bias(find_letters(s, session))
     weights = after[-1].mean_weights() if answers else np.zeros(SIZE, dtype=np.float32)
     known_so_far[key] = learnt = Learnt(

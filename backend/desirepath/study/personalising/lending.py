@@ -71,8 +71,8 @@ def _ready(s: DatabaseSession, session: Session) -> list[str]:
         learned = job.result_as(Learned)
         if learned is not None and participant not in of_participant and verdict(job) == "shown":
             policy = learned.policy
-            kept = s.get(Artefact, policy)
-            if kept is not None and kept.quarantined_at is None:
+            artefact = s.get(Artefact, policy)
+            if artefact is not None and artefact.quarantined_at is None:
                 of_participant[participant] = policy
     return list(of_participant.values())
 

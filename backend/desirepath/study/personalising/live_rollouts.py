@@ -121,8 +121,8 @@ def looks_at(policy: Policy, trajectory: Trajectory) -> list[str]:
     from desirepath.explain.sight import WALLS, sight_of
     from desirepath.learning.policies.torch_actor import actor_of
 
-    found = explain(actor_of(policy), sight_of(trajectory), command="turning")
-    means = dict(zip(found.things, found.scores.mean(axis=0).tolist(), strict=True))
+    explained = explain(actor_of(policy), sight_of(trajectory), command="turning")
+    means = dict(zip(explained.things, explained.scores.mean(axis=0).tolist(), strict=True))
     named: dict[str, float] = {}
     for thing, score in means.items():
         kind = "wall" if thing in WALLS else re.sub(r" \d+$", "", thing)

@@ -51,14 +51,14 @@ def _by_drawing(acting: Acting, setup: str, method: str) -> Weights:
     from desirepath.demonstrations.demonstration import Demonstration
     from desirepath.learning.preferences.from_paths import weights_of_drawn
 
-    kept = acting.s.scalars(
+    strokes = acting.s.scalars(
         select(StrokeRow)
         .where(StrokeRow.session_id == acting.session.id, StrokeRow.environment == setup, StrokeRow.state == "kept")
         .order_by(StrokeRow.created_at)
     )
     drawn = [
         (stroke.pair, Demonstration.from_bytes(acting.files.get(stroke.demonstration)).trajectory)
-        for stroke in kept
+        for stroke in strokes
         if stroke.demonstration is not None
     ]
     return weights_of_drawn(setup, drawn)
@@ -67,8 +67,8 @@ def _by_drawing(acting: Acting, setup: str, method: str) -> Weights:
 def _by_hand(acting: Acting, setup: str, method: str) -> Weights:
     """Of a sentence and of sliders the answer itself."""
     keys = [step.key for step in acting.plan if step.block == method and step.kind in ("words", "tuning")]
-    given = select(Response.value).where(Response.session_id == acting.session.id, Response.step_key.in_(keys))
-    value = acting.s.scalars(given).first() or {}
+    answers = select(Response.value).where(Response.session_id == acting.session.id, Response.step_key.in_(keys))
+    value = acting.s.scalars(answers).first() or {}
     return {str(name): float(weight) for name, weight in value.get("weights", {}).items()}
 
 
@@ -87,9 +87,9 @@ def make_robots(acting: Acting, stage: str, setup: str, methods: Sequence[str], 
         return before
     weights = weights_by_method(acting, setup, methods)
     scenes, flawed = choose_scenes(setup, list(weights.values()), count, acting.session.seed % (LARGEST_SEED + 1))
-    made: dict[str, Any] = {"stage": stage, "setup": setup, "weights": weights, "scenes": scenes, "flawed": flawed}
-    log_event(acting.s, ROBOTS_MADE, session_id=acting.session.id, **made)
-    return made
+    robots: dict[str, Any] = {"stage": stage, "setup": setup, "weights": weights, "scenes": scenes, "flawed": flawed}
+    log_event(acting.s, ROBOTS_MADE, session_id=acting.session.id, **robots)
+    return robots
 
 
 def choose_scenes(setup: str, weights: Sequence[Mapping[str, float]], count: int, seed: int) -> tuple[list[int], int]:
@@ -108,15 +108,15 @@ def choose_scenes(setup: str, weights: Sequence[Mapping[str, float]], count: int
     flaws, alike = [], []
     for of_scene in zip(*rollouts, strict=True):
         flaws.append(sum(flaw(trajectory, rules) is not None for trajectory in of_scene))
-        alike.append(sum(look_alike(one, other, rules) for one, other in combinations(of_scene, 2)))
+        alike.append(sum(look_alike(first, second, rules) for first, second in combinations(of_scene, 2)))
     chosen = sorted(range(len(scenes)), key=lambda k: (flaws[k], alike[k]))[:count]
     return [scenes[k].seed for k in chosen], sum(flaws[k] for k in chosen)
 
 
-def rollouts_in(made: Mapping[str, Any], place: int, methods: Sequence[str]) -> list[Trajectory]:
+def rollouts_in(robots: Mapping[str, Any], place: int, methods: Sequence[str]) -> list[Trajectory]:
     """The robots of these methods in one of the compared scenes."""
-    scene = _scene(made["setup"], made["scenes"][place])
-    return [roll_out(condition_on(made["setup"], made["weights"][method]), scene) for method in methods]
+    scene = _scene(robots["setup"], robots["scenes"][place])
+    return [roll_out(condition_on(robots["setup"], robots["weights"][method]), scene) for method in methods]
 
 
 def _scene(setup: str, seed: int) -> Scene:

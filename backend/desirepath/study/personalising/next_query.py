@@ -111,10 +111,10 @@ class Remembered:
         from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 
         config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
-        found: Posterior = self._after(
+        own: Posterior = self._after(
             measured, answers, measured.differences.__getitem__, lambda: Posterior.prior(measured.setup, config)
         )
-        return found
+        return own
 
     def beyond(self, measured: MeasuredQueries, pairs: PairDifferences, answers: Answers) -> FreePosterior:
         """What they say of whatever they may be about."""
@@ -122,14 +122,14 @@ class Remembered:
         from desirepath.learning.preferences.posterior import PosteriorConfig
 
         config = FreeConfig(posterior=PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right"))
-        found: FreePosterior = self._after(
+        posterior: FreePosterior = self._after(
             measured,
             answers,
             lambda row: pairs[[row]],
             lambda: FreePosterior.prior(measured.setup, config),
             beyond=True,
         )
-        return found
+        return posterior
 
     def _after(
         self,
@@ -246,8 +246,8 @@ def prepare(database: Database, files: ArtefactStore) -> None:
 def _chosen_by(row: Study | ProtocolVersion) -> Iterator[str]:
     """How the protocol chooses what it asks in its blocks and after them, as it is stored."""
     for entry in row.protocol["stages"]:
-        for one in (entry.get("block") or {}).get("trials", []):
-            yield one["queries"].get("choose", "random")
+        for trials in (entry.get("block") or {}).get("trials", []):
+            yield trials["queries"].get("choose", "random")
         if "choices" in (entry.get("methods") or {}).get("methods", ()):
             yield "information"  # whatever chooses them: what they taught is asked for while somebody waits
         further = (entry.get("train") or {}).get("ask_on")

@@ -83,12 +83,12 @@ def waiting_of(moment: Moment) -> Waiting | None:
 
 def _unfinished(s: DatabaseSession) -> Mapping[str, list[Job]]:
     """Trainings of all sessions by queue, in the order in which they are taken up."""
-    found: dict[str, list[Job]] = {}
+    by_queue: dict[str, list[Job]] = {}
     for job in s.scalars(select(Job).where(Job.state.not_in(ENDED), Job.session_id.is_not(None))):
-        found.setdefault(queue_of(job), []).append(job)
-    for of_queue in found.values():
+        by_queue.setdefault(queue_of(job), []).append(job)
+    for of_queue in by_queue.values():
         of_queue.sort(key=lambda job: (job.state == "queued", job.priority, job.created_at, job.id))
-    return found
+    return by_queue
 
 
 def _trainings_at_once(s: DatabaseSession) -> int:

@@ -152,9 +152,9 @@ def draw(needs: Needs, sample: Sample, queries: Sequence[AnyQuery], random: np.r
     taken_for_ranking = {pair.query for pair in (*ranked, *practised)}
     if taken_for_ranking:
         allowed = [query for query in allowed if query.id not in taken_for_ranking]
-    made = _triads(allowed, needs.triads, random)
-    taken = {scene for scene, _ in made}
-    rest = [query for query in allowed if query.scene_hash not in taken] if made else allowed
+    drawn_triads = _triads(allowed, needs.triads, random)
+    in_triads = {scene for scene, _ in drawn_triads}
+    rest = [query for query in allowed if query.scene_hash not in in_triads] if drawn_triads else allowed
     chosen = _drawn(rest, needs.queries, sample.different_scenes, random)
     if len(chosen) < needs.queries:
         limits = f"; {len(rest)} of its {len(queries)} may be drawn" if len(rest) < len(queries) else ""
@@ -164,7 +164,7 @@ def draw(needs: Needs, sample: Sample, queries: Sequence[AnyQuery], random: np.r
             f"one session of this protocol needs {needs.queries}"
         )
     pairs = [_sided(_pair(query), bool(random.integers(2))) for query in chosen]
-    sided = [tuple(_sided(pair, bool(random.integers(2))) for pair in three) for _, three in made]
+    sided = [tuple(_sided(pair, bool(random.integers(2))) for pair in three) for _, three in drawn_triads]
     triads = [(a, b, c) for a, b, c in sided]
     return DrawnQueries(pairs[: needs.shared], pairs[needs.shared :], triads, ranked, practised)
 
@@ -225,22 +225,22 @@ def _triads(
     for query in queries:
         seen[query.scene_hash][query.trajectory_a] = query.duration_a_s
         seen[query.scene_hash][query.trajectory_b] = query.duration_b_s
-    scenes = [scene for scene, found in seen.items() if len(found) >= 3]
+    scenes = [scene for scene, trajectories in seen.items() if len(trajectories) >= 3]
     if len(scenes) < count:
         raise PlanError(
             f"the query set has {len(scenes)} scenes with three trajectories, probes of transitivity need {count}; "
             "use a set with several queries per scene"
         )
     known = {frozenset((query.trajectory_a, query.trajectory_b)): _pair(query) for query in queries}
-    made = []
+    triads = []
     for i in random.choice(len(scenes), size=count, replace=False):
-        here = seen[scenes[i]]
-        three = [sorted(here)[k] for k in random.choice(len(here), size=3, replace=False)]
+        of_scene = seen[scenes[i]]
+        three = [sorted(of_scene)[k] for k in random.choice(len(of_scene), size=3, replace=False)]
         pairs = [
             known.get(frozenset((a, b)))
             # as Query.digest() names a query: by its two trajectories
-            or Pair(hashlib.sha256(f"{a}{b}".encode()).hexdigest(), a, b, here[a], here[b], sides_swapped=False)
+            or Pair(hashlib.sha256(f"{a}{b}".encode()).hexdigest(), a, b, of_scene[a], of_scene[b], sides_swapped=False)
             for a, b in combinations(three, 2)
         ]
-        made.append((scenes[i], (pairs[0], pairs[1], pairs[2])))
-    return made
+        triads.append((scenes[i], (pairs[0], pairs[1], pairs[2])))
+    return triads

@@ -86,8 +86,11 @@ class Places:
     def _count(self, *, simulated: bool) -> list[int]:
         """How many hold each row."""
         held = [0] * len(self._design.rows)
-        given = Session.assignment["design"].as_string(), Session.assignment["row"].as_integer()
-        columns = (given[0].label("design"), given[1].label("row"))  # of a hundred people, not a hundred whole objects
+        stored = Session.assignment["design"].as_string(), Session.assignment["row"].as_integer()
+        columns = (
+            stored[0].label("design"),
+            stored[1].label("row"),
+        )  # of a hundred people, not a hundred whole objects
         for person in _people(self._s, self._study, *columns, simulated=simulated, pilot=self._study.pilot):
             standing = _standing(person, self._protocol.assignment, self._now)
             if person.design == self._design.digest and _holds(standing, self._protocol):
@@ -134,9 +137,9 @@ def people_taken(s: DatabaseSession, study: Study, protocol: Assigning) -> int:
     return sum(_standing(person, protocol.assignment, now) in ("completed", "active", "lapsed") for person in people)
 
 
-def _key(given: dict[str, Any]) -> tuple[Any, ...]:
-    order = tuple(name for names in given["blocks"].values() for name in names)
-    return given["design"], given["row"], order, tuple(given["groups"].values())
+def _key(assigned: dict[str, Any]) -> tuple[Any, ...]:
+    order = tuple(name for names in assigned["blocks"].values() for name in names)
+    return assigned["design"], assigned["row"], order, tuple(assigned["groups"].values())
 
 
 def _line(key: tuple[Any, ...], counts: Counter[str], protocol: Assigning) -> OrderLine:
@@ -162,7 +165,7 @@ def _holds(standing: str, protocol: Assigning) -> bool:
 
 def _people(s: DatabaseSession, study: Study, *columns: Any, simulated: bool, pilot: bool) -> list[Row[Any]]:
     """Participants with their newest appointment, in the order in which they joined; columns: what else of them."""
-    found = s.execute(
+    people = s.execute(
         select(
             Participant.id,
             Participant.withdrawn_at,
@@ -176,7 +179,7 @@ def _people(s: DatabaseSession, study: Study, *columns: Any, simulated: bool, pi
         .where(Participant.study_id == study.id, same_kind(simulated=simulated, pilot=pilot))
         .order_by(Participant.created_at, Participant.id, Session.appointment)
     )
-    return list({person.id: person for person in found}.values())
+    return list({person.id: person for person in people}.values())
 
 
 def _standing(person: Row[Any], rules: Assignment, now: datetime) -> str:

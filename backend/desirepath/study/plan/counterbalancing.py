@@ -57,8 +57,8 @@ class Placement:
 
     def conditions(self, block: Ordered) -> list[Condition]:
         """The conditions in this order."""
-        here = block.conditions(self.group)
-        return [here[i] for i in self.order]
+        possible = block.conditions(self.group)
+        return [possible[i] for i in self.order]
 
 
 Place = Mapping[str, Placement]
@@ -106,7 +106,7 @@ class Design:
 def design_of(protocol: Assigning) -> Design:
     """The places of a protocol; none where nothing has conditions. ValueError: more than `MOST_ROWS`."""
     keyed = protocol.keyed_stages
-    blocks = {key: one for key, one in keyed if isinstance(one, Ordered) and (one.each or one.one_of)}
+    blocks = {key: stage for key, stage in keyed if isinstance(stage, Ordered) and (stage.each or stage.one_of)}
     scheme = protocol.assignment.scheme
     count = prod(len(block.groups) * _how_many(len(block.conditions(0)), scheme) for block in blocks.values())
     if count > MOST_ROWS:  # counted before they are made: ten conditions have 3.6 million

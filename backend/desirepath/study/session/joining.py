@@ -151,7 +151,7 @@ class _Door:
         known = self._recruiting_id(participant, who.recruiting or {})
         seed = session_seed(study.seed, participant.code)
         place, assignment = self._places.next(seed=seed, simulated=who.simulated)
-        plan, kept = self._plan(seed, place)
+        plan, stored = self._plan(seed, place)
         token = secrets.token_urlsafe(TOKEN_BYTES)
         session = Session(
             id=new_id(),
@@ -161,7 +161,7 @@ class _Door:
             language=who.language if who.language in protocol.languages else protocol.languages[0],
             simulated=who.simulated,
             seed=seed,
-            plan=kept,
+            plan=stored,
             device=fit,
             assignment=assignment,
             protocol_number=self._number,
@@ -188,8 +188,8 @@ class _Door:
         self._s.flush()
         if self._joined:
             signal_workers(self._s, Signal.PARTICIPANT_PRESENT)
-        for one, key in zip(self._joined, self._first_keys, strict=True):
-            session, study = one.session, one.session.study_id
+        for joined, key in zip(self._joined, self._first_keys, strict=True):
+            session, study = joined.session, joined.session.study_id
             kind, language = session.simulated, session.language
             log_event(self._s, "joined", study_id=study, session_id=session.id, simulated=kind, language=language)
             if unfilled := self._unfilled.get(session.id):
@@ -202,13 +202,13 @@ class _Door:
             if self._queries is None:
                 self._queries = queries_of_study(self._s, self._files, self._study, self._number, whole=False)
             plan = make_plan(self._protocol, seed, self._queries, place)
-            kept = dump_plan(plan)
-            shown = {step[name] for step in kept for name in SHOWN if step.get(name)} - self._there
+            stored = dump_plan(plan)
+            shown = {step[name] for step in stored for name in SHOWN if step.get(name)} - self._there
             require_files(self._files, shown)
             self._there |= shown
         except (PlanError, ValueError) as problem:
             raise StudyError(f"study {self._study.name!r}: {problem}") from problem
-        return plan, kept
+        return plan, stored
 
     def _new_code(self, simulated: bool) -> str:
         """P-7K3QM for people, by lot, so that nothing can be told from it; S001 on for bots, so that runs repeat."""
@@ -246,5 +246,5 @@ class _Door:
 
 def is_of(known: RecruitingId, recruiting: Mapping[str, Any]) -> bool:
     """Whether a platform's link names the person of that id; capitals make nobody else of them."""
-    there = (known.platform, known.external_id.lower())
-    return there == (recruiting["platform"], str(recruiting["external_id"]).lower())
+    known_as = (known.platform, known.external_id.lower())
+    return known_as == (recruiting["platform"], str(recruiting["external_id"]).lower())

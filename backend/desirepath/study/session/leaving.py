@@ -51,8 +51,8 @@ def withdraw(s: DatabaseSession, session: Session, *, now: datetime) -> None:
     participant = s.get_one(Participant, session.participant_id)
     participant.withdrawn_at = now
     others = select(Session).where(Session.participant_id == participant.id, Session.state.in_(("active", "paused")))
-    for one in s.scalars(others):
-        states.change(one, "withdraw", "participant")  # a later appointment, too
+    for later in s.scalars(others):
+        states.change(later, "withdraw", "participant")  # a later appointment, too
     if session.state != "withdrawn":
         states.change(session, "withdraw", "participant")
     alignment_jobs.end_trainings(s, session, by="withdrawal")

@@ -66,15 +66,15 @@ def is_id(value: str) -> bool:
     return _ID.fullmatch(value) is not None
 
 
-def by_parameter(given: Mapping[str, str | None]) -> dict[str, str]:
+def by_parameter(sent: Mapping[str, str | None]) -> dict[str, str]:
     """Those of the parameters that are given, by the names that platforms write, without spaces around them."""
-    found = {PARAMETERS.get(name.lower(), ""): (value or "").strip() for name, value in given.items()}
-    return {name: value for name, value in found.items() if name and value}
+    named = {PARAMETERS.get(name.lower(), ""): (value or "").strip() for name, value in sent.items()}
+    return {name: value for name, value in named.items() if name and value}
 
 
-def sender_of(given: Mapping[str, str | None]) -> Sender:
+def sender_of(sent: Mapping[str, str | None]) -> Sender:
     """Read what a link or a form brought. Raises Refused 422 `bad_id` for what no platform sends."""
-    parameters = by_parameter(given)
+    parameters = by_parameter(sent)
     if PREVIEW in parameters.values():
         return Sender(None, preview=True)
     unfilled = tuple(name for name, value in parameters.items() if _is_placeholder(value))

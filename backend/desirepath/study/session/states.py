@@ -80,9 +80,9 @@ class NoSuchChange(RuntimeError):
 
 def after(table: tuple[Change, ...], before: str, event: str, who: Who) -> str:
     """The state that the event leads to. Raises NoSuchChange."""
-    for one in table:
-        if (one.before, one.event, one.who) == (before, event, who):
-            return one.after
+    for row in table:
+        if (row.before, row.event, row.who) == (before, event, who):
+            return row.after
     raise NoSuchChange(f"{who} may not {event} what is {before!r}")
 
 

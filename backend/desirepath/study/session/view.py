@@ -70,10 +70,10 @@ def trial_of(s: DatabaseSession, session: Session, step_key: str | None = None) 
     known: dict[tuple[str, str], Trial] = s.info.setdefault("trials", {})
     key = (session.id, step_key or step_of(session).key)
     if key not in known:
-        found = s.scalars(select(Trial).where(Trial.session_id == key[0], Trial.step_key == key[1])).first()
-        if found is None:
+        trial = s.scalars(select(Trial).where(Trial.session_id == key[0], Trial.step_key == key[1])).first()
+        if trial is None:
             return None
-        known[key] = found
+        known[key] = trial
     return known[key]
 
 
@@ -129,13 +129,13 @@ CONSENTING = [kind.response_kind for kind in KINDS.values() if kind.consents]
 
 def consent_in_force(s: DatabaseSession, session: Session) -> str | None:
     """The id of the participant's newest consent, of whichever appointment."""
-    given = (
+    consents = (
         select(Response.id)
         .join(Session, Session.id == Response.session_id)
         .where(Session.participant_id == session.participant_id, Response.kind.in_(CONSENTING))
         .order_by(Response.created_at.desc())
     )
-    return s.scalars(given).first()
+    return s.scalars(consents).first()
 
 
 def has_declined(s: DatabaseSession, session: Session) -> bool:

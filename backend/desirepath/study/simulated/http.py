@@ -103,5 +103,5 @@ class HttpSessionClient:
         if response.is_success:
             answered: dict[str, Any] = response.json()
             return answered
-        asked = response.request.url.path.rsplit("/", 1)[-1]
-        raise SimulationError(f"the server refused {asked!r} with {response.status_code}: {response.text[:300]}")
+        endpoint = response.request.url.path.rsplit("/", 1)[-1]
+        raise SimulationError(f"the server refused {endpoint!r} with {response.status_code}: {response.text[:300]}")

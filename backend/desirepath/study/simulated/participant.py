@@ -217,7 +217,7 @@ class SimulatedParticipant:
         if preference is None or weights is None or not weights.max() > 0:
             return {}
         shares = zip(preference.names, weights / weights.max(), strict=True)
-        return {one: round(float(weight), 2) for one, weight in shares if weight > 0}
+        return {objective: round(float(weight), 2) for objective, weight in shares if weight > 0}
 
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:
         """A path in its style, drawn again where it touches something, then kept; of who has preference weights, where

@@ -25,9 +25,11 @@ class ContextMember(StepFamilyMember):
     def step_scores(self, steps: SeenSteps) -> Doubles:
         values = steps.words["person_m"] if self.by == "distance" else steps.place
         first = 1 / (1 + np.exp(np.clip((values - self.turning_point) / self.blur, -50, 50)))
-        one, other = (scale_words(steps, list(wish)) @ np.array(list(wish.values())) for wish in self.wishes)
-        found: Doubles = first * one + (1 - first) * other
-        return found
+        first_wish, second_wish = (
+            scale_words(steps, list(wish)) @ np.array(list(wish.values())) for wish in self.wishes
+        )
+        scores: Doubles = first * first_wish + (1 - first) * second_wish
+        return scores
 
 
 class ContextFamily(Family):

@@ -32,8 +32,8 @@ class DeepNetworkMember(StepFamilyMember):
             values = values @ weights + bias
             values = np.where(values > 0, values, self.leak * values)
         weights, bias = self.layers[-1]
-        found: Doubles = np.tanh((values @ weights + bias)[:, 0])
-        return found
+        scores: Doubles = np.tanh((values @ weights + bias)[:, 0])
+        return scores
 
 
 class DeepNetworkFamily(Family):

@@ -36,12 +36,12 @@ class LexicographicMember(FamilyMember):
 
     def scores(self, trajectories: Sequence[Trajectory]) -> Doubles:
         steps = SeenSteps.of_trajectories(trajectories)
-        found = np.zeros(len(trajectories))
+        ranked = np.zeros(len(trajectories))
         for place, (name, step) in enumerate(self.criteria):
             levels = np.clip(criterion(name, steps) / step, -LEVELS / 2, LEVELS / 2)
             last = place == len(self.criteria) - 1
-            found = found * LEVELS + (levels if last else np.floor(levels))
-        return found / LEVELS ** (len(self.criteria) - 1)
+            ranked = ranked * LEVELS + (levels if last else np.floor(levels))
+        return ranked / LEVELS ** (len(self.criteria) - 1)
 
 
 class LexicographicFamily(Family):

@@ -35,8 +35,8 @@ class MixedMember(FamilyMember):
     parts: tuple[tuple[FamilyMember, float], ...]
 
     def scores(self, trajectories: Sequence[Trajectory]) -> Doubles:
-        found: Doubles = np.sum([weight * member.scores(trajectories) for member, weight in self.parts], axis=0)
-        return found
+        total: Doubles = np.sum([weight * member.scores(trajectories) for member, weight in self.parts], axis=0)
+        return total
 
 
 def mix_members(setup: str, *parts: tuple[FamilyMember, float]) -> MixedMember:

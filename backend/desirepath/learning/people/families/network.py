@@ -26,8 +26,8 @@ class NetworkMember(StepFamilyMember):
         hidden = self.bias + sum(
             inputs[name] @ weights for name, weights in self.first.items() if name not in self.muted
         )
-        found: Doubles = np.tanh(hidden) @ self.last
-        return found
+        scores: Doubles = np.tanh(hidden) @ self.last
+        return scores
 
 
 class NetworkFamily(Family):
