@@ -32,10 +32,10 @@ REGISTRY = re.compile(r'Registry\(\s*(?:"[\w.]+"|\w+), "(desirepath(?:\.\w+)+)",
 
 def source(module: str) -> Path:
     """The file of a module, without importing more of it than the packages above."""
-    found = importlib.util.find_spec(module)
-    if found is None or found.origin is None:
+    spec = importlib.util.find_spec(module)
+    if spec is None or spec.origin is None:
         raise ModuleNotFoundError(module)
-    return Path(found.origin)
+    return Path(spec.origin)
 
 
 def unreachable(entrances: Iterable[str] = ENTRANCES) -> tuple[dict[str, int], int]:

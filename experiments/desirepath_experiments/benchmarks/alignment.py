@@ -150,7 +150,7 @@ def benchmark_align(
     query_config = QueryConfig(
         count=config.queries, seed=FIRST_QUERY_SEED + config.seed, max_duration_s=longest_simulated_s(setup)
     )
-    asked = generate_queries(load_ensemble(setup), query_config)
+    queries = generate_queries(load_ensemble(setup), query_config)
     answering = make_oracle(
         oracle,
         lapse_rate=config.lapse_rate,
@@ -159,11 +159,13 @@ def benchmark_align(
         myopia_s=config.myopia_s,
         peak_end=config.peak_end,
     )
-    seconds, made = _time(mode, setup, answering.answer(asked.queries), training or mode.config(config.seed))
+    seconds, aligned_policy = _time(
+        mode, setup, answering.answer(queries.queries), training or mode.config(config.seed)
+    )
     report_seed = FIRST_REPORT_SEED + config.seed
-    compared = compare_policies(base, made.policy, n=n, seed=report_seed)
+    compared = compare_policies(base, aligned_policy.policy, n=n, seed=report_seed)
     objective = (*(ORACLE_PREFERENCES[oracle].objectives if oracle in ORACLE_PREFERENCES else ()), None)[0]
-    aligned = evaluate_policy(made.policy, n=n, seed=report_seed)
+    aligned = evaluate_policy(aligned_policy.policy, n=n, seed=report_seed)
     return {
         "setup": setup,
         "mode": config.mode,
@@ -184,21 +186,25 @@ def benchmark_align(
         "both_succeed": compared["both_succeed"],
         "ceiling_m": compared["ceiling_m"],
         "objective": objective,
-        **_measure_movement(objective, base, neutral, made.policy, n, report_seed),
-        **made.more,
-        **({"against_instant": compare_policies(*made.search, n=n, seed=report_seed)} if made.search else {}),
+        **_measure_movement(objective, base, neutral, aligned_policy.policy, n, report_seed),
+        **aligned_policy.more,
+        **(
+            {"against_instant": compare_policies(*aligned_policy.search, n=n, seed=report_seed)}
+            if aligned_policy.search
+            else {}
+        ),
     }
 
 
 def _time(mode: Mode, setup: str, preferences: list[Preference], config: Config) -> tuple[float, AlignedPolicy]:
     if not mode.own_process:
         began = time.perf_counter()
-        made = mode.make(setup, preferences, config)
-        return time.perf_counter() - began, made
+        aligned = mode.make(setup, preferences, config)
+        return time.perf_counter() - began, aligned
     began = time.perf_counter()
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        made = pool.submit(mode.make, setup, preferences, config).result()
-    return time.perf_counter() - began, made
+        aligned = pool.submit(mode.make, setup, preferences, config).result()
+    return time.perf_counter() - began, aligned
 
 
 def _measure_movement(

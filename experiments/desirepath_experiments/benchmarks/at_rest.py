@@ -81,14 +81,14 @@ def benchmark_rest(config: RestConfig, progress: Progress) -> dict[str, Any]:
             ]
             progress.tell(f"{config.jobs} jobs")
             waits = [_time_job(settings) for _ in range(config.jobs)]
-    rows = [_per_minute(one, minutes) for one in used]
+    rows = [_per_minute(usage, minutes) for usage in used]
     return {
         "minutes": minutes,
         "new_folder": new_folder,
-        "restart": {name: round(float(np.median([one[name] for one in again])), 2) for name in again[0]},
+        "restart": {name: round(float(np.median([restart[name] for restart in again])), 2) for name in again[0]},
         **_total(rows),
         "processes": rows,
-        "database": _total([_per_minute(one, minutes) for one in beside[0]]) if beside else None,
+        "database": _total([_per_minute(usage, minutes) for usage in beside[0]]) if beside else None,
         "job_start_ms": {"median": round(float(np.median(waits))), "slowest": round(max(waits))} if waits else None,
         "load_average": round(load, 1),
     }

@@ -151,12 +151,12 @@ def plan_rollouts(
         mean[:, 0, : 2 * WAYPOINTS] = _beside(guides, starts[::copies, :2], goals[::copies])
     deviation = np.full((n, 1, SIZE), config.spread)
     best = np.full(n, NOT_ARRIVED)
-    kept = mean[:, 0].copy()
+    first_genes = mean[:, 0].copy()
     measured = np.zeros((n, len(typical)))
     crossings = np.zeros(n, dtype=np.int32)
     for _ in range(config.rounds):
         genes = mean + deviation * random.normal(size=(n, copies, SIZE))
-        genes[:, 0] = kept
+        genes[:, 0] = first_genes
         genes[:, 1 : copies // 3] = mean + 0.3 * (genes[:, 1 : copies // 3] - mean)  # some stay close by
         curves = _Curves(genes.reshape(-1, SIZE), starts, goals, people)
         rolled_out = course.steered(curves.steer(setup.robot.limits.w_max), most)
@@ -167,7 +167,7 @@ def plan_rollouts(
         rows = np.arange(n)
         better = scores[rows, first] > best
         best = np.where(better, scores[rows, first], best)
-        kept[better] = genes[rows, first][better]
+        first_genes[better] = genes[rows, first][better]
         measured[better] = rolled_out.measured.reshape(n, copies, -1)[rows, first][better]
         crossings[better] = rolled_out.self_intersections.reshape(n, copies)[rows, first][better]
         elite = np.take_along_axis(genes, order[:, : config.survivors, None], axis=1)

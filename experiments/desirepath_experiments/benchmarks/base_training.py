@@ -79,19 +79,21 @@ def benchmark_train(
     if chosen.setup != config.setup:
         raise LearningError(f"base.setup = {chosen.setup!r} but setup = {config.setup!r}")
     limits = {name: value for name, value in asdict(config).items() if name not in ("seeds", "arms", "keep")}
-    kept = _Kept(config.keep, {"base": json.loads(json.dumps(chosen.as_dict())), "config": limits})
+    entries_file = _Kept(config.keep, {"base": json.loads(json.dumps(chosen.as_dict())), "config": limits})
     load = [round(value, 2) for value in os.getloadavg()]
     entries = [
         entry
         for seed in range(config.seeds)
-        for entry in kept.run(
+        for entry in entries_file.run(
             {f"{arm} {seed}": partial(TRAIN[arm], arm, replace(chosen, seed=seed), config) for arm in config.arms}
         )
     ]
     judged = {arm: _judge(entries, arm) for arm in config.arms}
-    seconds = {arm: _median([e.seconds_to_94 for e in found]) for arm, found in judged.items()}
-    first, ours = config.arms[0], seconds.get("fast")
-    never = {arm: statistics.median(e.seconds for e in found) for arm, found in judged.items() if seconds[arm] is None}
+    seconds = {arm: _median([e.seconds_to_94 for e in reached]) for arm, reached in judged.items()}
+    first, fast = config.arms[0], seconds.get("fast")
+    never = {
+        arm: statistics.median(e.seconds for e in reached) for arm, reached in judged.items() if seconds[arm] is None
+    }
     return {
         "setup": config.setup,
         "seeds": config.seeds,
@@ -99,11 +101,11 @@ def benchmark_train(
         "seconds_to_94": seconds[first],
         "held_out_success": _median([e.held_out_success for e in judged[first]]),
         "seconds_to_94_per_arm": seconds,
-        "never_reached": {arm: sum(e.seconds_to_94 is None for e in found) for arm, found in judged.items()},
+        "never_reached": {arm: sum(e.seconds_to_94 is None for e in reached) for arm, reached in judged.items()},
         "judged_by_weights": {arm: WEIGHTS[arm] for arm in config.arms},
         "per_seed": [asdict(entry) for entry in entries],
-        "ratio_vs_sb3_fast": _ratio(seconds.get("sb3_fast"), ours),
-        "ratio_vs_sb3_fast_at_least": _ratio(never.get("sb3_fast"), ours),
+        "ratio_vs_sb3_fast": _ratio(seconds.get("sb3_fast"), fast),
+        "ratio_vs_sb3_fast_at_least": _ratio(never.get("sb3_fast"), fast),
         "network_heads": list(chosen.heads),
         "openblas_coretype": os.environ.get("OPENBLAS_CORETYPE"),
         "torch_cpu_capability": torch.backends.cpu.get_cpu_capability(),
@@ -115,8 +117,8 @@ def benchmark_train(
 
 def _judge(entries: Sequence[Reached], arm: str) -> list[Reached]:
     """One entry per seed: the weights that were confirmed first, or those that were trained longest without that."""
-    found = [e for e in entries if e.arm == arm and e.weights in WEIGHTS[arm]]
-    per_seed = {e.seed: [other for other in found if other.seed == e.seed] for e in found}
+    of_arm = [e for e in entries if e.arm == arm and e.weights in WEIGHTS[arm]]
+    per_seed = {e.seed: [other for other in of_arm if other.seed == e.seed] for e in of_arm}
     return [min(same, key=lambda e: (e.seconds_to_94 is None, e.seconds)) for same in per_seed.values()]
 
 

@@ -100,8 +100,8 @@ def benchmark_simulate(config: SimulateConfig, progress: Progress | None = None)
         reference.building = 0.0
     for _ in range(ROUNDS):
         for who, step in contestants.items():
-            made, took = steps_in(config.seconds / ROUNDS / len(contestants), step)
-            steps[who], spent[who] = steps[who] + made, spent[who] + took
+            steps_made, took = steps_in(config.seconds / ROUNDS / len(contestants), step)
+            steps[who], spent[who] = steps[who] + steps_made, spent[who] + took
     for mode, reference in references.items():
         spent[mode] -= reference.building
         reference.engine.close()

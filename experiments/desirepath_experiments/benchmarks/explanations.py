@@ -69,7 +69,7 @@ def benchmark_explanations(config: ExplanationsConfig, progress: Progress | None
                 explained = explain(actor, sight, method=method, command=command, seed=seed)
                 seconds.append((time.process_time() - began) / len(trajectory.actions))
                 measured.append(faithfulness(actor, sight, explained, seed=seed))
-            judged = [one for one in measured if one is not None]
+            judged = [faithful for faithful in measured if faithful is not None]
             gains = gain_over_chance(judged, seed=seed)
             rows.append(
                 {
@@ -80,7 +80,7 @@ def benchmark_explanations(config: ExplanationsConfig, progress: Progress | None
                     "may_be_shown": all(gains[curve]["interval_95"][0] > 0 for curve in ("deletion", "insertion")),
                     "ms_per_100_steps": round(float(np.median(seconds)) * STEPS * 1000, 1),
                     "trajectories": len(judged),
-                    "moments": sum(one.moments for one in judged),
+                    "moments": sum(faithful.moments for faithful in judged),
                 }
             )
     return {
@@ -117,10 +117,10 @@ def faithfulness(actor: Actor, sight: Sight, explained: Explanation, *, seed: in
     if not len(moments):
         return None
     scores = explained.weights[:, : len(sight.things)]  # the goal is no thing that could be taken out
-    found = _curves(actor, sight, explained.command, moments, -scores)
+    curves = _curves(actor, sight, explained.command, moments, -scores)
     random_orders = [random.random(scores.shape) for _ in range(RANDOM_ORDERS)]
-    by_chance = np.mean([_curves(actor, sight, explained.command, moments, one) for one in random_orders], axis=0)
-    both = [float(value) for pair in zip(found, by_chance, strict=True) for value in pair]
+    by_chance = np.mean([_curves(actor, sight, explained.command, moments, order) for order in random_orders], axis=0)
+    both = [float(value) for pair in zip(curves, by_chance, strict=True) for value in pair]
     return Faithfulness(len(moments), *both)
 
 
@@ -135,14 +135,14 @@ def _curves(
     first: list[float] = []
     deleted: list[Doubles] = []
     inserted: list[Doubles] = []
-    for taken in range(1, int(number[moments].max()) + 1):
-        gone = sight.seen & (place < taken)
-        there = sight.seen & (place >= taken)
+    for count in range(1, int(number[moments].max()) + 1):
+        gone = sight.seen & (place < count)
+        left_in = sight.seen & (place >= count)
         change = np.abs(_commands(actor, sight.without(gone), command) - full)
-        left = np.abs(_commands(actor, sight.without(there), command) - full)
-        if taken == 1:
+        left = np.abs(_commands(actor, sight.without(left_in), command) - full)
+        if count == 1:
             first = [float(change[moments].mean())]
-        live = (number >= taken)[moments]
+        live = (number >= count)[moments]
         deleted.append(np.where(live, change[moments], np.nan))
         inserted.append(np.where(live, left[moments], np.nan))
     return first[0], float(np.nanmean(deleted, axis=0).mean()), float(np.nanmean(inserted, axis=0).mean())
@@ -161,9 +161,9 @@ def gain_over_chance(measured: Sequence[Faithfulness], *, seed: int = 0) -> dict
     if len(measured) < 2:
         raise ValueError(f"measured: {len(measured)} trajectories; an interval needs two at least")
     gains = {
-        "first": [one.first - one.first_random for one in measured],
-        "deletion": [one.deletion - one.deletion_random for one in measured],
-        "insertion": [one.insertion_random - one.insertion for one in measured],
+        "first": [trajectory.first - trajectory.first_random for trajectory in measured],
+        "deletion": [trajectory.deletion - trajectory.deletion_random for trajectory in measured],
+        "insertion": [trajectory.insertion_random - trajectory.insertion for trajectory in measured],
     }
     estimates = mean_estimates({name: np.array(values) for name, values in gains.items()}, seed=seed)
     return {

@@ -93,18 +93,18 @@ def benchmark_faults(config: FaultsConfig, progress: Progress) -> dict[str, Any]
     with contextlib.ExitStack() as held:
         folder = Path(held.enter_context(tempfile.TemporaryDirectory(prefix="desirepath-faults-")))
         data, mounted = folder / "data", held.enter_context(_mount_small_disk(folder / "data"))
-        there = held.enter_context(open_installation(data, postgresql=True))
-        database = there.database
+        installation = held.enter_context(open_installation(data, postgresql=True))
+        database = installation.database
         sorts: list[Fault] = ["server", "worker", "connections", "database"]
         if mounted:
             sorts.append("disk")
         arguments, log = ("--processes", str(config.processes)), folder / "server.log"
-        with loopback_server(there.settings, worker=True, log=log, arguments=arguments) as (address, supervisor):
+        with loopback_server(installation.settings, worker=True, log=log, arguments=arguments) as (address, supervisor):
             await_processes(database, config.processes)
             stopping = threading.Event()
-            first, link = config.seed * 1000, there.study.recruiting_token
+            first, link = config.seed * 1000, installation.study.recruiting_token
             people = [Persistent(address, link, first + n, stopping) for n in range(config.participants)]
-            threads = [threading.Thread(target=one.walk, daemon=True) for one in people]
+            threads = [threading.Thread(target=person.walk, daemon=True) for person in people]
             for thread in threads:
                 thread.start()
             outcomes: dict[Fault, Outcome] = {sort: Outcome() for sort in sorts}
@@ -121,11 +121,11 @@ def benchmark_faults(config: FaultsConfig, progress: Progress) -> dict[str, Any]
             for thread in threads:
                 thread.join(RECOVERY_PATIENCE_S)
             stuck = sum(thread.is_alive() for thread in threads)
-            broken = [one.problem for one in people if one.problem]
+            broken = [person.problem for person in people if person.problem]
             if stuck or broken:
                 raise ServeBenchmarkError(f"{stuck} of {config.participants} participants do not get on; {broken[:1]}")
             unfinished = _await_jobs(database, jobs)
-        acknowledged = {key: value for one in people for key, value in one.acknowledged.items()}
+        acknowledged = {key: value for person in people for key, value in person.acknowledged.items()}
         lost, halves = lost_answers(database, acknowledged), half_trials(database)
     return {
         "kills": config.kills,
@@ -137,8 +137,8 @@ def benchmark_faults(config: FaultsConfig, progress: Progress) -> dict[str, Any]
         "jobs": len(jobs),
         "jobs_lost": len(unfinished),
         "lost_because": unfinished,
-        "sent_again": sum(one.sent_again for one in people),
-        "watched_again": sum(one.watched_again for one in people),
+        "sent_again": sum(person.sent_again for person in people),
+        "watched_again": sum(person.watched_again for person in people),
         "faults": {sort: outcome.as_dict() for sort, outcome in outcomes.items()},
         "not_tried": [] if mounted else ["disk: no small file system may be mounted here"],
         "seed": config.seed,
@@ -177,34 +177,34 @@ class _Scene:
             case "database":
                 # PostgreSQL ends all connections where one of its processes is killed, and recovers from its log.
                 serving = own_postgres_pid(str(self._database.url.query["host"]))
-                clients = [one for one in children_of(serving) if "postgres: desirepath" in command_of(one)]
+                clients = [client for client in children_of(serving) if "postgres: desirepath" in command_of(client)]
                 os.kill(int(random.choice(clients)), signal.SIGKILL)
             case "disk":
                 with _fill(self._data):
                     time.sleep(FULL_S)
         self.await_answer(since=answered)
         outcome.answer_after_s.append(
-            min(when for one in self._people for when in one.acknowledged_at if when > at) - at
+            min(when for person in self._people for when in person.acknowledged_at if when > at) - at
         )
 
     def await_answer(self, *, since: int) -> None:
         self._until(lambda: self._answers() > since)
 
     def _answers(self) -> int:
-        return sum(len(one.acknowledged) for one in self._people)
+        return sum(len(person.acknowledged) for person in self._people)
 
     def _servers(self) -> list[int]:
-        return [one for one in children_of(self._supervisor) if "ends_with_parent serve" in command_of(one)]
+        return [pid for pid in children_of(self._supervisor) if "ends_with_parent serve" in command_of(pid)]
 
     def _begun_since(self, moment: datetime) -> int:
         """Server processes that listen, of those that began later."""
         with self._database.session() as s:
-            asked = select(func.count()).select_from(ServerProcess).where(ServerProcess.started_at > moment)
-            return s.scalar(asked) or 0
+            rows = select(func.count()).select_from(ServerProcess).where(ServerProcess.started_at > moment)
+            return s.scalar(rows) or 0
 
     def _worker(self) -> int | None:
-        found = [one for one in children_of(self._supervisor) if "desirepath worker" in command_of(one)]
-        return found[0] if found else None
+        pids = [pid for pid in children_of(self._supervisor) if "desirepath worker" in command_of(pid)]
+        return pids[0] if pids else None
 
     def _beaten_at(self) -> float:
         try:
@@ -216,7 +216,7 @@ class _Scene:
         deadline = time.monotonic() + RECOVERY_PATIENCE_S
         while not holds():
             if time.monotonic() > deadline:
-                problems = [one.problem or one.last for one in self._people]
+                problems = [person.problem or person.last for person in self._people]
                 raise ServeBenchmarkError(f"nothing recovered within {RECOVERY_PATIENCE_S:.0f} s; people: {problems}")
             time.sleep(LOOK_S)
 
@@ -245,23 +245,23 @@ def _await_jobs(database: Database, jobs: list[str]) -> list[str]:
 
 def lost_answers(database: Database, acknowledged: dict[str, tuple[str, str, str]]) -> int:
     """Acknowledged answers that are not stored where they belong with the choice that was sent."""
-    asked = select(Response.request_id, Session.token_hash, Response.step_key, Response.value)
+    rows_asked = select(Response.request_id, Session.token_hash, Response.step_key, Response.value)
     with database.session() as s:
-        rows = s.execute(asked.join(Session, Session.id == Response.session_id)).all()
-    kept = {row[0]: (row[1], row[2], row[3].get("choice")) for row in rows}
-    return sum(kept.get(request_id) != sent for request_id, sent in acknowledged.items())
+        rows = s.execute(rows_asked.join(Session, Session.id == Response.session_id)).all()
+    stored = {row[0]: (row[1], row[2], row[3].get("choice")) for row in rows}
+    return sum(stored.get(request_id) != sent for request_id, sent in acknowledged.items())
 
 
 def half_trials(database: Database) -> int:
     """Trials that are answered without an answer, or have one and are not."""
-    asked = (
+    rows = (
         select(func.count())
         .select_from(Trial)
         .outerjoin(Response, Response.trial_id == Trial.id)
         .where((Trial.phase == "answered") != Response.id.is_not(None))
     )
     with database.session() as s:
-        return s.scalar(asked) or 0
+        return s.scalar(rows) or 0
 
 
 @contextlib.contextmanager

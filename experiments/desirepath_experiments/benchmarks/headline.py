@@ -38,7 +38,7 @@ Doubles = NDArray[np.float64]
 Floats = NDArray[np.float32]
 FIRST_REPORT_SEED = 900  # reporting scenes that nothing else uses; seed s draws set FIRST_REPORT_SEED + s
 MADE_OF_OBJECTIVES = tuple(
-    name for name, one in ORACLE_PREFERENCES.items() if one.weights is not None and one.later is None
+    name for name, oracle in ORACLE_PREFERENCES.items() if oracle.weights is not None and oracle.later is None
 )
 """The 13 preferences that are weighted sums of objectives, so that what is attained of them can be planned."""
 
@@ -101,7 +101,7 @@ def benchmark_headline(
         course = Course(scenes)
         reported = _Reported(course, course.rollout(base), {})
         few = scenes[: config.planned]
-        guides = [one.poses for one in rollout(get_setup(setup), base.rollout_policy, few)]
+        guides = [trajectory.poses for trajectory in rollout(get_setup(setup), base.rollout_policy, few)]
         for n, name in enumerate(config.preferences):
             reported.attained[name] = plan_rollouts(few, true_weights(name), planner, guides)[0]
             rows += _measure(policy, queries, reported, name, seed, config)
@@ -126,8 +126,8 @@ def true_weights(name: str) -> Doubles:
 
 def draw_queries(setup: str, answers: int, seed: int) -> Sequence[Query]:
     """Fresh queries that no shipped set holds, by the policy that the shipped varied queries were made with."""
-    asked = QueryConfig(count=answers, seed=FIRST_QUERY_SEED + seed, max_duration_s=longest_simulated_s(setup))
-    return generate_varied_queries(load_conditioned(f"{setup}/conditioned"), VariedConfig(asked)).queries
+    query_config = QueryConfig(count=answers, seed=FIRST_QUERY_SEED + seed, max_duration_s=longest_simulated_s(setup))
+    return generate_varied_queries(load_conditioned(f"{setup}/conditioned"), VariedConfig(query_config)).queries
 
 
 def _measure(
@@ -139,7 +139,7 @@ def _measure(
     config: HeadlineConfig,
 ) -> list[dict[str, Any]]:
     true = true_weights(name)
-    given = _roll_out(policy, (true / true.max()).astype(np.float32), reported.course)
+    conditioned = _roll_out(policy, (true / true.max()).astype(np.float32), reported.course)
     rows = []
     for lapse_rate in config.noises:
         answers = make_oracle(name, lapse_rate=lapse_rate, seed=seed).answer(queries)
@@ -152,7 +152,7 @@ def _measure(
                 "seed": seed,
                 "conditioned_on": {k: float(w) for k, w in zip(policy.objectives, weights, strict=True) if w > 0},
                 "foremost_found": int(weights.argmax()) == int(true.argmax()),
-                **compare_with_attained(own, given, reported.base, reported.attained[name], true, policy.setup),
+                **compare_with_attained(own, conditioned, reported.base, reported.attained[name], true, policy.setup),
             }
         )
     return rows
@@ -164,7 +164,7 @@ def _roll_out(policy: ConditionedPolicy, weights: Floats, course: Course) -> Mea
 
 def compare_with_attained(
     own: MeasuredRollouts,
-    given: MeasuredRollouts,
+    conditioned: MeasuredRollouts,
     base: MeasuredRollouts,
     planned: Doubles,
     true: Doubles,
@@ -177,9 +177,9 @@ def compare_with_attained(
     """
     few = len(planned)
     typical = typical_differences(setup)
-    gained = [gains(one.measured[:few] / typical) @ true for one in (base, own, given)]
-    both = base.success[:few] & own.success[:few] & given.success[:few] & (planned > NOT_ARRIVED)
-    at_base, at_own, at_given = (one[both] for one in gained)
+    gained = [gains(rollouts.measured[:few] / typical) @ true for rollouts in (base, own, conditioned)]
+    both = base.success[:few] & own.success[:few] & conditioned.success[:few] & (planned > NOT_ARRIVED)
+    at_base, at_own, at_given = (of_policy[both] for of_policy in gained)
     best = np.max([planned[both], at_base, at_own, at_given], axis=0)
     possible = float((best - at_base).mean())
     return {
@@ -191,7 +191,7 @@ def compare_with_attained(
         "share_true": float((at_given - at_base).mean()) / possible,
         "compared_in": int(both.sum()),
         "success": float(own.success.mean()),
-        "success_true": float(given.success.mean()),
+        "success_true": float(conditioned.success.mean()),
         "success_base": float(base.success.mean()),
         "self_intersections": float(own.self_intersections.mean()),
         "self_intersections_base": float(base.self_intersections.mean()),

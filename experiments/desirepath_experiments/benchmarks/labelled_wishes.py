@@ -34,13 +34,13 @@ def read_cases(file: Path) -> list[Case]:
 def _parse(expected: str, sentence: str) -> Wanted | None:
     if expected.strip() == "ask":
         return None
-    found = set()
+    ends = set()
     for item in expected.split(";") if expected.strip() != "none" else []:
         name, _, direction = item.strip().partition(":")
         if name not in NAMES or direction not in ("+", "-"):
             raise ValueError(f"{sentence!r}: {item!r} is no label; it is an objective with :+ or :-, `ask` or `none`")
-        found.add(one_end(name, direction == "+"))
-    return frozenset(found)
+        ends.add(one_end(name, direction == "+"))
+    return frozenset(ends)
 
 
 def judge(case: Case, got: Understood) -> str:

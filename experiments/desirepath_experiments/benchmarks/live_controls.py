@@ -119,7 +119,7 @@ def benchmark_live(config: LiveConfig, progress: Progress) -> dict[str, Any]:
             for control, study in studies.items():
                 measured[control] = _measure(browser, url, study, control, config.inputs, progress)
         database.close()
-    worst = max(found["p95_ms"] for hands in measured.values() for found in hands.values())
+    worst = max(timed["p95_ms"] for hands in measured.values() for timed in hands.values())
     return {
         **measured,
         "at_most_ms": AT_MOST_MS,
@@ -138,7 +138,7 @@ def _open_study(s: Any, files: ArtefactStore, tuning: dict[str, Any]) -> Study:
         {"block": {"view": "top_down", "trials": [{"queries": {"count": 1}}]}},  # a study has to ask something
         {"debriefing": {"text": "texts/debriefing.md", "completion_code": "random"}},
     ]
-    said = {
+    protocol = {
         "protocol": "live",
         "version": 1,
         "title": {"en": "Live"},
@@ -146,7 +146,7 @@ def _open_study(s: Any, files: ArtefactStore, tuning: dict[str, Any]) -> Study:
         "query_set": "study_room/queries_200",
         "stages": stages,
     }
-    frozen = freeze_text(yaml.safe_dump(said, sort_keys=False), folder=PROTOCOLS)
+    frozen = freeze_text(yaml.safe_dump(protocol, sort_keys=False), folder=PROTOCOLS)
     return create_study(s, files, frozen, name="benchmark live", created_by=None)
 
 
@@ -166,16 +166,16 @@ def _measure(browser: Browser, url: str, study: Study, control: str, inputs: int
         page.locator("#live-way[data-seconds]").wait_for()
         stage = next(frame for frame in page.frames if "/stage/" in frame.url)
         stage.evaluate(PICTURES)
-        found = {}
+        timed = {}
         for hand in HANDS:
             _hand(page, control, hand, WARM_UP)
             _forget(page, stage)
             _hand(page, control, hand, inputs)
             page.wait_for_timeout(1_500)
-            found[hand] = time_pictures(page.evaluate("window.liveClock"), stage.evaluate("window.livePictures"))
-            progress.tell(f"{control}, {hand}: {found[hand]}")
+            timed[hand] = time_pictures(page.evaluate("window.liveClock"), stage.evaluate("window.livePictures"))
+            progress.tell(f"{control}, {hand}: {timed[hand]}")
     context.close()
-    return found
+    return timed
 
 
 def _hand(page: Page, control: str, hand: str, inputs: int) -> None:
@@ -220,28 +220,28 @@ def time_pictures(clock: Mapping[str, Sequence[float]], pictures: Sequence[tuple
 
     clock: as `CLOCK` keeps it; pictures: when painted, when shown, of which request, in their order.
     """
-    asked, answered = clock["asked"], clock["answered"]
-    taken, parts = [], []
+    asked_at, answered = clock["asked"], clock["answered"]
+    delays, parts = [], []
     for moved in clock["inputs"]:
-        first = next((k for k, at in enumerate(asked) if at >= moved), len(asked))
-        found = next((one for one in pictures if one[2] >= first), None)
-        if found is None:
+        first = next((k for k, at in enumerate(asked_at) if at >= moved), len(asked_at))
+        picture = next((candidate for candidate in pictures if candidate[2] >= first), None)
+        if picture is None:
             continue  # a step that changed nothing, at the end of a slider
-        painted, shown, number = found
-        taken.append(shown - moved)
+        painted, shown, number = picture
+        delays.append(shown - moved)
         parts.append(
-            (asked[number] - moved, answered[number] - asked[number], painted - answered[number], shown - painted)
+            (asked_at[number] - moved, answered[number] - asked_at[number], painted - answered[number], shown - painted)
         )
-    if not taken:
+    if not delays:
         raise RuntimeError("no picture came of any input; is the stage's page the one that is measured?")
     middle = np.median(np.array(parts), axis=0)
     names = ("until_asked_ms", "server_ms", "painting_ms", "next_frame_ms")
-    p50, p95 = np.percentile(taken, [50, 95])
+    p50, p95 = np.percentile(delays, [50, 95])
     return {
-        "inputs": len(taken),
+        "inputs": len(delays),
         "pictures": len(pictures),
         "p50_ms": round(float(p50), 1),
         "p95_ms": round(float(p95), 1),
-        "max_ms": round(max(taken), 1),
+        "max_ms": round(max(delays), 1),
         **{name: round(float(value), 1) for name, value in zip(names, middle, strict=True)},
     }

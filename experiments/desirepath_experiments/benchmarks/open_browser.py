@@ -91,15 +91,15 @@ class OpenBrowser:
 
     async def _pair(self, step: dict[str, Any], decide_at: float) -> dict[str, Any]:
         """The way a page goes: start, hear from the stage what plays, tell that it was seen, choose."""
-        here = f"{self._api}/trials/{step['key']}"
-        asked = time.perf_counter()
-        state = await self._post(f"{here}/start", {"request_id": uuid4().hex})
+        trial = f"{self._api}/trials/{step['key']}"
+        sent_at = time.perf_counter()
+        state = await self._post(f"{trial}/start", {"request_id": uuid4().hex})
         for side in ("a", "b"):
             shown = state["step"]["trial"]["playback_id"]
             await self._until(shown)
-            self._tally.stage_ms.append((time.perf_counter() - asked) * 1000)
-            asked = time.perf_counter()
-            state = await self._post(f"{here}/seen", {"side": side, "playback_id": shown})
+            self._tally.stage_ms.append((time.perf_counter() - sent_at) * 1000)
+            sent_at = time.perf_counter()
+            state = await self._post(f"{trial}/seen", {"side": side, "playback_id": shown})
         await asyncio.sleep(max(0.0, decide_at - time.monotonic()))
         answered = await self._submit(state["step"], {"choice": "ab"[int(self._random.integers(2))]}, tell=True)
         await self._get(f"/p/{self._token}/step")
@@ -112,10 +112,10 @@ class OpenBrowser:
         if tell:
             self._tally.sent += 1
             self._tally.pairs.add(request_id)
-        asked = time.perf_counter()
+        sent_at = time.perf_counter()
         state = await self._post(f"{self._api}/steps/{step['key']}", body)
         if tell:
-            self._tally.ack_ms.append((time.perf_counter() - asked) * 1000)
+            self._tally.ack_ms.append((time.perf_counter() - sent_at) * 1000)
         self._tally.acknowledged[request_id] = (token_hash(self._token), step["key"])
         return state
 
@@ -222,5 +222,5 @@ async def beside(listening: Any) -> AsyncIterator[None]:
 def _check(response: httpx.Response) -> httpx.Response:
     if response.is_success:
         return response
-    asked = response.request.url.path.rsplit("/", 1)[-1]  # the rest of the path holds a token
-    raise ServeBenchmarkError(f"the server refused {asked!r} with {response.status_code}: {response.text[:200]}")
+    endpoint = response.request.url.path.rsplit("/", 1)[-1]  # the rest of the path holds a token
+    raise ServeBenchmarkError(f"the server refused {endpoint!r} with {response.status_code}: {response.text[:200]}")

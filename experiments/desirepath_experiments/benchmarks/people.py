@@ -68,7 +68,7 @@ def benchmark_people(config: PeopleOptions, progress: Progress) -> dict[str, Any
     """As `asked_people.benchmark_people`; with `policies` also what the library's policies gain."""
     families, setup, after = read_families(config.family), config.setup, tuple(sorted(config.answers))
     more = {config.reward.stem: read_reward(config.reward, setup)} if config.reward is not None else {}
-    asked = asked_people.PeopleConfig(
+    people_config = asked_people.PeopleConfig(
         families=() if more else families,
         people=config.people,
         answers=after,
@@ -78,21 +78,26 @@ def benchmark_people(config: PeopleOptions, progress: Progress) -> dict[str, Any
         choose=config.choose,
         queries=config.queries,
     )
-    persons = asked_people.known_people(progress.out, setup, asked) if progress.out is not None else []
+    persons = asked_people.known_people(progress.out, setup, people_config) if progress.out is not None else []
 
-    def keep(one: dict[str, Any]) -> None:
-        persons.append(one)
-        progress.keep(asked_people.result_of(setup, asked, persons))
+    def keep(person: dict[str, Any]) -> None:
+        persons.append(person)
+        progress.keep(asked_people.result_of(setup, people_config, persons))
 
     result = asked_people.benchmark_people(
-        setup, asked, more, lambda done: progress.tell(f"{done:.0%}"), tuple(persons), keep
+        setup, people_config, more, lambda done: progress.tell(f"{done:.0%}"), tuple(persons), keep
     )
     if not config.policies:
         return result
     from desirepath_experiments.benchmarks.people_policies import PeoplePoliciesConfig, with_shares
 
     of_library = PeoplePoliciesConfig(
-        setup, ",".join(asked.families), config.people, answers=asked.shown_after, seeds=config.seeds, at_once=True
+        setup,
+        ",".join(people_config.families),
+        config.people,
+        answers=people_config.shown_after,
+        seeds=config.seeds,
+        at_once=True,
     )
     return with_shares(result, of_library, more)
 
@@ -117,7 +122,7 @@ def measure_everybody(
     everybody: family, name and person of a seed's people, families in turns, so that an unfinished run is of all of
     them. open_room: what all people of a seed share.
     """
-    done = {(one["seed"], one["person"]): one for one in progress.kept_persons(config.setup, config)}
+    done = {(stored["seed"], stored["person"]): stored for stored in progress.kept_persons(config.setup, config)}
     persons: list[dict[str, Any]] = []
 
     def result() -> dict[str, Any]:
@@ -177,4 +182,4 @@ def roll_out(policy: Policy, scenes: Sequence[Scene]) -> list[Trajectory]:
 
 def arrived(trajectories: Sequence[Trajectory]) -> NDArray[np.bool_]:
     """(n,) which of them reached the goal."""
-    return np.array([one.outcome == Outcome.SUCCESS for one in trajectories])
+    return np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in trajectories])

@@ -101,7 +101,7 @@ class _Room:
         own = roll_out(policy, self.judge)
         rows = np.flatnonzero(arrived(own) & arrived(self.usual[0]))
         both = [(own[k], self.usual[0][k]) for k in rows]
-        moved = any(not np.array_equal(one.poses, other.poses) for one, other in both)
+        moved = any(not np.array_equal(mine.poses, usual.poses) for mine, usual in both)
         return PairDifferences.of(self.robot.setup, both) if moved else None, roll_out(policy, self.report)
 
     def compare_place(self, place: int) -> tuple[PairDifferences | None, list[Trajectory]]:
@@ -131,8 +131,8 @@ def benchmark_people_harm(config: PeopleHarmConfig, progress: Progress) -> dict[
                 yield family, name, person
 
     def summarise(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
-        families = {name: [one for one in persons if one["family"] == name] for name in config.families}
-        seeds = {str(seed): [one for one in persons if one["seed"] == seed] for seed in config.seeds}
+        families = {name: [row for row in persons if row["family"] == name] for name in config.families}
+        seeds = {str(seed): [row for row in persons if row["seed"] == seed] for seed in config.seeds}
         return {
             **_summarise(persons),
             "families": {name: _summarise(of) for name, of in families.items()},
@@ -157,18 +157,18 @@ def _measure(person: FamilyMember, room: _Room, answering: ResponseModel, config
         True: answers_of(now, pairs, answering, setup, room.seed),
     }
     believed = FreePosterior.prior(setup, FreeConfig(posterior=PosteriorConfig(particles=config.particles)))
-    left, asked = list(pairs.asked), []
+    left, answered = list(pairs.asked), []
     for n in range(config.answers):
-        asked.append(left.pop(int(believed.bits_about(pairs.differences[left], pairs.to_predict).argmax())))
-        first_chosen = bool(answers[person.after(n) is now][asked[-1]] > 0)
-        believed = believed.updated(pairs.differences[[asked[-1]]], first_chosen)
+        answered.append(left.pop(int(believed.bits_about(pairs.differences[left], pairs.to_predict).argmax())))
+        first_chosen = bool(answers[person.after(n) is now][answered[-1]] > 0)
+        believed = believed.updated(pairs.differences[[answered[-1]]], first_chosen)
     probable = believed.predict(pairs.differences[pairs.test])
     truth = pairs.better(now.scores(pairs.in_turn))[pairs.test] > 0
     something_else = believed.something_else()
     way, (differences, own) = "nine", room.compare(room.robot.conditioned.at(believed.objectives.mean_weights()))
     sure = Sureness.of(believed, differences)
     if not surely_better(sure) and something_else >= SOMETHING_ELSE:
-        place = best_of(room.robot.library, believed, StepPosterior.from_answers(room.seen[asked], believed.chosen))
+        place = best_of(room.robot.library, believed, StepPosterior.from_answers(room.seen[answered], believed.chosen))
         way, (differences, own) = "library", room.compare_place(place)
         sure = Sureness.of(believed, differences)
     both = arrived(own) & arrived(room.usual[1])
@@ -190,8 +190,8 @@ def _measure(person: FamilyMember, room: _Room, answering: ResponseModel, config
 def _summarise(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
     if not persons:
         return {"people": 0}
-    shown = [one for one in persons if one["shown"]]
-    harmed = [one for one in shown if one["gain"] < 0]
+    shown = [person for person in persons if person["shown"]]
+    harmed = [person for person in shown if person["gain"] < 0]
     return {
         "people": len(persons),
         "shown": len(shown),
@@ -200,12 +200,12 @@ def _summarise(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "harmed_rate": round(len(harmed) / len(persons), 4),
         "harmed_rate_interval": clopper_pearson(len(harmed), len(persons)),
         "harmed_of_shown_interval": clopper_pearson(len(harmed), len(shown)) if shown else None,
-        "worst": round(min((one["gain"] for one in shown), default=0.0), 4),
-        "gain": round(float(np.median([one["gain"] for one in shown])), 4) if shown else None,
-        "withheld_better": sum(one["gain"] > 0 for one in persons if not one["shown"]),
-        "success": round(float(np.mean([one["success"] for one in shown])), 4) if shown else None,
-        "accuracy": round(float(np.mean([one["accuracy"] for one in persons])), 4),
-        "claimed": round(float(np.mean([one["claimed"] for one in persons])), 4),
+        "worst": round(min((person["gain"] for person in shown), default=0.0), 4),
+        "gain": round(float(np.median([person["gain"] for person in shown])), 4) if shown else None,
+        "withheld_better": sum(person["gain"] > 0 for person in persons if not person["shown"]),
+        "success": round(float(np.mean([person["success"] for person in shown])), 4) if shown else None,
+        "accuracy": round(float(np.mean([person["accuracy"] for person in persons])), 4),
+        "claimed": round(float(np.mean([person["claimed"] for person in persons])), 4),
     }
 
 

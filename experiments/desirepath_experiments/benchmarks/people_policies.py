@@ -96,14 +96,14 @@ class _Room:
         pairs = asked_pairs(setup, seed, asked=config.pool, test=config.test)
         few = scene_set(setup, TRUE_SCENES, purpose=Purpose.ALIGN_SELECT, seed=SELECT_SEED + seed)
         policies = [robot.base, *map(robot.policy, range(len(robot.library)))]
-        by_policy = [one for policy in policies for one in roll_out(policy, few)]
+        by_policy = [trajectory for policy in policies for trajectory in roll_out(policy, few)]
         seen = step_differences(robot.basis, pairs.trajectories)
         return cls(seed, pairs, seen, robot, roll_out(robot.base, scenes), by_policy)
 
     def in_fresh_scenes(self, place: int) -> list[Trajectory]:
         """What the library's policy of that place does; many people have the same one."""
         if place not in self.fresh:
-            self.fresh[place] = roll_out(self.robot.policy(place), [one.scene for one in self.usual])
+            self.fresh[place] = roll_out(self.robot.policy(place), [trajectory.scene for trajectory in self.usual])
         return self.fresh[place]
 
 
@@ -132,7 +132,7 @@ def benchmark_people_policies(
         yield from (("file", name, person) for name, person in further.items())
 
     def summarise(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
-        families = {name: _summarise([one for one in persons if one["family"] == name]) for name in config.families}
+        families = {name: _summarise([row for row in persons if row["family"] == name]) for name in config.families}
         return _summarise(persons) | {"families": families}
 
     return measure_everybody(
@@ -153,8 +153,8 @@ def with_shares(
     persons = benchmark_people_policies(config, Progress(), more)["persons"]
 
     def of(family: str | None) -> dict[str, Any]:
-        found = _summarise([one for one in persons if family in (None, one["family"])])
-        return {key: found[key] for key in ("share_at_once", "success_at_once", "gain_at_once")}
+        summary = _summarise([person for person in persons if family in (None, person["family"])])
+        return {key: summary[key] for key in ("share_at_once", "success_at_once", "gain_at_once")}
 
     return result | of(None) | {"rows": [row | of(row["family"]) for row in result["rows"]]}
 
@@ -171,8 +171,8 @@ def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) ->
     """One person, as they are when all is answered."""
     person, robot = person.after(config.answers), room.robot
     better = room.pairs.better(person.scores(room.pairs.in_turn)) > 0
-    posterior, asked = _ask(better, room, config.answers)
-    believed = FreePosterior.from_answers(room.pairs.differences[asked], better[asked])
+    posterior, answered = _ask(better, room, config.answers)
+    believed = FreePosterior.from_answers(room.pairs.differences[answered], better[answered])
     test = room.pairs.test
     claimed = posterior.predict(room.seen[test])
     sure, right = np.maximum(claimed, 1 - claimed), (claimed > 0.5) == better[test]
@@ -195,7 +195,7 @@ def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) ->
         known, settings = (believed, posterior), MixSearchConfig(seed=room.seed)
         own = search_policy(robot.library, place, (robot.conditioned, robot.base), robot.basis, known, settings)
         policies["refined"] = own.policy
-        did["refined"] = roll_out(own.policy, [one.scene for one in room.usual])
+        did["refined"] = roll_out(own.policy, [trajectory.scene for trajectory in room.usual])
         result |= {"chosen": own.chosen, "seconds_refined": round(time.process_time() - began, 1)}
     did["best"] = room.in_fresh_scenes(int(_true_gains(person, room).argmax()))
     for when, trajectories in did.items():
@@ -211,8 +211,8 @@ def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) ->
 def _true_gains(person: FamilyMember, room: _Room) -> Doubles:
     """(n,) of the library; minus infinity for those that are nobody's."""
     scores = true_scores(person, room.by_policy).reshape(-1, TRUE_SCENES)
-    there = arrived(room.by_policy).reshape(-1, TRUE_SCENES)
-    both = there[1:] & there[0]
+    in_time = arrived(room.by_policy).reshape(-1, TRUE_SCENES)
+    both = in_time[1:] & in_time[0]
     gains = np.where(both, scores[1:] - scores[0], 0.0).sum(1) / np.maximum(both.sum(1), 1)
     return np.where(room.robot.library.allowed, gains, -np.inf)
 
@@ -220,19 +220,19 @@ def _true_gains(person: FamilyMember, room: _Room) -> Doubles:
 def _ask(better: NDArray[np.bool_], room: _Room, answers: int) -> tuple[StepPosterior, list[int]]:
     """The posterior after right answers, each to the pair whose answer tells most."""
     left = list(np.random.default_rng([room.seed, 61]).permutation(room.pairs.asked))
-    asked: list[int] = []
+    answered: list[int] = []
     posterior = StepPosterior.from_answers(room.seen[:0], [])
     for _ in range(answers):
-        asked.append(int(left.pop(int(posterior.information_bits(room.seen[left]).argmax()))))
-        posterior = StepPosterior.from_answers(room.seen[asked], better[asked])
-    return posterior, asked
+        answered.append(int(left.pop(int(posterior.information_bits(room.seen[left]).argmax()))))
+        posterior = StepPosterior.from_answers(room.seen[answered], better[answered])
+    return posterior, answered
 
 
 def _compare(person: FamilyMember, own: Sequence[Trajectory], usual: Sequence[Trajectory]) -> dict[str, float]:
     """In typical differences of a pair, against what the base policy did in the same scenes."""
     both = arrived(own) & arrived(usual)
     gained = (true_scores(person, own) - true_scores(person, usual))[both] / person.unit(own[0].scene.setup)
-    longer = np.array([one.duration_s - other.duration_s for one, other in zip(own, usual, strict=True)])[both]
+    longer = np.array([first.duration_s - other.duration_s for first, other in zip(own, usual, strict=True)])[both]
     return {
         "gain": float(gained.mean()) if len(gained) else -1.0,
         "preferred": float(((gained > 0) + 0.5 * (gained == 0)).mean()) if len(gained) else 0.0,
@@ -243,38 +243,38 @@ def _compare(person: FamilyMember, own: Sequence[Trajectory], usual: Sequence[Tr
 
 def _summarise(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Over all people; only how many there are where there is nobody."""
-    found: dict[str, Any] = {"people": len(persons)}
+    summary: dict[str, Any] = {"people": len(persons)}
     if not persons:
-        return found
+        return summary
     for when in SHOWN:
         if persons[0][f"gain_{when}"] is None:
             continue
-        raised = wilson(sum(one[f"gain_{when}"] > 0 for one in persons), len(persons))
-        shares = [one[f"share_{when}"] for one in persons if one[f"share_{when}"] is not None]
-        shown = [one for one in persons if one[f"shown_{when}"]]
-        harmed = wilson(sum(one[f"gain_{when}"] < 0 for one in shown), len(persons))
-        found |= {
+        raised = wilson(sum(person[f"gain_{when}"] > 0 for person in persons), len(persons))
+        shares = [person[f"share_{when}"] for person in persons if person[f"share_{when}"] is not None]
+        shown = [person for person in persons if person[f"shown_{when}"]]
+        harmed = wilson(sum(person[f"gain_{when}"] < 0 for person in shown), len(persons))
+        summary |= {
             f"raised_{when}": raised.value,
             f"raised_{when}_interval": [raised.low, raised.high],
-            f"gain_{when}": float(np.median([one[f"gain_{when}"] for one in persons])),
+            f"gain_{when}": float(np.median([person[f"gain_{when}"] for person in persons])),
             f"share_{when}": float(np.median(shares)) if shares else None,
             f"share_{when}_interval": _median_interval(shares) if shares else (None, None),
-            f"longer_s_{when}": float(np.mean([one[f"longer_s_{when}"] for one in persons])),
-            f"success_{when}": float(np.mean([one[f"success_{when}"] for one in persons])),
+            f"longer_s_{when}": float(np.mean([person[f"longer_s_{when}"] for person in persons])),
+            f"success_{when}": float(np.mean([person[f"success_{when}"] for person in persons])),
             f"shown_{when}": len(shown) / len(persons),
             f"harmed_{when}": harmed.value,
             f"harmed_{when}_interval": [harmed.low, harmed.high],
-            f"seconds_{when}": float(np.median([one[f"seconds_{when}"] for one in persons])),
+            f"seconds_{when}": float(np.median([person[f"seconds_{when}"] for person in persons])),
         }
-    return found | {
-        "gain_best": float(np.median([one["gain_best"] for one in persons])),
-        **{key: float(np.mean([one[key] for one in persons])) for key in ("success_base", "accuracy", "claimed")},
-        "calibration_error": calibration_error([one["bins"] for one in persons]),
+    return summary | {
+        "gain_best": float(np.median([person["gain_best"] for person in persons])),
+        **{key: float(np.mean([person[key] for person in persons])) for key in ("success_base", "accuracy", "claimed")},
+        "calibration_error": calibration_error([person["bins"] for person in persons]),
     }
 
 
 def _median_interval(values: Sequence[float]) -> tuple[float, float]:
     """95 % of the median over people, by resampling them."""
-    found = np.asarray(values)
-    estimate = interval(float(np.median(found)), np.median(found[resample_rows(len(found))], axis=1))
+    numbers = np.asarray(values)
+    estimate = interval(float(np.median(numbers)), np.median(numbers[resample_rows(len(numbers))], axis=1))
     return estimate.low, estimate.high

@@ -80,12 +80,14 @@ class Persistent:
         while (trial := self._ask("GET", api)["step"]["trial"])["phase"] != "choosing":
             if time.monotonic() > deadline:
                 raise Gone(f"{key} cannot be watched: {trial['phase']}")
-            here = f"{api}/trials/{key}"
+            trial_path = f"{api}/trials/{key}"
             if trial["playback_id"]:
                 side = "a" if trial["phase"] == "playing_a" else "b"
-                self._ask("POST", f"{here}/seen", {"side": side, "playback_id": trial["playback_id"]}, may_refuse=True)
+                self._ask(
+                    "POST", f"{trial_path}/seen", {"side": side, "playback_id": trial["playback_id"]}, may_refuse=True
+                )
             else:
-                self._ask("POST", f"{here}/start", {"request_id": uuid4().hex}, may_refuse=True)
+                self._ask("POST", f"{trial_path}/start", {"request_id": uuid4().hex}, may_refuse=True)
 
     def _submit(self, api: str, key: str, value: dict[str, Any], request_id: str) -> dict[str, Any]:
         return self._ask("POST", f"{api}/steps/{key}", {"request_id": request_id, "value": value})

@@ -30,20 +30,20 @@ def family(pid: int) -> list[int]:
         except OSError:  # it has ended
             continue
         children.setdefault(int(fields[1]), []).append(int(stat.parent.name))
-    found = [pid]
-    for one in found:
-        found += children.get(one, [])
-    return found
+    pids = [pid]
+    for parent in pids:
+        pids += children.get(parent, [])
+    return pids
 
 
 def family_mb(pid: int) -> float:
     """Resident memory of a process and all that it started; what they share counts for each."""
-    return sum(_of_living(resident_mb, one) for one in family(pid))
+    return sum(_of_living(resident_mb, member) for member in family(pid))
 
 
 def family_s(pid: int) -> float:
     """Processor time of a process and all that it started and that still live."""
-    return sum(_of_living(processor_s, one) for one in family(pid))
+    return sum(_of_living(processor_s, member) for member in family(pid))
 
 
 def _of_living(what: Callable[[int], float], pid: int) -> float:
@@ -55,7 +55,7 @@ def _of_living(what: Callable[[int], float], pid: int) -> float:
 
 def children_of(pid: int) -> list[int]:
     """The living processes that it started itself."""
-    return [one for one in family(pid)[1:] if _parent_of(one) == pid]
+    return [member for member in family(pid)[1:] if _parent_of(member) == pid]
 
 
 def command_of(pid: int) -> str:
@@ -106,7 +106,7 @@ def usage_of(pid: int) -> Usage:
         processor_s=processor_s(pid),
         written_bytes=written["wchar"],
         disk_bytes=written["write_bytes"],
-        wakeups=sum(_numbers(one / "status")["voluntary_ctxt_switches"] for one in (process / "task").iterdir()),
+        wakeups=sum(_numbers(thread / "status")["voluntary_ctxt_switches"] for thread in (process / "task").iterdir()),
         memory_mb=_numbers(process / "smaps_rollup")["Pss"] / 1024,
     )
 

@@ -30,9 +30,9 @@ class Progress:
         """The persons of an unfinished run with the same settings."""
         if self.out is None or not self.out.is_file():
             return []
-        kept = json.loads(self.out.read_text(encoding="utf-8"))
-        same = kept.get("setup") == setup and kept.get("config") == json.loads(json.dumps(asdict(config)))
-        return list(kept["persons"]) if same and isinstance(kept["persons"], list) else []
+        stored = json.loads(self.out.read_text(encoding="utf-8"))
+        same = stored.get("setup") == setup and stored.get("config") == json.loads(json.dumps(asdict(config)))
+        return list(stored["persons"]) if same and isinstance(stored["persons"], list) else []
 
 
 def write_result(out: Path, result: dict[str, Any]) -> None:
@@ -69,5 +69,5 @@ def _flatten(row: dict[str, Any]) -> dict[str, Any]:
 
 def _drop_folder(argument: str) -> str:
     """An argument without the folders of this machine: of a path that begins at the root its name alone."""
-    option, sign, given = argument.rpartition("=")
-    return f"{option}{sign}{Path(given).name}" if given.startswith("/") else argument
+    option, sign, value = argument.rpartition("=")
+    return f"{option}{sign}{Path(value).name}" if value.startswith("/") else argument

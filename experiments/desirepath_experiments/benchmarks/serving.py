@@ -110,19 +110,21 @@ def benchmark_serve(config: ServeConfig, progress: Progress | None = None) -> di
     began = time.monotonic()
     with (
         tempfile.TemporaryDirectory(prefix="desirepath-benchmark-") as folder,
-        open_installation(Path(folder), postgresql=config.postgresql or config.processes > 1) as there,
+        open_installation(Path(folder), postgresql=config.postgresql or config.processes > 1) as installation,
     ):
         log, arguments = Path(folder) / "server.log", ("--processes", str(config.processes))
         try:
-            with loopback_server(there.settings, worker=config.during_alignment, log=log, arguments=arguments) as (
+            with loopback_server(
+                installation.settings, worker=config.during_alignment, log=log, arguments=arguments
+            ) as (
                 url,
                 server,
             ):
-                await_processes(there.database, config.processes)
-                result = {"sessions": config.sessions, **_walk_everybody(there, url, server.pid, config)}
+                await_processes(installation.database, config.processes)
+                result = {"sessions": config.sessions, **_walk_everybody(installation, url, server.pid, config)}
                 if config.during_alignment:
-                    with _run_alignments(there) as running:
-                        result["during_alignment"] = _walk_everybody(there, url, server.pid, config, running)
+                    with _run_alignments(installation) as running:
+                        result["during_alignment"] = _walk_everybody(installation, url, server.pid, config, running)
         except ServeBenchmarkError as problem:
             raise ServeBenchmarkError(f"{problem}\nThe server's log ends with:\n{_end_of_errors(log)}") from None
     return {
@@ -162,14 +164,18 @@ def open_installation(folder: Path, *, postgresql: bool) -> Iterator[Installatio
 
 
 def _walk_everybody(
-    there: Installation, url: str, server_pid: int, config: ServeConfig, aligning: Callable[[], bool] | None = None
+    installation: Installation,
+    url: str,
+    server_pid: int,
+    config: ServeConfig,
+    aligning: Callable[[], bool] | None = None,
 ) -> dict[str, Any]:
     """One walk of everybody, checked against the database. Returns what `benchmark_serve` says of it."""
-    tally, database, sessions = Tally(), there.database, config.sessions
+    tally, database, sessions = Tally(), installation.database, config.sessions
     memory_before = family_mb(server_pid)
     processor_before = family_s(server_pid)
     database_before = _database_state(database)
-    memory, looks, failed = asyncio.run(_walk_all(tally, url, server_pid, there.study, config, aligning))
+    memory, looks, failed = asyncio.run(_walk_all(tally, url, server_pid, installation.study, config, aligning))
     if failed:
         raise ServeBenchmarkError(f"{len(failed)} of {sessions} participants could not go on; the first: {failed[0]}")
     processor = family_s(server_pid) - processor_before
@@ -306,35 +312,35 @@ def count_stored(database: Database, tally: Tally) -> int:
     )
     with database.session() as s:
         rows = [(request_id, (session, step)) for request_id, session, step in s.execute(wanted)]
-    kept = dict(rows)
-    lost = sum(kept.get(request_id) != place for request_id, place in tally.acknowledged.items())
+    stored = dict(rows)
+    lost = sum(stored.get(request_id) != place for request_id, place in tally.acknowledged.items())
     doubled = len(rows) - len({place for _, place in rows})
-    foreign = sum(request_id not in tally.acknowledged for request_id in kept)
+    foreign = sum(request_id not in tally.acknowledged for request_id in stored)
     if lost or doubled or foreign:
         raise ServeBenchmarkError(
             f"of {len(tally.acknowledged)} acknowledged answers {lost} are not stored where they belong, "
             f"{doubled} are stored twice, {foreign} were stored without being acknowledged"
         )
-    return sum(request_id in tally.pairs for request_id in kept)
+    return sum(request_id in tally.pairs for request_id in stored)
 
 
 @contextlib.contextmanager
-def _run_alignments(there: Installation) -> Iterator[Callable[[], bool]]:
+def _run_alignments(installation: Installation) -> Iterator[Callable[[], bool]]:
     """Alignments on one session's answers, one after another; begins when the first one trains.
 
     Yields a function that says whether one is running. They end with the server.
     """
-    database = there.database
+    database = installation.database
     with database.transaction() as s:
         session_id = s.scalars(select(Response.session_id).order_by(Response.created_at)).first()
-        snapshot = take_snapshot(s, there.files, session_id=session_id)
+        snapshot = take_snapshot(s, installation.files, session_id=session_id)
         jobs = [
             enqueue_job(
                 s,
                 "align",
                 {"snapshot": snapshot.id, "setup": snapshot.setup, "recipe": "fine_tuning", "seed": seed},
                 priority=PARTICIPANT_WAITS,
-                study_id=there.study.id,
+                study_id=installation.study.id,
                 session_id=session_id,  # its process gets the priority of one that somebody waits for
                 created_by="benchmark",
             ).id

@@ -59,42 +59,44 @@ class Judged:
 def read_sentences(part: Part, language: Language) -> list[Labelled]:
     """The sentences of that part. Raises ValueError for a label that is no objective."""
     with (FOLDER / f"{part}_{language}.tsv").open(encoding="utf-8", newline="") as file:
-        found = []
+        labelled = []
         for row in csv.DictReader(file, delimiter="\t", quoting=csv.QUOTE_NONE):
             wanted, _, lesser = row["said"].partition(">")
-            said, less = (tuple(one.strip() for one in some.split(",") if one.strip()) for some in (wanted, lesser))
-            said = () if said[0] in ("nothing", "unclear") else said
-            unknown = [one for one in (*said, *less) if one not in NAMES]
+            objectives, less = (
+                tuple(name.strip() for name in some.split(",") if name.strip()) for some in (wanted, lesser)
+            )
+            objectives = () if objectives[0] in ("nothing", "unclear") else objectives
+            unknown = [objective for objective in (*objectives, *less) if objective not in NAMES]
             if unknown:
                 raise ValueError(
                     f"{part}_{language}.tsv: {row['sentence']!r} has the label {unknown[0]!r}, no objective"
                 )
-            found.append(Labelled(row["case"], row["manner"], said, less, row["sentence"]))
-        return found
+            labelled.append(Labelled(row["case"], row["manner"], objectives, less, row["sentence"]))
+        return labelled
 
 
 def judge_sentences(sentences: Sequence[Labelled], understand: Callable[[str], Understood]) -> list[Judged]:
     """Every sentence as it is understood."""
-    found = []
-    for one in sentences:
-        got = understand(one.sentence)
-        silent = not one.said
-        found.append(
+    judgements = []
+    for labelled in sentences:
+        got = understand(labelled.sentence)
+        silent = not labelled.said
+        judgements.append(
             Judged(
-                one,
+                labelled,
                 got,
-                foremost=got.foremost == one.foremost if one.said else None,
-                nothing=not got.weights if silent and one.case != "unclear" else None,
-                above=_weighs_more(one, got) if one.lesser else None,
+                foremost=got.foremost == labelled.foremost if labelled.said else None,
+                nothing=not got.weights if silent and labelled.case != "unclear" else None,
+                above=_weighs_more(labelled, got) if labelled.lesser else None,
                 asked=bool(got.questions),
             )
         )
-    return found
+    return judgements
 
 
-def _weighs_more(one: Labelled, got: Understood) -> bool:
-    preferred = got.weights.get(one.said[0], 0.0)
-    return preferred > max(got.weights.get(name, 0.0) for name in one.lesser)
+def _weighs_more(labelled: Labelled, got: Understood) -> bool:
+    preferred = got.weights.get(labelled.said[0], 0.0)
+    return preferred > max(got.weights.get(name, 0.0) for name in labelled.lesser)
 
 
 @pydantic.dataclasses.dataclass(frozen=True)
@@ -114,8 +116,8 @@ def benchmark_words(config: WordsConfig, progress: Progress | None = None) -> di
         began = time.perf_counter()
         by_language[language] = judge_sentences(sentences, reader.understand)
         seconds[language] = (time.perf_counter() - began) / len(sentences)
-    both = [one for judgements in by_language.values() for one in judgements]
-    everything: dict[str, list[Judged]] = {str(one): some for one, some in by_language.items()}
+    both = [judgement for judgements in by_language.values() for judgement in judgements]
+    everything: dict[str, list[Judged]] = {str(language_name): some for language_name, some in by_language.items()}
     everything |= {"both": both}
     return {
         "part": config.part,
@@ -126,43 +128,47 @@ def benchmark_words(config: WordsConfig, progress: Progress | None = None) -> di
 
 
 def _summarise(some: Sequence[Judged]) -> dict[str, Any]:
-    wished = [one for one in some if one.foremost is not None]
-    silent = [one for one in some if one.nothing is not None]
-    unclear = [one for one in some if one.labelled.case == "unclear"]
+    wished = [judged for judged in some if judged.foremost is not None]
+    silent = [judged for judged in some if judged.nothing is not None]
+    unclear = [judged for judged in some if judged.labelled.case == "unclear"]
     pairs = [
-        name not in one.understood.weights
-        for one in some
-        if one.labelled.case != "unclear"
+        name not in judged.understood.weights
+        for judged in some
+        if judged.labelled.case != "unclear"
         for name in NAMES
-        if name not in one.labelled.said and name not in one.labelled.lesser
+        if name not in judged.labelled.said and name not in judged.labelled.lesser
     ]
     return {
-        "foremost": _share([bool(one.foremost) for one in wished]),
-        "foremost_or_offered": _share([bool(one.foremost) or _offered(one) for one in wished]),
+        "foremost": _share([bool(judged.foremost) for judged in wished]),
+        "foremost_or_offered": _share([bool(judged.foremost) or _offered(judged) for judged in wished]),
         "foremost_by_case": {
-            case: _share([bool(one.foremost) for one in wished if one.labelled.case == case]) for case in CASES
+            case: _share([bool(judged.foremost) for judged in wished if judged.labelled.case == case]) for case in CASES
         },
-        "negation_all": _share([bool(one.foremost or one.nothing) for one in some if one.labelled.case == "negation"]),
-        "comparison_right_order": _share([bool(one.above) for one in some if one.above is not None]),
-        "nothing_said": _share([bool(one.nothing) for one in silent]),
-        "nothing_said_off_topic": _share([bool(one.nothing) for one in silent if one.labelled.case == "nothing"]),
+        "negation_all": _share(
+            [bool(judged.foremost or judged.nothing) for judged in some if judged.labelled.case == "negation"]
+        ),
+        "comparison_right_order": _share([bool(judged.above) for judged in some if judged.above is not None]),
+        "nothing_said": _share([bool(judged.nothing) for judged in silent]),
+        "nothing_said_off_topic": _share(
+            [bool(judged.nothing) for judged in silent if judged.labelled.case == "nothing"]
+        ),
         "objective_not_said_weighs_nothing": _share(pairs),
-        "asked_back": _share([one.asked for one in some]),
-        "unclear_asked_back": _share([one.asked for one in unclear]),
-        "unclear_without_a_weight": _share([not one.understood.weights for one in unclear]),
+        "asked_back": _share([judged.asked for judged in some]),
+        "unclear_asked_back": _share([judged.asked for judged in unclear]),
+        "unclear_without_a_weight": _share([not judged.understood.weights for judged in unclear]),
         "foremost_by_manner": {
-            manner: _share([bool(one.foremost) for one in wished if one.labelled.manner == manner])
-            for manner in sorted({one.labelled.manner for one in wished})
+            manner: _share([bool(judged.foremost) for judged in wished if judged.labelled.manner == manner])
+            for manner in sorted({judged.labelled.manner for judged in wished})
         },
     }
 
 
-def _offered(one: Judged) -> bool:
+def _offered(judged: Judged) -> bool:
     """Asked back, and what was wanted is among what was offered."""
-    if one.understood.weights:
+    if judged.understood.weights:
         return False
-    return any(one.labelled.foremost in question.offered for question in one.understood.questions)
+    return any(judged.labelled.foremost in question.offered for question in judged.understood.questions)
 
 
-def _share(given: Sequence[bool]) -> dict[str, Any]:
-    return {"n": len(given), "right": sum(given), **asdict(wilson(sum(given), len(given)))} if given else {"n": 0}
+def _share(marks: Sequence[bool]) -> dict[str, Any]:
+    return {"n": len(marks), "right": sum(marks), **asdict(wilson(sum(marks), len(marks)))} if marks else {"n": 0}

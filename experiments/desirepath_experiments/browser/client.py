@@ -231,8 +231,8 @@ class BrowserSessionClient:
         page.locator("#words-sentence").fill(value["sentence"])
         page.locator("[data-read][aria-disabled=false]").click()
         page.locator("#words-found:not([hidden])").wait_for()
-        for number, one in enumerate(value["meant"]):
-            page.locator(f"[name=meant-{number}][data-meant={one['objective'] or 'none'}]").check()
+        for number, meaning in enumerate(value["meant"]):
+            page.locator(f"[name=meant-{number}][data-meant={meaning['objective'] or 'none'}]").check()
         self._picture("words_read")
         self._tune(value["weights"])
 
@@ -301,17 +301,17 @@ class BrowserSessionClient:
                     raise SimulationError(f"{key}: the page does not take {value!r}")
                 self._page.wait_for_timeout(50)
 
-    def _answer(self, item: Locator, given: Any) -> None:
-        if given is None:
+    def _answer(self, item: Locator, answer: Any) -> None:
+        if answer is None:
             return
         kind = item.get_attribute("data-type")
         if kind == "ranking":
-            for option in given:
+            for option in answer:
                 item.locator(f"[data-pool] [data-value='{option}']").click()
         elif kind in ("scale", "choice"):
-            item.locator(f"[value='{given}']").check()
+            item.locator(f"[value='{answer}']").check()
         else:
-            item.locator("input, textarea").fill(str(given))
+            item.locator("input, textarea").fill(str(answer))
 
     def _screen(self) -> str:
         """Which screen of which step is shown."""

@@ -85,9 +85,9 @@ class BrowserHand:
     def _in_sight_from(self, end: Sequence[float], ahead: Sequence[Sequence[float]]) -> list[list[float]]:
         """Pixels of the path's end and of as many of the next places as can be seen now; nothing if none can."""
         begin, *seen = self._looks([end, *ahead])
-        first_hidden = next((k for k, one in enumerate(seen) if not self._in_sight(one)), len(seen))
+        first_hidden = next((k for k, place in enumerate(seen) if not self._in_sight(place)), len(seen))
         return (
-            [begin["at"], *(one["at"] for one in seen[:first_hidden])]
+            [begin["at"], *(place["at"] for place in seen[:first_hidden])]
             if first_hidden and begin["at"] is not None
             else []
         )
@@ -110,10 +110,10 @@ class BrowserHand:
         while (feet := self._frame.evaluate(FEET))["on"]:
             wanted: set[str] = set()
             if feet["pose"] is not None:
-                here = feet["pose"]
+                pose = feet["pose"]
                 x, y = (float(np.interp(feet["time"] + 0.5, times, poses[:, axis])) for axis in range(2))
-                away = math.dist((x, y), here[:2])
-                off = math.remainder(math.atan2(y - here[1], x - here[0]) - feet["heading"], 2 * math.pi)
+                away = math.dist((x, y), pose[:2])
+                off = math.remainder(math.atan2(y - pose[1], x - pose[0]) - feet["heading"], 2 * math.pi)
                 if away > NEAR_M:
                     wanted = {"w"} if abs(off) < AIMED_RAD else {"q" if off > 0 else "e"}
             for key in held - wanted:
@@ -169,8 +169,8 @@ class BrowserHand:
 
 def _thin(places: Sequence[Sequence[float]]) -> list[Sequence[float]]:
     """Places at least SPACING_M apart, the first and the last among them."""
-    kept = [places[0]]
+    thinned = [places[0]]
     for place in places[1:-1]:
-        if math.dist(place[:2], kept[-1][:2]) >= SPACING_M:
-            kept.append(place)
-    return [*kept, places[-1]]
+        if math.dist(place[:2], thinned[-1][:2]) >= SPACING_M:
+            thinned.append(place)
+    return [*thinned, places[-1]]

@@ -38,5 +38,5 @@ def make_command(run: Callable[..., dict[str, Any]], config: OptionsOf) -> Calla
     for name, annotation, default in (("out", OUT, None), ("as_json", JsonFlag, False)):
         options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation))
     command.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
-    command.__annotations__ = {one.name: one.annotation for one in options}
+    command.__annotations__ = {option.name: option.annotation for option in options}
     return command

@@ -70,14 +70,14 @@ def commands(
     wanted = chapter_named(chapter)
     if budget not in wanted.budgets:
         raise LookupError(f"--budget {budget!r}: known are {', '.join(wanted.budgets)}")
-    given: dict[str, Any] = {"seed": seed, "seeds": seeds, "device": device}
-    typed = {name: value for name, value in given.items() if value is not None}
+    typed_options: dict[str, Any] = {"seed": seed, "seeds": seeds, "device": device}
+    typed = {name: value for name, value in typed_options.items() if value is not None}
     options = {name: parse_seeds(value) if name == "seeds" else value for name, value in typed.items()}
     processes = processes or wanted.processes
     console = Console(stderr=True)
     more = "".join(f"--{name} {value} " for name, value in typed.items())
     with _compute_on(on, chapter):
-        found = reproduce(
+        summary = reproduce(
             wanted,
             out,
             wanted.budgets[budget],
@@ -87,7 +87,7 @@ def commands(
             tell=lambda words: console.print(words, highlight=False, soft_wrap=True),
             **options,
         )
-    say(found, as_json)
+    say(summary, as_json)
 
 
 @contextmanager

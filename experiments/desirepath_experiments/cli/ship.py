@@ -60,6 +60,6 @@ def ship(
         numbers = ", ".join(f"{name} {value:.4g}" for name, value in metrics.items())
         typer.echo(f"{fraction:4.0%} {numbers}", err=True)
 
-    (module,) = (module for module, made in MODULES.items() if what in made)
+    (module,) = (module for module, things in MODULES.items() if what in things)
     makes = getattr(import_module(f"desirepath_experiments.shipping.{module}"), f"ship_{what.replace('-', '_')}")
     makes(Request(setup, seed, out, count, work, show))

@@ -11,11 +11,11 @@ Said = Iterable[tuple[str, bool]]
 """Of one cohort: every statement that the analysis could make, and whether it makes it."""
 
 
-def count(cohorts: int, said: Callable[[int], Said]) -> list[Rate]:
+def count(cohorts: int, statements_of: Callable[[int], Said]) -> list[Rate]:
     """How often each statement was made. said: of the cohort with that number."""
-    found, asked = Counter[str](), Counter[str]()
+    made_counts, counts = Counter[str](), Counter[str]()
     for number in range(cohorts):
-        for statement, made in said(number):
-            asked[statement] += 1
-            found[statement] += made
-    return [rate(statement, found[statement], asked[statement]) for statement in asked]
+        for statement, was_made in statements_of(number):
+            counts[statement] += 1
+            made_counts[statement] += was_made
+    return [rate(statement, made_counts[statement], counts[statement]) for statement in counts]

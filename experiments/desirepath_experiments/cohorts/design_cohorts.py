@@ -82,8 +82,8 @@ def benchmark_design_cohorts(config: DesignConfig, progress: Progress | None = N
 
 
 def _every_p(findings: Findings) -> Iterator[tuple[str, float]]:
-    for one in findings.items:
-        for test in one.tests:
+    for item in findings.items:
+        for test in item.tests:
             yield f"{test.test}, {test.about.removeprefix(f'rating of {ITEM}, ')}", test.p
     for ranking in findings.rankings:
         yield "Chi-square of first choices", ranking.test.p

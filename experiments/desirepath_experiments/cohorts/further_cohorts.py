@@ -59,11 +59,13 @@ def benchmark_further_cohorts(config: FurtherConfig, progress: Progress | None =
         return of(size, config.seed * 1_000_000 + number)
 
     rows = [
-        {"truth": truth, "participants": size, "statement": one.test, "rate": one.rate}
-        | {"low": one.low, "high": one.high, "cohorts": one.n}
+        {"truth": truth, "participants": size, "statement": measured_rate.test, "rate": measured_rate.rate}
+        | {"low": measured_rate.low, "high": measured_rate.high, "cohorts": measured_rate.n}
         for size in config.participants
         for truth, of in CASES.items()
-        for one in count(config.cohorts * (1 if of in (_nothing, _something) else 10), partial(said, of, size))
+        for measured_rate in count(
+            config.cohorts * (1 if of in (_nothing, _something) else 10), partial(said, of, size)
+        )
     ]
     return {"simulated": True, "seed": config.seed, "alpha": PLAN.alpha, "rates": rows}
 
@@ -77,7 +79,7 @@ def _study(size: int, seed: int, cohort: Cohort) -> StudyData:
         replace(cohort, seed=seed), size, items=(ITEM,), rankings=(), conditions=TWO, queries=8, repeats=6,
         comparisons=5,
     )  # fmt: skip
-    people = [replace(one, order=TWO[:: 1 if k % 2 else -1]) for k, one in enumerate(data.people)]
+    people = [replace(person, order=TWO[:: 1 if k % 2 else -1]) for k, person in enumerate(data.people)]
     return replace(data, people=people)
 
 
@@ -85,23 +87,23 @@ def _beside(data: StudyData) -> Further:
     return analyse_further(data, measures(data, PLAN, []), designs_of(data), PLAN, [TWO])
 
 
-def _statements(found: Further) -> Said:
+def _statements(further: Further) -> Said:
     """What is said of two conditions and of own against others."""
-    for test in found.order_effects:
+    for test in further.order_effects:
         yield ("Carry-over" if "carry-over" in test.about else "Period"), test.p <= PLAN.alpha
-    if found.against_retest is not None:
-        yield "Agreement between conditions is below consistency", found.against_retest.p <= PLAN.alpha
-    for weighed in found.weighed:
+    if further.against_retest is not None:
+        yield "Agreement between conditions is below consistency", further.against_retest.p <= PLAN.alpha
+    for weighed in further.weighed:
         what = "own policy" if "own policy" in weighed.about else "rating"
         if not math.isnan(weighed.factor):
             yield f"Bayes factor of at least {STRONG:g}, {what}", weighed.factor >= STRONG
-    for model in found.models:
+    for model in further.models:
         if model.test is not None:
             yield f"Mixed model, {model.about}", model.test.p <= PLAN.alpha
         elif model.effects:
             _, _, low, high = model.effects[0]
             yield f"Mixed model, {model.about}: interval without one half", not low <= 0.5 <= high
-    for worth in found.worths:
+    for worth in further.worths:
         if worth.name == "the own policy" and not math.isnan(worth.low):
             yield "Bradley-Terry: interval of the own policy's worth without 0", not worth.low <= 0 <= worth.high
 
@@ -128,23 +130,25 @@ ORDER = ("Period", "Carry-over")
 
 def _flip(data: StudyData, seed: int) -> StudyData:
     random = np.random.default_rng([seed, 2])
-    queries = sorted({one.query for one in data.choices})
+    queries = sorted({choice.query for choice in data.choices})
     other = {query for query, turned in zip(queries, random.random(len(queries)) < 0.25, strict=True) if turned}
 
-    def answered(one: Choice) -> Choice:
-        return replace(one, chosen=one.rejected) if one.query in other and one.condition == TWO[0] else one
+    def answered(choice: Choice) -> Choice:
+        return (
+            replace(choice, chosen=choice.rejected) if choice.query in other and choice.condition == TWO[0] else choice
+        )
 
-    return replace(data, choices=[answered(one) for one in data.choices])
+    return replace(data, choices=[answered(choice) for choice in data.choices])
 
 
 def _add_order(data: StudyData) -> StudyData:
-    order = {one.code: one.order for one in data.people}
+    order = {person.code: person.order for person in data.people}
 
-    def rated(one: Rating) -> Rating:
-        later = order[one.person].index(str(one.condition)) + (order[one.person][0] == TWO[0])
-        return replace(one, value=min(7, one.value + round(STEPS) * later))
+    def rated(rating: Rating) -> Rating:
+        later = order[rating.person].index(str(rating.condition)) + (order[rating.person][0] == TWO[0])
+        return replace(rating, value=min(7, rating.value + round(STEPS) * later))
 
-    return replace(data, ratings=[rated(one) for one in data.ratings])
+    return replace(data, ratings=[rated(rating) for rating in data.ratings])
 
 
 def _at_the_margin(size: int, seed: int) -> Said:
@@ -177,7 +181,10 @@ def _lent(size: int, seed: int, *, own: float) -> Said:
             for won in random.random(5) < chance:
                 arms = ("own", "other") if won else ("other", "own")
                 compared.append(Comparison(str(person), *arms, look_alike=False, opponent=str(lender)))
-        counted = [compare_own(compared, PLAN), compare_own([replace(one, opponent=None) for one in compared], PLAN)]
+        counted = [
+            compare_own(compared, PLAN),
+            compare_own([replace(comparison, opponent=None) for comparison in compared], PLAN),
+        ]
         for (of,), unit in zip(counted, ("lent policies", "people"), strict=True):
             if lenders and unit == "people":
                 continue
@@ -192,9 +199,9 @@ def _intervals(size: int, seed: int) -> Said:
         wins = random.binomial(5, random.beta(4 * share, 4 * (1 - share), size))
         of = share_over_people(wins.tolist(), (5 - wins).tolist())
         yield f"interval of a share of {share:g} holds it", of.low <= share <= of.high
-    found = reliability(_scale(random, size))
-    if not math.isnan(found.low):
-        yield "interval of Cronbach's alpha holds it", found.low <= _true_alpha() <= found.high
+    alpha = reliability(_scale(random, size))
+    if not math.isnan(alpha.low):
+        yield "interval of Cronbach's alpha holds it", alpha.low <= _true_alpha() <= alpha.high
 
 
 def _scale(random: np.random.Generator, size: int) -> NDArray[np.int64]:

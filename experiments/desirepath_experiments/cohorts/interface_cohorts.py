@@ -62,7 +62,7 @@ def benchmark_null_cohorts(config: NullConfig, progress: Progress | None = None)
     plan, size = AnalysisPlan(), config.participants
     cohort = Cohort(seed=config.seed)
     rates = count(config.cohorts, lambda k: _reject(cohort, size, k * size, plan))
-    return _result(config.cohorts, size, plan) | {"seed": config.seed, "rates": [asdict(one) for one in rates]}
+    return _result(config.cohorts, size, plan) | {"seed": config.seed, "rates": [asdict(each) for each in rates]}
 
 
 def benchmark_known_cohorts(config: KnownConfig, progress: Progress | None = None) -> dict[str, Any]:
@@ -83,7 +83,7 @@ def known_cohorts(cohort: Cohort, cohorts: int, participants: int, plan: Analysi
             if key not in known:
                 raise ValueError(f"{name}.{key}: known are {', '.join(known)}")
     rates = count(cohorts, lambda k: _find(cohort, participants, k * participants, plan))
-    return {"cohort": cohort.as_dict(), "rates": [asdict(one) for one in rates]}
+    return {"cohort": cohort.as_dict(), "rates": [asdict(each) for each in rates]}
 
 
 def _result(cohorts: int, participants: int, plan: AnalysisPlan) -> dict[str, Any]:
@@ -98,39 +98,41 @@ def _result(cohorts: int, participants: int, plan: AnalysisPlan) -> dict[str, An
 
 def _reject(cohort: Cohort, participants: int, first: int, plan: AnalysisPlan) -> Iterator[tuple[str, bool]]:
     data = simulate_data(cohort, participants, first=first, queries=FEW_QUERIES, comparisons=COMPARISONS)
-    found, alpha = analyse_simulated(data, plan), plan.alpha
-    items, rankings, own = found.items, found.rankings, found.personalised
-    yield from ((f"Friedman, {one.item.key}", one.test.p <= alpha) for one in items)
-    yield "Friedman, any item, corrected", any(one.test.significant(alpha) for one in items)
-    rated = {(one.item, one.person, one.condition): one.value for one in data.ratings if one.condition}
-    people = [one.code for one in data.people]
+    findings, alpha = analyse_simulated(data, plan), plan.alpha
+    items, rankings, own = findings.items, findings.rankings, findings.personalised
+    yield from ((f"Friedman, {tested.item.key}", tested.test.p <= alpha) for tested in items)
+    yield "Friedman, any item, corrected", any(tested.test.significant(alpha) for tested in items)
+    rated = {
+        (rating.item, rating.person, rating.condition): rating.value for rating in data.ratings if rating.condition
+    }
+    people = [row.code for row in data.people]
     for item in ITEMS:
         ratings = np.array([[rated[item, person, name] for name in CONDITIONS] for person in people])
         for pair, test in zip(combinations(CONDITIONS, 2), pairs_of(ratings, CONDITIONS, about=item), strict=True):
             yield f"Wilcoxon, {'/'.join(pair)}", test.p <= alpha
-    pairs = [test for one in items for test in one.pairs]
+    pairs = [test for tested in items for test in tested.pairs]
     yield (
         "Wilcoxon, any pair of any item, after Friedman and Bonferroni",
         any(test.significant(alpha) for test in pairs),
     )
-    yield from ((f"Chi-square, {one.item.key}", one.test.p <= alpha) for one in rankings)
-    yield "Chi-square, any ranking, corrected", any(one.test.significant(alpha) for one in rankings)
-    pairs = [test for one in rankings for test in one.pairs]
+    yield from ((f"Chi-square, {ranking.item.key}", ranking.test.p <= alpha) for ranking in rankings)
+    yield "Chi-square, any ranking, corrected", any(ranking.test.significant(alpha) for ranking in rankings)
+    pairs = [test for ranking in rankings for test in ranking.pairs]
     yield "z, any pair of any ranking, after chi-square and Bonferroni", any(test.significant(alpha) for test in pairs)
-    yield from ((f"Sign test, own against {one.against}", one.test.p <= alpha) for one in own)
-    yield "Sign test, either, corrected", any(one.test.significant(alpha) for one in own)
+    yield from ((f"Sign test, own against {comparison.against}", comparison.test.p <= alpha) for comparison in own)
+    yield "Sign test, either, corrected", any(comparison.test.significant(alpha) for comparison in own)
 
 
 def _find(cohort: Cohort, participants: int, first: int, plan: AnalysisPlan) -> Iterator[tuple[str, bool]]:
     findings = analyse_simulated(simulate_data(cohort, participants, first=first, queries=FEW_QUERIES), plan)
     others = dict.fromkeys((OTHER_ITEM, OTHER_RANKING, OTHER_PAIR), False)
-    for one in findings.items:
-        hit, shifts = one.test.significant(plan.alpha), cohort.ratings.get(one.item.key)
+    for item in findings.items:
+        hit, shifts = item.test.significant(plan.alpha), cohort.ratings.get(item.item.key)
         if shifts is None:
             others[OTHER_ITEM] |= hit
             continue
-        yield one.item.key, hit
-        for (a, b), test in zip(combinations(CONDITIONS, 2), one.pairs, strict=False):  # none: not significant
+        yield item.item.key, hit
+        for (a, b), test in zip(combinations(CONDITIONS, 2), item.pairs, strict=False):  # none: not significant
             if shifts.get(a, 0.0) == shifts.get(b, 0.0):
                 others[OTHER_PAIR] |= test.significant(plan.alpha)
     for ranking in findings.rankings:

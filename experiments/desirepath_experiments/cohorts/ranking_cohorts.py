@@ -64,11 +64,11 @@ def ranking_cohorts(cohort: RankerCohort, cohorts: int, participants: int) -> tu
         data = simulate_rankings(cohort, participants, first=number * participants)
         of = analyse_rankings(data.importance, measures(data, PLAN, []), PLAN, intervals=False)
         assert of is not None  # noqa: S101  everybody ranked
-        for one in (of.agreement, *of.rated):
-            for test, check in zip(one.tests, one.checks, strict=True):
+        for outcome in (of.agreement, *of.rated):
+            for test, check in zip(outcome.tests, outcome.checks, strict=True):
                 yield test.about, test.p <= PLAN.alpha
                 yield f"{test.about}, aligned ranks", check.ranks.p <= PLAN.alpha
-        rated = [test for one in of.rated for test in one.tests]
+        rated = [test for outcome in of.rated for test in outcome.tests]
         for name, tests in ((ANY, of.agreement.tests), (ANY_RATED, rated)):
             yield name, any(test.significant(PLAN.alpha) for test in tests)
         for name, mean in of.agreement.means.items():

@@ -115,18 +115,18 @@ def reproduce(
     with work.claimed():
         run = compute(tasks_in(plan), chapter.functions, work, command=command, processes=processes, tell=tell)
         tell("drawing")
-        made = chapter.make(plan, work.load)
+        outcome = chapter.make(plan, work.load)
         values = {"plan": plan, "budget": plan.budget, "run": run, "published": published(chapter.name)}
-        values |= {**made.results, **made.more}
-        files, shown = _save_figures(chapter.name, made.drawn, values, out / "figures")
+        values |= {**outcome.results, **outcome.more}
+        files, shown = _save_figures(chapter.name, outcome.drawn, values, out / "figures")
         brief = sentences(report_of(chapter.name).brief, values)
         summary = write_results(
-            out / RESULTS, run, plan.budget, {**made.results, **({"brief": brief} if brief else {})}
+            out / RESULTS, run, plan.budget, {**outcome.results, **({"brief": brief} if brief else {})}
         )
-        _save_card(chapter.name, out / RESULTS, made, values, brief)
+        _save_card(chapter.name, out / RESULTS, outcome, values, brief)
         write_compared(out / COMPARED, chapter.name, values)
         write_report(out / REPORT, chapter.name, values, shown)
-    answer = {key: summary[key] for key in ALWAYS_ANSWERED} | dict(made.answer) | ({"brief": brief} if brief else {})
+    answer = {key: summary[key] for key in ALWAYS_ANSWERED} | dict(outcome.answer) | ({"brief": brief} if brief else {})
     drawn = {"figures": files} if files else {}
     return {"report": str(out / REPORT), "results": str(out / RESULTS), **drawn, **answer}
 
@@ -136,12 +136,12 @@ def _save_figures(
 ) -> tuple[list[str], list[Shown]]:
     """The files of all figures, and those that are shown in the report."""
     files, shown = [], []
-    for one in drawn:
-        if not one.rows:
-            files.append(str(one.save_alone(folder)))
+    for figure in drawn:
+        if not figure.rows:
+            files.append(str(figure.save_alone(folder)))
             continue
-        words, known = report_of(chapter).figures[one.kind], {**values, **one.about}
-        picture = one.picture(fill(words.title, known), fill(words.caption, known))
+        words, known = report_of(chapter).figures[figure.kind], {**values, **figure.about}
+        picture = figure.picture(fill(words.title, known), fill(words.caption, known))
         files += [str(path) for path in picture.save(folder)]
         shown.append(embed_picture(picture, folder))
     return files, shown
@@ -149,9 +149,9 @@ def _save_figures(
 
 def write_results(path: Path, run: Run, budget: Any, results: Mapping[str, Any]) -> dict[str, Any]:
     """Write results.json: run, budget, `results` and what is known of every task. Returns what stands in it."""
-    told = ("processes", "seconds", "computed", "core_seconds")
+    of_run = ("processes", "seconds", "computed", "core_seconds")
     written: dict[str, Any] = {"command": run.command, "commit": run.commit, "budget": asdict(budget)}
-    written |= {**{key: getattr(run, key) for key in told}, "simulated": True, **results, "tasks": run.made}
+    written |= {**{key: getattr(run, key) for key in of_run}, "simulated": True, **results, "tasks": run.made}
     path.write_text(json.dumps(short(plain(written)), indent=1) + "\n", encoding="utf-8")
     return written
 
@@ -165,7 +165,7 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _save_card(chapter: str, results: Path, made: Made, values: Mapping[str, Any], brief: list[str]) -> None:
+def _save_card(chapter: str, results: Path, outcome: Made, values: Mapping[str, Any], brief: list[str]) -> None:
     """What the numbers were made of and how, beside them like every other artefact's card, where the report has one."""
     report, budget, run = report_of(chapter), values["budget"], values["run"]
     if report.card is None:
@@ -175,8 +175,8 @@ def _save_card(chapter: str, results: Path, made: Made, values: Mapping[str, Any
         "seed": budget.seeds[0] if hasattr(budget, "seeds") else values["seed"],
         "scenes": {name: fill(text, values) for name, text in words.scenes.items()},
         "departures": report.departures,
-        "results": made.answer or {"brief": brief},
-        **made.card,
+        "results": outcome.answer or {"brief": brief},
+        **outcome.card,
     }
     card["results"] = {**card["results"], "core_seconds": run.core_seconds}
     Card(

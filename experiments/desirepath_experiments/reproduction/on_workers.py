@@ -50,19 +50,19 @@ def do_task(context: JobContext, params: TaskParams) -> dict[str, Any]:
         return {"task": params.key, "file": known.sha256, "computed": False}
     functions = trial_tasks.FUNCTIONS if params.chapter == "trial" else chapter_named(params.chapter).functions
     needs = [_result(context, key) for key in params.needs]
-    made = computed(functions, params.function, params.params, needs)
-    sha = context.files.put(to_bytes(made))
+    result = computed(functions, params.function, params.params, needs)
+    sha = context.files.put(to_bytes(result))
     with context.database.transaction() as s:
         s.merge(TaskFile(key=params.key, sha256=sha, job_id=context.job.id))
-    return {"task": params.key, "file": sha, "computed": True, "seconds": made.meta["made"]["seconds"]}
+    return {"task": params.key, "file": sha, "computed": True, "seconds": result.meta["made"]["seconds"]}
 
 
 def _result(context: JobContext, key: str) -> TaskResult:
     with context.database.session() as s:
-        found = s.get(TaskFile, key)
-    if found is None:
+        row = s.get(TaskFile, key)
+    if row is None:
         raise LookupError(f"the task needs {key}, which no worker has computed; start the sweep again")
-    return from_bytes(context.files.get(found.sha256))
+    return from_bytes(context.files.get(row.sha256))
 
 
 class Queue:
@@ -104,12 +104,14 @@ class Queue:
     def _hand_out(self, missing: dict[str, Task], work: Work) -> None:
         """Queue every task that can begin and is not queued; the longest first."""
         keys = [key for task in missing.values() for key in (task.key, *(need.key for need in task.needs))]
-        there = self._finished(keys)
+        finished = self._finished(keys)
         for task in missing.values():
             for need in task.needs:
-                if need.key not in there and work.has(need):  # computed by this machine before
-                    there[need.key] = self._hand_up(need, work)
-        ready = [task for task in missing.values() if task.key not in there and all(n.key in there for n in task.needs)]
+                if need.key not in finished and work.has(need):  # computed by this machine before
+                    finished[need.key] = self._hand_up(need, work)
+        ready = [
+            task for task in missing.values() if task.key not in finished and all(n.key in finished for n in task.needs)
+        ]
         with self._database.transaction() as s:
             jobs = s.scalars(select(Job).where(Job.kind == TASK, Job.params["key"].as_string().in_(list(missing))))
             newest = {str(job.params["key"]): job for job in sorted(jobs, key=lambda job: job.created_at)}
@@ -122,14 +124,14 @@ class Queue:
                 if job is not None and job.id in self._mine and job.state in ("failed", "cancelled"):
                     raise SweepError(f"job {job.id} ({task.key}) {job.state}: {job.error or job.message}")
                 if job is None or job.state in ENDED:
-                    asked = TaskParams(
+                    params = TaskParams(
                         chapter=self._chapter,
                         key=task.key,
                         function=task.kind,
                         params=task.params,
                         needs=tuple(need.key for need in task.needs),
                     )
-                    job = enqueue_job(s, TASK, asked.model_dump(), priority=SWEEP_PRIORITY, created_by=self._by)
+                    job = enqueue_job(s, TASK, params.model_dump(), priority=SWEEP_PRIORITY, created_by=self._by)
                 self._mine.add(job.id)
 
     def _hand_up(self, task: Task, work: Work) -> str:

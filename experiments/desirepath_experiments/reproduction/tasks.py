@@ -96,9 +96,9 @@ Tell = Callable[[str], None]
 ELSEWHERE: ContextVar[Queue | None] = ContextVar("where tasks are computed, if not by this machine", default=None)
 
 
-def to_bytes(made: TaskResult) -> bytes:
+def to_bytes(result: TaskResult) -> bytes:
     """The content of a task's file."""
-    return to_npz(made.meta, made.arrays)
+    return to_npz(result.meta, result.arrays)
 
 
 def from_bytes(content: bytes) -> TaskResult:
@@ -151,22 +151,22 @@ def computed(
 ) -> TaskResult:
     """What a task comes to, as it is stored: with what it was and how long it took. Runs in any process."""
     began, cpu = time.perf_counter(), time.process_time()
-    made = functions[kind](params, needs)
+    result = functions[kind](params, needs)
     about = {
         "seconds": time.perf_counter() - began,
         "cpu_seconds": time.process_time() - cpu,
         "commit": source_commit(),
         "finished": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-    return TaskResult({**made.meta, "kind": kind, "params": params, "made": about}, made.arrays)
+    return TaskResult({**result.meta, "kind": kind, "params": params, "made": about}, result.arrays)
 
 
 def finish_task(functions: Mapping[str, Function], folder: Path, task: Task) -> float:
     """Compute and store one task whose needs are stored; returns its seconds. Runs in any process."""
     work = Work(folder)
-    made = computed(functions, task.kind, task.params, [work.load(need) for need in task.needs])
-    work.store_bytes(task.key, to_bytes(made))
-    return float(made.meta["made"]["seconds"])
+    result = computed(functions, task.kind, task.params, [work.load(need) for need in task.needs])
+    work.store_bytes(task.key, to_bytes(result))
+    return float(result.meta["made"]["seconds"])
 
 
 @dataclass(frozen=True)
@@ -188,16 +188,16 @@ class Run:
 
 def in_order(tasks: Sequence[Task]) -> list[Task]:
     """These tasks and all they need, each once, needs first."""
-    found: dict[str, Task] = {}
+    ordered: dict[str, Task] = {}
 
     def take(task: Task) -> None:
         for need in task.needs:
             take(need)
-        found.setdefault(task.key, task)
+        ordered.setdefault(task.key, task)
 
     for task in tasks:
         take(task)
-    return list(found.values())
+    return list(ordered.values())
 
 
 OnTask = Callable[[Task, int, int, float], None]
@@ -320,5 +320,5 @@ def compute(
         computed = finish(wanted, functions, work, processes=processes, on_task=report)
     else:
         computed = elsewhere.finish(wanted, work, on_task=report, workers=processes)
-    made = {task.key: work.load(task).meta["made"] for task in in_order(wanted)}
-    return Run(command, source_commit(), processes, time.perf_counter() - began, computed, made)
+    provenance = {task.key: work.load(task).meta["made"] for task in in_order(wanted)}
+    return Run(command, source_commit(), processes, time.perf_counter() - began, computed, provenance)

@@ -25,12 +25,12 @@ def ship_adaptable(request: Request) -> list[Card]:
     tasks = (plan.learned[PROGRAMMED, seed], plan.trained[OURS, seed], plan.judged[OURS, seed])
     demonstration, policy, rolled = results_of(tasks, FUNCTIONS, request.work)
 
-    def store(kind: str, name: str, content: bytes, made: Mapping[str, Any], **fields: Any) -> Card:
+    def store(kind: str, name: str, content: bytes, about: Mapping[str, Any], **fields: Any) -> Card:
         notes = [
             "Simulated: the demonstration is programmed (section 5.3.4.3).",
-            f"{made['cpu_seconds']:.0f} seconds of one core, finished {made['finished']}.",
+            f"{about['cpu_seconds']:.0f} seconds of one core, finished {about['finished']}.",
         ]
-        common = {"commit": made["commit"], "departures": report_of("adaptable").departures, "notes": notes}
+        common = {"commit": about["commit"], "departures": report_of("adaptable").departures, "notes": notes}
         return request.store(kind, name, content, f"adaptable {request.setup}", **common, **fields)
 
     params, config = demonstration.meta["params"], policy.meta["config"]

@@ -111,7 +111,7 @@ class Added:
 
     def report(self) -> dict[str, Any]:
         """For the card."""
-        return {name: [[asdict(one) for one in of] for of in lines] for name, lines in self.tried.items()}
+        return {name: [[asdict(tried) for tried in of] for of in lines] for name, lines in self.tried.items()}
 
 
 def add_after_training(trained: ConditionedPolicy, config: AddedConfig) -> Added:
@@ -120,10 +120,10 @@ def add_after_training(trained: ConditionedPolicy, config: AddedConfig) -> Added
     scenes = scene_set(config.setup, config.scenes, purpose=Purpose.SELECT, seed=FIRST_ADDED_SEED + config.seed)
     course = Course(scenes)
     stronger = [replace(trained, strengths={config.strengthened: strength}) for strength in config.strengths]
-    made, strengths = _last_harmless(trained, stronger, config.strengths_tried_at, course, config, math.inf)
-    slower = [replace(made, slowing=Slowing(config.near_m, config.free_m, most)) for most in config.most]
-    made, slowings = _last_harmless(made, slower, config.most_tried_at, course, config, config.longest_s)
-    return Added(made, {"strengths": strengths, "slowings": slowings})
+    added, strengths = _last_harmless(trained, stronger, config.strengths_tried_at, course, config, math.inf)
+    slower = [replace(added, slowing=Slowing(config.near_m, config.free_m, most)) for most in config.most]
+    added, slowings = _last_harmless(added, slower, config.most_tried_at, course, config, config.longest_s)
+    return Added(added, {"strengths": strengths, "slowings": slowings})
 
 
 def _last_harmless(
@@ -135,27 +135,28 @@ def _last_harmless(
     longest_s: float,
 ) -> tuple[ConditionedPolicy, list[list[Tried]]]:
     """The last of those tried before the first that harms, and what was found of each, `before` first."""
-    usual = [_roll_out(before, one, course) for one in places]
-    lines = [[_try(one, rolled, rolled, config) for one, rolled in zip(places, usual, strict=True)]]
-    kept = before
+    usual = [_roll_out(before, place, course) for place in places]
+    lines = [[_try(place, rolled, rolled, config) for place, rolled in zip(places, usual, strict=True)]]
+    harmless = before
     for policy in tried:
-        found = [
-            _try(one, _roll_out(policy, one, course), rolled, config) for one, rolled in zip(places, usual, strict=True)
+        of_policy = [
+            _try(place, _roll_out(policy, place, course), rolled, config)
+            for place, rolled in zip(places, usual, strict=True)
         ]
-        lines.append(found)
-        if found[0].median_s > longest_s or any(
-            _harms(one, without, config) for one, without in zip(found, lines[0], strict=True)
+        lines.append(of_policy)
+        if of_policy[0].median_s > longest_s or any(
+            _harms(each, without, config) for each, without in zip(of_policy, lines[0], strict=True)
         ):
             break
-        kept = policy
-    return kept, lines
+        harmless = policy
+    return harmless, lines
 
 
-def _harms(found: Tried, without: Tried, config: AddedConfig) -> bool:
+def _harms(tried: Tried, without: Tried, config: AddedConfig) -> bool:
     return (
-        found.success < without.success - config.max_loss
-        or found.self_intersections > max(config.most_crossings, without.self_intersections)
-        or found.gained < -config.tolerance
+        tried.success < without.success - config.max_loss
+        or tried.self_intersections > max(config.most_crossings, without.self_intersections)
+        or tried.gained < -config.tolerance
     )
 
 

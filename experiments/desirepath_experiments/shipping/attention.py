@@ -33,14 +33,14 @@ DEPARTURE = (
 def ship_attention(request: Request) -> Card:
     """Train, measure and store the policy; a training that is finished in the request's `work` is used."""
     training = imitated(BUDGETS["small"], VARIANT, request.seed)
-    (made,) = results_of([training], FUNCTIONS, request.work)
-    policy = in_half_precision(actor_of(made))
+    (training_result,) = results_of([training], FUNCTIONS, request.work)
+    policy = in_half_precision(actor_of(training_result))
     return request.store(
         "attention_policy",
         NAME,
         policy.save,
         f"{NAME} {policy.setup}",
-        commit=made.meta["made"]["commit"],
+        commit=training_result.meta["made"]["commit"],
         config=ImitationConfig(**training.params["config"]).as_dict(),
         scenes={"report": [describe(Purpose.REPORT, REPORT_SCENES, request.seed)]},
         results=measure(policy, request.seed),

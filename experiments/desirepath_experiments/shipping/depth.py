@@ -62,7 +62,7 @@ def ship_depth_perception(request: Request) -> list[Card]:
 def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") -> list[Card]:
     """Encoder and predictor; work: the folder of finished tasks, in which what is missing is computed."""
     task, batches = make_plan(BUDGETS[budget]).encoder, BUDGETS[budget].encoder_batches
-    (made,), params = results_of([task], FUNCTIONS, work), task.params
+    (result,), params = results_of([task], FUNCTIONS, work), task.params
     homes = {
         "recorded": {"first_scene_seed": RECORDED_SEED, "last_scene_seed": RECORDED_SEED + params["homes"] - 1},
         "report": describe(Purpose.REPORT, HELD_OUT_HOMES, 1),
@@ -72,12 +72,12 @@ def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") 
     first = _store(
         "depth_encoder",
         ENCODER,
-        made.arrays["encoder"].tobytes(),
+        result.arrays["encoder"].tobytes(),
         folder,
         budget,
         config=encoder,
         scenes=homes,
-        results={key: made.meta[key] for key in ("reconstruction", "last_training_rms_m")}
+        results={key: result.meta[key] for key in ("reconstruction", "last_training_rms_m")}
         | {"core_seconds": round(_core_seconds(task, work))},
         departures=PERCEPTION_DEPARTURES,
         notes=["Pictures of both cameras (87 and 120 degrees) in turn; recorded by an obstacle avoider (plain TD3)."],
@@ -85,12 +85,12 @@ def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") 
     second = _store(
         "depth_predictor",
         PREDICTOR,
-        made.arrays["predictor"].tobytes(),
+        result.arrays["predictor"].tobytes(),
         folder,
         budget,
         config=predictor,
         scenes=homes,
-        results=made.meta["prediction"],
+        results=result.meta["prediction"],
         departures=PERCEPTION_DEPARTURES,
         parents={ENCODER: first.sha256},
         notes=["It also reads how much the person's place has changed, ten times as large (ours)."],
@@ -108,12 +108,12 @@ def _ship_controller(configuration: str, work: Path, folder: Path, budget: str) 
     plan = make_plan(BUDGETS[budget])
     seed = plan.budget.seeds[0]
     trained, judged = plan.trained[configuration, seed], plan.judged[configuration, seed]
-    made, found = results_of([trained, judged], FUNCTIONS, work)
+    result, judged_result = results_of([trained, judged], FUNCTIONS, work)
     first = EXPLORED_SEED + 10_000 * seed
     return _store(
         "depth_controller",
         SHIPPED[configuration],
-        made.arrays["policy"].tobytes(),
+        result.arrays["policy"].tobytes(),
         folder,
         budget,
         config=DepthTrainingConfig(seed=seed, updates=trained.params["updates"]).as_dict()
@@ -122,7 +122,7 @@ def _ship_controller(configuration: str, work: Path, folder: Path, budget: str) 
             "explored": {"first_scene_seed": first, "last_scene_seed": first + trained.params["homes"] - 1},
             "report": describe(Purpose.REPORT, judged.params["unseen"], 2),
         },
-        results={key: found.meta[key] for key in ("unseen", "demonstrated")},
+        results={key: judged_result.meta[key] for key in ("unseen", "demonstrated")},
         parents={ENCODER: file_sha256(folder / f"{ENCODER}.npz")},
         notes=["Simulated: people and demonstrators are programmed."],
     )
@@ -139,8 +139,8 @@ def generate_depth_queries(
     drawn = scene_set(HOME, config.max_scenes, purpose=Purpose.QUERIES, seed=config.seed)
     scenes = home_episodes(drawn, MODES, config.seed).scenes
     roll_outs = [
-        partial(depth_trajectories, one, senses_of(one.configuration, encoder, predictor, config.seed))
-        for one in controllers
+        partial(depth_trajectories, controller, senses_of(controller.configuration, encoder, predictor, config.seed))
+        for controller in controllers
     ]
     return queries_of(HOME, roll_outs, scenes, config)
 
@@ -157,7 +157,8 @@ def ship_queries(folder: Path, budget: str = "small", config: QueryConfig = SHOW
         queries.to_bytes(),
         folder,
         budget,
-        config=config.as_dict() | {"controllers": {one: file_sha256(file) for one, file in files.items()}},
+        config=config.as_dict()
+        | {"controllers": {controller: file_sha256(file) for controller, file in files.items()}},
         scenes={"drawn": describe(Purpose.QUERIES, queries.filtered["scenes"], config.seed)},
         results=describe_queries(queries),
         parents={ENCODER: file_sha256(folder / f"{ENCODER}.npz")},
@@ -170,8 +171,8 @@ def ship_queries(folder: Path, budget: str = "small", config: QueryConfig = SHOW
 
 def _core_seconds(task: Task, work: Path) -> float:
     """Of one core: this task and all that it needs."""
-    kept = Work(work)
-    return sum(float(kept.load(one).meta["made"]["cpu_seconds"]) for one in in_order([task]))
+    results = Work(work)
+    return sum(float(results.load(needed).meta["made"]["cpu_seconds"]) for needed in in_order([task]))
 
 
 def _store(kind: str, name: str, content: bytes, folder: Path, budget: str, **fields: Any) -> Card:

@@ -31,14 +31,14 @@ def ship_path_weights(request: Request) -> Card:
         policy = conditioned.at(weights_of_shares(candidate))
         rolled_out = rollout(get_setup(setup), policy.rollout_policy, scenes)
         measured.append(measures(rolled_out))
-        arrived += sum(one.outcome == Outcome.SUCCESS for one in rolled_out)
+        arrived += sum(trajectory.outcome == Outcome.SUCCESS for trajectory in rolled_out)
         if number % 20 == 0:
             request.on_progress(number / CANDIDATES, {"candidates": number})
-    found = WeightsOfPaths(setup, shares, np.array(measured), np.full(CANDIDATES, 1 / CANDIDATES))
+    weights = WeightsOfPaths(setup, shares, np.array(measured), np.full(CANDIDATES, 1 / CANDIDATES))
     return request.store(
         "path_weights",
         "path_weights",
-        found.save,
+        weights.save,
         f"path-weights {setup}",
         config={"candidates": CANDIDATES, "noise": NOISE},
         scenes={"drawn_in": [scene.seed for scene in scenes]},

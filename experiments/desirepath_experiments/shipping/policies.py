@@ -86,7 +86,7 @@ def _store(
     """A policy that is measured on every set of reporting scenes: the first in full, of the others the success rates.
     results: more of them."""
     reported = [evaluate_policy(policy, n=REPORT_SCENES, seed=seed) for seed in REPORT_SEEDS]
-    rates = [one["success_rate"] for one in reported]
+    rates = [row["success_rate"] for row in reported]
     scenes = {
         "select": describe(Purpose.SELECT, config.selection_scenes, config.seed),
         "report": [describe(Purpose.REPORT, REPORT_SCENES, seed) for seed in REPORT_SEEDS],
@@ -158,7 +158,10 @@ def ship_added(request: Request) -> Card:
             "as_trained_sha256": trained.digest(),
             "added": {"config": config.as_dict(), "kept": added.kept(), "tried": added.report()},
         },
-        departures=[*(said for said in card.departures if said != DEPARTURES["added"]), DEPARTURES["added"]],
+        departures=[
+            *(departure for departure in card.departures if departure != DEPARTURES["added"]),
+            DEPARTURES["added"],
+        ],
         notes=notes,
     )
     whole.save(card_path(path))

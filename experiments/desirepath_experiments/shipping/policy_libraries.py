@@ -70,8 +70,8 @@ def ship_policy_library(request: Request) -> Card:
     conditioned = ConditionedPolicy.load(request.path("conditioned")).as_trained()
     weights = draw_directions(basis.size, config.trained, seed)
     trained = []
-    for place, one in enumerate(weights):
-        trained.append(_train(base, basis, one, place + 1_000 * seed, config.updates, request.work))
+    for place, direction in enumerate(weights):
+        trained.append(_train(base, basis, direction, place + 1_000 * seed, config.updates, request.work))
         on_progress(0.7 * (place + 1) / len(weights), {"trained": place + 1})
     actors = tuple(tuple(layer.astype(np.float16) for layer in policy.actor) for policy in trained)
     settings, mixes = library_settings(config.drawn), library_mixes(config.trained, config.mixes)
@@ -87,8 +87,8 @@ def ship_policy_library(request: Request) -> Card:
     rows = np.flatnonzero(enough | (np.arange(count) < len(settings)))
     scenes = scene_set(setup, config.scenes, purpose=Purpose.ALIGN_SELECT, seed=SCENES_SEED)
     measures = replace(measure_against(base, map(policy, rows.tolist()), basis, scenes), success=success[rows])
-    kept = mixes[rows[len(settings) :] - len(settings)]
-    whole = PolicyLibrary(setup, settings, weights, actors, kept, measures)
+    chosen = mixes[rows[len(settings) :] - len(settings)]
+    whole = PolicyLibrary(setup, settings, weights, actors, chosen, measures)
     library = keep_fewer_trained(whole.without_what_is_not_allowed(), config.kept)
     return request.store(
         "policy_library",
@@ -120,12 +120,12 @@ def ship_policy_library(request: Request) -> Card:
 
 def draw_directions(size: int, count: int, seed: int = 0) -> Floats:
     """(count, size) weights of a step basis, each followed by its opposite; `2 size` in turn are orthogonal."""
-    random, found = np.random.default_rng(DIRECTIONS_SEED + 1_000 * seed), list[Floats]()
-    while len(found) < count:
+    random, directions = np.random.default_rng(DIRECTIONS_SEED + 1_000 * seed), list[Floats]()
+    while len(directions) < count:
         rotated, _ = np.linalg.qr(random.normal(size=(size, size)))
         for row in (rotated * np.sqrt(size)).astype(np.float32):
-            found += [row, -row]
-    return np.stack(found[:count])
+            directions += [row, -row]
+    return np.stack(directions[:count])
 
 
 def library_settings(drawn: int) -> Floats:
@@ -172,18 +172,18 @@ def _count_arriving(
     too few already."""
     drawn = scene_set(base.setup, scenes, purpose=Purpose.ALIGN_SELECT, seed=ARRIVING_SEED)
     usual = evaluate(base.rollout_policy, get_setup(base.setup), drawn)
-    found = np.zeros((2, count))
+    measured = np.zeros((2, count))
     for place, policy in enumerate(policies):
         for few in (scenes // 4, scenes):
             own = evaluate(policy.rollout_policy, get_setup(base.setup), drawn[:few])
             both = np.asarray(own.outcome) == Outcome.SUCCESS
-            found[0, place] = both.mean()
+            measured[0, place] = both.mean()
             both &= np.asarray(usual.outcome)[:few] == Outcome.SUCCESS
-            found[1, place] = (np.asarray(own.time) - np.asarray(usual.time)[:few])[both].mean() if both.any() else 0
-            if found[0, place] < ENOUGH_SUCCESS - 0.02:
+            measured[1, place] = (np.asarray(own.time) - np.asarray(usual.time)[:few])[both].mean() if both.any() else 0
+            if measured[0, place] < ENOUGH_SUCCESS - 0.02:
                 break
-        on_progress(0.7 + 0.2 * (place + 1) / count, {"success": found[0, place]})
-    return found[0], found[1]
+        on_progress(0.7 + 0.2 * (place + 1) / count, {"success": measured[0, place]})
+    return measured[0], measured[1]
 
 
 def _train(base: Policy, basis: StepBasis, weights: Floats, place: int, updates: int, work: Path | None) -> Policy:
@@ -191,8 +191,8 @@ def _train(base: Policy, basis: StepBasis, weights: Floats, place: int, updates:
     if stored is not None and stored.is_file():
         return Policy.load(stored)
     config = OwnRewardConfig(updates=updates, checkpoints=updates // 1_000, seed=place, gate=GateRule(scenes=50))
-    found = tune_to_reward(base, StepWeightsRewardModel(base.setup, basis, weights), config)
+    tuned = tune_to_reward(base, StepWeightsRewardModel(base.setup, basis, weights), config)
     if stored is not None:
-        found.policy.save(stored)
-        stored.with_suffix(".json").write_text(json.dumps({"gained": found.gained, "history": found.history}))
-    return found.policy
+        tuned.policy.save(stored)
+        stored.with_suffix(".json").write_text(json.dumps({"gained": tuned.gained, "history": tuned.history}))
+    return tuned.policy

@@ -37,8 +37,8 @@ def ship_population_priors(request: Request) -> Path:
     for place, family in enumerate(FAMILIES):
         scores = np.empty((MEMBERS, len(pairs)))
         for k in range(MEMBERS):
-            one = member(f"{family}:{FIRST_MEMBER + k}", setup)
-            valued = one.scores(trajectories) / one.unit(setup)
+            person = member(f"{family}:{FIRST_MEMBER + k}", setup)
+            valued = person.scores(trajectories) / person.unit(setup)
             scores[k] = valued[0::2] - valued[1::2]
             request.on_progress((place + (k + 1) / MEMBERS) / len(FAMILIES), {"people": place * MEMBERS + k + 1})
         priors.append(fit_prior(family, columns, scores))

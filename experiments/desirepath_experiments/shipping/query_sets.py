@@ -24,7 +24,7 @@ def ship_queries(request: Request, trajectories: int = 2) -> Card:
     """Make, describe and store queries by the ensemble in the same folder."""
     config = QueryConfig(count=request.count, seed=request.seed, trajectories=trajectories)
     members = _ensemble(request)
-    queries = generate_queries([Policy.load(request.path(one)) for one in members], config, request.on_progress)
+    queries = generate_queries([Policy.load(request.path(member)) for member in members], config, request.on_progress)
     command, stem = ("triples", "queries_triples") if trajectories == 3 else ("queries", "queries")
     return _store(request, queries, stem, command, config, members)
 
@@ -80,8 +80,8 @@ def _store(
 
 def describe_queries(queries: QuerySet) -> dict[str, Any]:
     """Numbers of a query set for its card."""
-    shown = [one for query in queries.queries for one in (query.trajectory_a, query.trajectory_b)]
-    durations = np.array([one.duration_s for one in shown])
+    shown = [trajectory for query in queries.queries for trajectory in (query.trajectory_a, query.trajectory_b)]
+    durations = np.array([trajectory.duration_s for trajectory in shown])
     gaps = np.array([path_gap_m(query.trajectory_a, query.trajectory_b) for query in queries.queries])
     return {
         "queries": len(queries),

@@ -47,29 +47,29 @@ def ship_ranking_set(request: Request) -> Card:
 def _ship_explained(request: Request, method: Method = "saliency", command: Command = "speed") -> Card:
     parent = f"{request.setup}/base"
     policy = Policy.load(request.path("base"))
-    made = ranking_set(
+    ranked = ranking_set(
         actor_of(policy), policy.rollout_policy, rooms(), practice_rooms(), count=SCENARIOS, practised=PRACTICE,
         policy=parent, method=method, command=command,
     )  # fmt: skip
-    config = {"method": method, "command": command, "objects": list(made.rollouts[0].things)}
+    config = {"method": method, "command": command, "objects": list(ranked.rollouts[0].things)}
     keys = ("most_important", "objects_without_score")
-    return _store(made, f"{request.setup}/scenarios_{SCENARIOS}", request.folder, keys, parent, config)
+    return _store(ranked, f"{request.setup}/scenarios_{SCENARIOS}", request.folder, keys, parent, config)
 
 
 def _ship_attended(request: Request) -> Card:
     path = request.path("attention")
     if not path.is_file():
-        made = f"desirepath ship attention {request.setup}"
-        raise LearningError(f"{path.name} of {request.setup} is missing: make it first with `{made}`")
+        command = f"desirepath ship attention {request.setup}"
+        raise LearningError(f"{path.name} of {request.setup} is missing: make it first with `{command}`")
     name = f"{request.setup}/attention"
-    found, left_out = find_attended(AttentionPolicy.load(path), name, CROWD_SCENARIOS, CROWD_PRACTICE)
+    ranked, left_out = find_attended(AttentionPolicy.load(path), name, CROWD_SCENARIOS, CROWD_PRACTICE)
     return _store(
-        found,
+        ranked,
         f"{request.setup}/scenarios_{CROWD_SCENARIOS}",
         request.folder,
         ("most_attended", "people_without_score"),
         name,
-        {"method": "attention", "people": list(found.rollouts[0].things)},
+        {"method": "attention", "people": list(ranked.rollouts[0].things)},
         results={
             "scenes_left_out": left_out,
             "policy": Card.load(card_path(path)).results if card_path(path).is_file() else {},
@@ -86,15 +86,15 @@ def _ship_attended(request: Request) -> Card:
 def find_attended(policy: AttentionPolicy, name: str, scenarios: int, practice: int) -> tuple[RankingSet, int]:
     """So many rollouts, the first that halt in sight of the person where four of five people get attention; and how
     many scenes were left out."""
-    kept: list[ExplainedRollout] = []
+    rollouts: list[ExplainedRollout] = []
     seed = first = first_seed(Purpose.QUERIES, 0)
-    while len(kept) < scenarios + practice:
+    while len(rollouts) < scenarios + practice:
         scene = draw_crowd_scene(policy.setup, seed, FIVE)
         seed += 1
-        one = _attend(policy, scene, practice=len(kept) >= scenarios)
-        if one is not None and (one.scores[-1] > 0).sum() >= LEAST_SEEN and halts_in_sight(one.trajectory):
-            kept.append(one)
-    return RankingSet(policy.setup, tuple(kept), name, "attention", "all"), seed - first - len(kept)
+        rollout = _attend(policy, scene, practice=len(rollouts) >= scenarios)
+        if rollout is not None and (rollout.scores[-1] > 0).sum() >= LEAST_SEEN and halts_in_sight(rollout.trajectory):
+            rollouts.append(rollout)
+    return RankingSet(policy.setup, tuple(rollouts), name, "attention", "all"), seed - first - len(rollouts)
 
 
 def _attend(policy: AttentionPolicy, scene: Scene, *, practice: bool) -> ExplainedRollout | None:
@@ -119,7 +119,7 @@ def _attend(policy: AttentionPolicy, scene: Scene, *, practice: bool) -> Explain
 
 
 def _store(
-    made: RankingSet,
+    ranked: RankingSet,
     name: str,
     folder: Path,
     keys: tuple[str, str],
@@ -131,23 +131,23 @@ def _store(
     """keys: under which the card says what most often has the highest score, and how many have none; parent: the
     policy's name; results: more of them."""
     most, without = keys
-    regular = [one for one in made.rollouts if not one.practice]
-    best = [max(one.at_halt, key=lambda thing, scores=one.at_halt: scores[thing]) for one in regular]  # type: ignore[misc]
+    regular = [rollout for rollout in ranked.rollouts if not rollout.practice]
+    best = [max(rollout.at_halt, key=lambda thing, scores=rollout.at_halt: scores[thing]) for rollout in regular]  # type: ignore[misc]
     return store(
         "ranking_set",
         name,
-        made.save,
+        ranked.save,
         folder,
-        command=f"desirepath ship ranking-set {made.setup}",
+        command=f"desirepath ship ranking-set {ranked.setup}",
         config=config,
         scenes={
-            "regular": [one.trajectory.scene.seed for one in regular],
-            "practice": [one.trajectory.scene.seed for one in made.rollouts if one.practice],
+            "regular": [rollout.trajectory.scene.seed for rollout in regular],
+            "practice": [rollout.trajectory.scene.seed for rollout in ranked.rollouts if rollout.practice],
         },
         results={
             "scenarios": len(regular),
-            "with_tied_scores": sum(len(set(one.at_halt.values())) < len(one.things) for one in regular),
-            without: sum(score == 0 for one in regular for score in one.at_halt.values()),
+            "with_tied_scores": sum(len(set(rollout.at_halt.values())) < len(rollout.things) for rollout in regular),
+            without: sum(score == 0 for rollout in regular for score in rollout.at_halt.values()),
             most: {thing: best.count(thing) for thing in regular[0].things},
             **(results or {}),
         },

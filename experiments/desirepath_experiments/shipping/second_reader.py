@@ -59,16 +59,16 @@ def _ship(language: Language, folder: Path, sentences: Path) -> Card:
 
 def fit_second_reader(cases: Sequence[Case], language: Language) -> SecondReader:
     """Logistic regression per scale; a sentence to be asked back says nothing for certain."""
-    found = [features_of(case.sentence, language) for case in cases]
-    rows = np.repeat(np.arange(len(cases)), [len(one) for one in found])
-    columns = np.array([bucket for one in found for bucket in one])
-    values = np.array([value for one in found for value in one.values()])
+    features_of_cases = [features_of(case.sentence, language) for case in cases]
+    rows = np.repeat(np.arange(len(cases)), [len(case_features) for case_features in features_of_cases])
+    columns = np.array([bucket for case_features in features_of_cases for bucket in case_features])
+    values = np.array([value for case_features in features_of_cases for value in case_features.values()])
     features = csr_matrix((values, (rows, columns)), (len(cases), BUCKETS))
     rarity = np.log((1 + len(cases)) / (1 + np.bincount(columns, minlength=BUCKETS))) + 1
     weights, intercepts = np.zeros((BUCKETS, 2 * len(ENDS))), np.zeros(2 * len(ENDS))
     for place, ends in enumerate(ENDS):
-        said = np.array([_said(case, ends) for case in cases])
-        fitted = LogisticRegression(C=PENALTY, max_iter=150, tol=1e-3).fit(features @ diags(rarity), said)
+        classes = np.array([_said(case, ends) for case in cases])
+        fitted = LogisticRegression(C=PENALTY, max_iter=150, tol=1e-3).fit(features @ diags(rarity), classes)
         # Three classes: nothing said, one end, the other.
         weights[:, 2 * place : 2 * place + 2] = ((fitted.coef_[1:] - fitted.coef_[0]) * rarity).T
         intercepts[2 * place : 2 * place + 2] = fitted.intercept_[1:] - fitted.intercept_[0]
@@ -79,25 +79,25 @@ def fit_second_reader(cases: Sequence[Case], language: Language) -> SecondReader
 
 
 def _said(case: Case, ends: Sequence[tuple[str, bool]]) -> int:
-    said = [end in (case.wanted or ()) for end in ends]
-    return 0 if said[0] == said[1] else 1 + said.index(True)
+    wanted = [end in (case.wanted or ()) for end in ends]
+    return 0 if wanted[0] == wanted[1] else 1 + wanted.index(True)
 
 
 def _measure_left_out(files: Sequence[Path], sets: Sequence[list[Case]], language: Language) -> dict[str, Any]:
     """Set -> how many sentences the rules alone read right, and how many of these are asked back because of a second
     reader that has not seen the set."""
-    found = {}
+    accuracies = {}
     for file, cases in zip(files, sets, strict=True):
         others = [case for other in sets if other is not cases for case in other]
         second = fit_second_reader(others, language)
-        alone, both = (_judge(cases, language, one) for one in (None, second))
+        alone, both = (_judge(cases, language, reader) for reader in (None, second))
         right = [after for before, after in zip(alone, both, strict=True) if before == "right"]
-        found[file.stem] = {
+        accuracies[file.stem] = {
             "sentences": len(cases),
             "right_by_rules": len(right),
             "of_these_no_longer": len(right) - right.count("right"),
         }
-    return found
+    return accuracies
 
 
 def _judge(cases: Sequence[Case], language: Language, second: SecondReader | None) -> list[str]:

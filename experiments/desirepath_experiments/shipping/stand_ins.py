@@ -35,14 +35,14 @@ def ship_stand_ins(request: Request) -> StandInCard:
     random = np.random.default_rng([seed, 71])
     people: list[dict[str, Any]] = []
     for number in random.permutation(len(drawn.weights)).tolist():
-        asked = differences[random.choice(len(differences), ANSWERS, replace=False)]
-        chosen = random.random(ANSWERS) < drawn.choice_probabilities(asked)[number]
+        pairs = differences[random.choice(len(differences), ANSWERS, replace=False)]
+        chosen = random.random(ANSWERS) < drawn.choice_probabilities(pairs)[number]
         posterior = prior
-        for difference, a_chosen in zip(asked, chosen, strict=True):
+        for difference, a_chosen in zip(pairs, chosen, strict=True):
             posterior = posterior.updated(difference, bool(a_chosen))
         weights = posterior.mean_weights()
         named = {name: round(float(w), 4) for name, w in zip(NAMES, weights, strict=True) if w}
-        if any(named == one["weights"] for one in people):
+        if any(named == person["weights"] for person in people):
             continue  # it would be the same policy
         gate = at_gate(conditioned.at(weights), base, GateRule(), seed=seed)
         if gate.passed:

@@ -38,10 +38,10 @@ def ship_step_basis(request: Request) -> Card:
     basis = fit_step_basis(setup, config)
     request.on_progress(0.7, {"size": basis.size})
     rollouts = roll_out_varied(setup, config, seed=FIRST_SEED + 1)
-    said = {
+    explained = {
         family: [
-            explain(basis, rollouts, one.scores(rollouts), config.scenes)
-            for one in members(family, MEASURED, setup, FIRST_MEMBER).values()
+            explain(basis, rollouts, person.scores(rollouts), config.scenes)
+            for person in members(family, MEASURED, setup, FIRST_MEMBER).values()
         ]
         for family in people_card().tuning
     }
@@ -57,8 +57,8 @@ def ship_step_basis(request: Request) -> Card:
             "measured": describe(Purpose.ALIGN_SELECT, config.scenes, FIRST_SEED + 1),
         },
         results={
-            "explained_within_scenes": {name: round(float(np.mean(of)), 3) for name, of in said.items()},
-            "least": {name: round(float(np.min(of)), 3) for name, of in said.items()},
+            "explained_within_scenes": {name: round(float(np.mean(of)), 3) for name, of in explained.items()},
+            "least": {name: round(float(np.min(of)), 3) for name, of in explained.items()},
             "people_of_each": MEASURED,
         },
         parents=request.parents("base") | {f"{setup}/conditioned": conditioned},
@@ -98,13 +98,13 @@ def fit_step_basis(setup: str, config: StepBasisConfig | None = None) -> StepBas
     apart = mean_within_scenes(steps, features, config.scenes) @ fitted
     _, _, directions = np.linalg.svd(apart, full_matrices=False)
     mix = fitted @ directions[: config.size].T / math.sqrt(config.people) / spread[:, None]
-    found = raw @ mix - mean @ mix
+    values = raw @ mix - mean @ mix
     return StepBasis(
         setup,
         layer,
         mix.astype(np.float32),
         (mean @ mix).astype(np.float32),
-        np.cov(mean_within_scenes(steps, found, config.scenes).T).astype(np.float32),
+        np.cov(mean_within_scenes(steps, values, config.scenes).T).astype(np.float32),
     )
 
 
@@ -114,7 +114,9 @@ def roll_out_varied(setup: str, config: StepBasisConfig, seed: int = FIRST_SEED)
     conditioned = load_conditioned(f"{setup}/conditioned").as_trained()
     policies = [conditioned.at(weights) for weights in draw_weights(config.settings, seed)]
     policies += [*load_ensemble(setup), load_policy(f"{setup}/base")]
-    return [one for policy in policies for one in rollout(get_setup(setup), policy.rollout_policy, scenes)]
+    return [
+        trajectory for policy in policies for trajectory in rollout(get_setup(setup), policy.rollout_policy, scenes)
+    ]
 
 
 def mean_within_scenes(steps: SeenSteps, values: Doubles, scenes: int) -> Doubles:
@@ -129,25 +131,25 @@ def draw_rewards(setup: str, count: int, gain: tuple[float, float], seed: int = 
     card, random = people_card(), np.random.default_rng([seed, 88])
     networks, thresholds = card.family("network"), card.family("thresholds")
     assert isinstance(networks, NetworkFamily)  # noqa: S101  the card's families are of their classes
-    found: list[StepReward] = []
+    rewards: list[StepReward] = []
     for k in range(count):
         if k % 4 < 3:
             drawn = float(np.exp(random.uniform(math.log(gain[0]), math.log(gain[1]))))
-            found.append(networks.model_copy(update={"gain": drawn}).draw(setup, random).step_scores)
+            rewards.append(networks.model_copy(update={"gain": drawn}).draw(setup, random).step_scores)
         elif k % 8 == 3:
-            found.append(thresholds.draw(setup, random).step_scores)  # type: ignore[attr-defined]
+            rewards.append(thresholds.draw(setup, random).step_scores)  # type: ignore[attr-defined]
         else:
             size = int(random.integers(1, 5))
             words = [WORDS[j] for j in random.choice(len(WORDS), size, replace=False)]
             weights = random.normal(0, 1, size)
-            found.append(_weigh(words, weights / np.linalg.norm(weights)))
-    return found
+            rewards.append(_weigh(words, weights / np.linalg.norm(weights)))
+    return rewards
 
 
 def _weigh(words: Sequence[str], weights: Doubles) -> StepReward:
     def reward(steps: SeenSteps) -> Doubles:
-        found: Doubles = scale_words(steps, words) @ weights
-        return found
+        reward_of_steps: Doubles = scale_words(steps, words) @ weights
+        return reward_of_steps
 
     return reward
 

@@ -114,13 +114,13 @@ def _with_recovery(policy: Policy, base: Policy) -> Policy:
 def means_of(model: RewardModel, trajectories: Sequence[Trajectory]) -> Floats:
     """(n,) mean reward of each trajectory's steps."""
     rewards = model.rewards(
-        np.concatenate([one.observations for one in trajectories]),
-        np.concatenate([one.actions for one in trajectories]),
-        np.concatenate([one.next_observations for one in trajectories]),
+        np.concatenate([trajectory.observations for trajectory in trajectories]),
+        np.concatenate([trajectory.actions for trajectory in trajectories]),
+        np.concatenate([trajectory.next_observations for trajectory in trajectories]),
     )
-    lengths = np.array([len(one.actions) for one in trajectories])
-    found: Floats = np.add.reduceat(rewards, np.cumsum(lengths) - lengths) / lengths
-    return found
+    lengths = np.array([len(trajectory.actions) for trajectory in trajectories])
+    means: Floats = np.add.reduceat(rewards, np.cumsum(lengths) - lengths) / lengths
+    return means
 
 
 def _spread_of(model: RewardModel, setup: str) -> float:
@@ -163,7 +163,7 @@ def tune_to_reward(
     def judge(policy: Policy) -> dict[str, float]:
         rolled_out = rollout(setup, _with_recovery(policy, base).rollout_policy, scenes)
         gained = reward.seen(rolled_out) - before
-        return {"success_rate": success_rate([one.outcome for one in rolled_out]), "gained": gained}
+        return {"success_rate": success_rate([trajectory.outcome for trajectory in rolled_out]), "gained": gained}
 
     learned = learn(
         start,
@@ -172,7 +172,7 @@ def tune_to_reward(
         reward,
         config,
         judge=judge,
-        base_success=success_rate([one.outcome for one in usual]),
+        base_success=success_rate([trajectory.outcome for trajectory in usual]),
         on_progress=on_progress,
     )
     # as often as asked, or as the base policy nearly does

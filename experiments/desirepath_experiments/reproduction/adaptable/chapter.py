@@ -29,13 +29,13 @@ def make(plan: AdaptablePlan, load: Load) -> Made:
     """Table 5.1, its bars and curves."""
     from desirepath_experiments.reproduction.adaptable.figures import draw  # matplotlib is slow to load
 
-    found = table(plan, load)
-    judged_bars = bars(found)
-    first = {who: next(iter(of["seeds"].values())) for who, of in found.items()}
+    rows = table(plan, load)
+    judged_bars = bars(rows)
+    first = {who: next(iter(of["seeds"].values())) for who, of in rows.items()}
     return Made(
         {
             "bars": judged_bars,
-            "table": found,
+            "table": rows,
             "rewards": rewards(plan, load),
             "single_objectives": single_objectives(plan, load),
         },
@@ -57,14 +57,14 @@ def at_full_weight(arrays: dict[str, NDArray[Any]], objective: str) -> NDArray[A
     stands twice among the 33 vectors, and is counted once."""
     row = int(np.flatnonzero(thesis_vectors()[:, NAMES.index(objective)] == 1)[0])
     arrived = arrays["static_outcome"][row] == 1
-    found: NDArray[Any] = arrays[f"static_{MEASURE_OF[objective]}"][row][arrived]
-    return found
+    values: NDArray[Any] = arrays[f"static_{MEASURE_OF[objective]}"][row][arrived]
+    return values
 
 
 def along_edges(arrays: dict[str, NDArray[Any]]) -> dict[str, float | None]:
     """Spearman of the mean measure and its weight along each edge where that weight changes, signed so that +1 is as it
     should be: six numbers, `distance 0->1`: on edge 0, rising."""
-    vectors, found = thesis_vectors(), dict[str, float | None]()
+    vectors, correlations = thesis_vectors(), dict[str, float | None]()
     for number, (rising, falling) in enumerate(EDGES):
         rows = slice(number * 11, number * 11 + 11)
         for objective in (rising, falling):
@@ -77,65 +77,65 @@ def along_edges(arrays: dict[str, NDArray[Any]]) -> dict[str, float | None]:
             weights = vectors[rows, objective][arrived.any(axis=1)]
             against = NAMES[falling if objective == rising else rising]
             same = len(means) < 3 or len(set(means)) < 2
-            found[f"{name} against {against}"] = (
+            correlations[f"{name} against {against}"] = (
                 None if same else BETTER[measure] * float(spearmanr(weights, means).statistic)
             )
-    return found
+    return correlations
 
 
-def row_of(made: TaskResult) -> dict[str, Any]:
+def row_of(result: TaskResult) -> dict[str, Any]:
     """One column of table 5.1, with what else was measured."""
-    full = {name: at_full_weight(made.arrays, name) for name in NAMES}
-    found: dict[str, Any] = {key: made.meta["static"][key] for key in OUTCOMES}
+    full = {name: at_full_weight(result.arrays, name) for name in NAMES}
+    row_values: dict[str, Any] = {key: result.meta["static"][key] for key in OUTCOMES}
     for name, values in full.items():
-        found[MEASURE_OF[name]] = float(values.mean()) if len(values) else None
+        row_values[MEASURE_OF[name]] = float(values.mean()) if len(values) else None
     row = int(np.flatnonzero(thesis_vectors()[:, 0] == 1)[0])
-    free = made.arrays["free"] & (made.arrays["static_outcome"][row] == 1)
-    found["frechet_median_m"] = float(np.median(full["demonstration"])) if len(full["demonstration"]) else None
-    found["frechet_free_m"] = float(made.arrays["static_frechet_m"][row][free].mean()) if free.any() else None
-    found["spearman"] = along_edges(made.arrays)
-    found |= {kind: {key: made.meta[kind][key] for key in OUTCOMES} for kind in ELSEWHERE}
-    success = (made.arrays["static_outcome"] == 1).mean(axis=1)
-    found["worst_vector"] = {
+    free = result.arrays["free"] & (result.arrays["static_outcome"][row] == 1)
+    row_values["frechet_median_m"] = float(np.median(full["demonstration"])) if len(full["demonstration"]) else None
+    row_values["frechet_free_m"] = float(result.arrays["static_frechet_m"][row][free].mean()) if free.any() else None
+    row_values["spearman"] = along_edges(result.arrays)
+    row_values |= {kind: {key: result.meta[kind][key] for key in OUTCOMES} for kind in ELSEWHERE}
+    success = (result.arrays["static_outcome"] == 1).mean(axis=1)
+    row_values["worst_vector"] = {
         "preference": thesis_vectors()[int(success.argmin())].tolist(), "success": 100 * float(success.min())
     }  # fmt: skip
-    return found
+    return row_values
 
 
 def table(plan: AdaptablePlan, load: Load) -> dict[str, dict[str, Any]]:
     """By variant: per seed, and means over seeds of what is a number."""
-    found: dict[str, dict[str, Any]] = {}
+    by_variant: dict[str, dict[str, Any]] = {}
     for (variant, seed), task in plan.judged.items():
-        made, trained = load(task), load(plan.trained[variant, seed])
-        row = row_of(made) | {"core_seconds": trained.meta["made"]["cpu_seconds"]}
+        result, trained = load(task), load(plan.trained[variant, seed])
+        row = row_of(result) | {"core_seconds": trained.meta["made"]["cpu_seconds"]}
         row |= {"transitions": trained.meta["transitions"]}
-        found.setdefault(variant, {"seeds": {}})["seeds"][str(seed)] = row
-    for of in found.values():
+        by_variant.setdefault(variant, {"seeds": {}})["seeds"][str(seed)] = row
+    for of in by_variant.values():
         rows = list(of["seeds"].values())
         for key, value in rows[0].items():
             if value is None or isinstance(value, int | float):
                 known = [row[key] for row in rows if row[key] is not None]
                 of[key] = float(np.mean(known)) if known else None
-    return found
+    return by_variant
 
 
 def single_objectives(plan: AdaptablePlan, load: Load) -> dict[str, Any]:
     """Per objective, what its single-objective policy reaches in the same scenes and how the adaptable one compares:
     `ratio` is ours over that, of the first seed."""
     first = plan.budget.seeds[0]
-    found: dict[str, Any] = {}
+    objectives: dict[str, Any] = {}
     for name, task in plan.alone.items():
         reached = {key: value for key, value in load(task).meta.items() if key not in ("made", "params", "kind")}
-        ours = at_full_weight(load(plan.judged[OURS, first]).arrays, name)
-        mean = float(ours.mean()) if len(ours) else None
+        at_weight = at_full_weight(load(plan.judged[OURS, first]).arrays, name)
+        mean = float(at_weight.mean()) if len(at_weight) else None
         ratio = mean / reached["mean"] if mean is not None and reached["mean"] else None
-        found[name] = reached | {"ours": mean, "ratio": ratio}
-    return found
+        objectives[name] = reached | {"ours": mean, "ratio": ratio}
+    return objectives
 
 
-def bars(found: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
+def bars(rows_of: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
     """The bars of the issue, each with the worst seed's value and whether it is met with every seed."""
-    rows = list(found[OURS]["seeds"].values())
+    rows = list(rows_of[OURS]["seeds"].values())
     printed, bound = published("adaptable")["table_5_1"][OURS], published("adaptable").numbers
     spearman = [_least(row["spearman"].values()) for row in rows]
 

@@ -60,18 +60,18 @@ def demonstration(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRe
             for scene in demonstration_scenes(params["environment"])
             for again in range(params["per_pair"])
         ]
-        given = augmented_all(drawn)
+        demonstrations = augmented_all(drawn)
         scenes, _ = scenes_beside(drawn, RANKED_IN, seed)
         held_out, way = scenes_beside(drawn, HELD_OUT, seed + HELD_OUT_SEED)
     else:
         layouts = scene_set(ADAPTABLE.name, 3 * params["layouts"], purpose=Purpose.SELECT, seed=seed)
-        given = demonstrate_in(layouts, disturbed=DISTURBED, seed=seed)[: params["layouts"]]
-        scenes = [one.scene for one in given[:RANKED_IN]]
+        demonstrations = demonstrate_in(layouts, disturbed=DISTURBED, seed=seed)[: params["layouts"]]
+        scenes = [trajectory.scene for trajectory in demonstrations[:RANKED_IN]]
         fresh = scene_set(ADAPTABLE.name, 3 * HELD_OUT, purpose=Purpose.REPORT, seed=seed)
-        held_out = [one.scene for one in demonstrate_in(fresh)][:HELD_OUT]
+        held_out = [trajectory.scene for trajectory in demonstrate_in(fresh)][:HELD_OUT]
         way = demonstrate_paths(held_out)
     hide = without_person if params["without_person"] else (lambda seen: seen)
-    clone = clone_policy(_hidden(given, hide), CloningConfig(seed, params["cloning_updates"]))
+    clone = clone_policy(_hidden(demonstrations, hide), CloningConfig(seed, params["cloning_updates"]))
     ranked = rank_by_noise(lambda seen: clone.act(hide(seen)), scenes, seed=seed)
     shown = RankedRollouts(_hidden(ranked.trajectories, hide), ranked.levels)
     reward = fit_ranked(shown, RankedConfig(seed, params["reward_updates"]))
@@ -79,14 +79,15 @@ def demonstration(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRe
     unseen = RankedRollouts(_hidden(other.trajectories, hide), other.levels)
     first = other.trajectories[: len(held_out)]
     apart = [
-        frechet_distance(one.poses[:, :2].astype(float), b, exact_m=1e-3) for one, b in zip(first, way, strict=True)
+        frechet_distance(trajectory.poses[:, :2].astype(float), b, exact_m=1e-3)
+        for trajectory, b in zip(first, way, strict=True)
     ]
     meta = {
         "judged": judge_reward(reward, unseen, way).as_dict(),
-        "demonstrations": len(given),
-        "steps": sum(len(one.actions) for one in given),
+        "demonstrations": len(demonstrations),
+        "steps": sum(len(trajectory.actions) for trajectory in demonstrations),
         "clone": {
-            "success": success_rate([one.outcome for one in first]),
+            "success": success_rate([trajectory.outcome for trajectory in first]),
             "frechet_m": float(np.mean(apart)),
             "frechet_median_m": float(np.median(apart)),
         },
@@ -95,11 +96,11 @@ def demonstration(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRe
 
 
 def _hidden(trajectories: Sequence[Trajectory], hide: Callable[[Floats], Floats]) -> list[Trajectory]:
-    return [replace(one, observations=hide(one.observations)) for one in trajectories]
+    return [replace(trajectory, observations=hide(trajectory.observations)) for trajectory in trajectories]
 
 
-def reward_of(made: TaskResult) -> RankedRewardModel:
-    model = RewardModel.from_bytes(made.content("reward"))
+def reward_of(result: TaskResult) -> RankedRewardModel:
+    model = RewardModel.from_bytes(result.content("reward"))
     if not isinstance(model, RankedRewardModel):
         raise ValueError(f"reward of kind {model.kind!r}: a demonstration task stores ranked_rollouts")
     return model
@@ -140,17 +141,17 @@ def sac(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     learner.learn(config.random_transitions + config.updates * config.n_envs // config.updates_per_step)
     layers = [*learner.actor.latent_pi, learner.actor.mu]
     arrays = {}
-    for k, layer in enumerate(one for one in layers if hasattr(one, "weight")):
+    for k, layer in enumerate(module for module in layers if hasattr(module, "weight")):
         arrays[f"layer_{k:02d}_weight"] = layer.weight.detach().numpy().T.copy()
         arrays[f"layer_{k:02d}_bias"] = layer.bias.detach().numpy().copy()
     return TaskResult({"transitions": int(learner.num_timesteps)}, arrays)
 
 
-def acting(made: TaskResult) -> PreferenceAct:
+def acting(result: TaskResult) -> PreferenceAct:
     """How a trained policy of either kind acts."""
-    if "policy" in made.arrays:
-        return AdaptablePolicy.from_bytes(made.content("policy")).act
-    layers = [made.arrays[name] for name in sorted(made.arrays)]  # bias before weight, as their names sort
+    if "policy" in result.arrays:
+        return AdaptablePolicy.from_bytes(result.content("policy")).act
+    layers = [result.arrays[name] for name in sorted(result.arrays)]  # bias before weight, as their names sort
     pairs = [(layers[k + 1], layers[k]) for k in range(0, len(layers), 2)]
 
     def act(observations: Floats, preferences: Floats) -> Floats:
@@ -177,19 +178,23 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     arrays: dict[str, NDArray[Any]] = {}
     for kind, scenes in kinds.items():
         repeated = np.repeat(vectors, len(scenes), axis=0)
-        found = roll_out_preferences(act, scenes * len(vectors), repeated, model.rewards)
-        meta[kind] = rates(found.outcome)
-        shaped: dict[str, NDArray[Any]] = {"outcome": found.outcome, "time_s": found.time_s, "human_m": found.human_m}
-        shaped |= {"obstacle_m": found.obstacle_m}
+        rollouts = roll_out_preferences(act, scenes * len(vectors), repeated, model.rewards)
+        meta[kind] = rates(rollouts.outcome)
+        shaped: dict[str, NDArray[Any]] = {
+            "outcome": rollouts.outcome,
+            "time_s": rollouts.time_s,
+            "human_m": rollouts.human_m,
+        }
+        shaped |= {"obstacle_m": rollouts.obstacle_m}
         if kind == "static":
             ways = demonstrate_paths(scenes)
-            shaped["frechet_m"] = found.frechet_m(ways * len(vectors))
-            arrays["returns"] = found.returns.reshape(len(vectors), len(scenes), -1)
-            free = {one.scene.seed for one in demonstrate_in(scenes)}
+            shaped["frechet_m"] = rollouts.frechet_m(ways * len(vectors))
+            arrays["returns"] = rollouts.returns.reshape(len(vectors), len(scenes), -1)
+            free = {demonstrated.scene.seed for demonstrated in demonstrate_in(scenes)}
             arrays["free"] = np.array([scene.seed in free for scene in scenes])
             arrays |= _padded("way", ways[:SHOWN])
         arrays |= {f"{kind}_{name}": value.reshape(len(vectors), -1) for name, value in shaped.items()}
-        arrays |= _padded(f"{kind}_path", _shown_paths(found, len(vectors), len(scenes)))
+        arrays |= _padded(f"{kind}_path", _shown_paths(rollouts, len(vectors), len(scenes)))
         meta[kind]["shown"] = [scene.as_dict() for scene in scenes[:SHOWN]]
     return TaskResult(meta, arrays)
 
@@ -200,12 +205,12 @@ def alone(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     scenes = scene_set(ADAPTABLE.name, params["rollouts"], purpose=Purpose.REPORT, seed=params["seed"])
     k = NAMES.index(params["objective"])
     preferences = np.tile(np.eye(len(NAMES), dtype=np.float32)[k], (len(scenes), 1))
-    found = roll_out_preferences(acting(needs[0]), scenes, preferences, model.rewards)
+    rollouts = roll_out_preferences(acting(needs[0]), scenes, preferences, model.rewards)
     measure = MEASURE_OF[k]
-    values = found.frechet_m(demonstrate_paths(scenes)) if measure == "frechet_m" else getattr(found, measure)
-    arrived = values[found.success]
+    values = rollouts.frechet_m(demonstrate_paths(scenes)) if measure == "frechet_m" else getattr(rollouts, measure)
+    arrived = values[rollouts.success]
     return TaskResult(
-        rates(found.outcome) | {"measure": measure, "mean": float(arrived.mean()) if len(arrived) else None}, {}
+        rates(rollouts.outcome) | {"measure": measure, "mean": float(arrived.mean()) if len(arrived) else None}, {}
     )
 
 
@@ -218,16 +223,18 @@ def rates(outcome: NDArray[np.int8]) -> dict[str, Any]:
     }
 
 
-def _shown_paths(found: PreferenceRollouts, vectors: int, scenes: int) -> list[NDArray[np.float64]]:
-    return [found.paths[v * scenes + s] for v in range(vectors) for s in range(min(SHOWN, scenes))]
+def _shown_paths(rollouts: PreferenceRollouts, vectors: int, scenes: int) -> list[NDArray[np.float64]]:
+    return [rollouts.paths[v * scenes + s] for v in range(vectors) for s in range(min(SHOWN, scenes))]
 
 
 def _padded(name: str, paths: Sequence[NDArray[np.float64]]) -> dict[str, NDArray[Any]]:
     """Paths as one array (paths, points, 2), the rest NaN."""
-    found = np.full((len(paths), max(map(len, paths)), 2), np.nan, dtype=np.float32)
-    for row, path in zip(found, paths, strict=True):
+    padded = np.full((len(paths), max(map(len, paths)), 2), np.nan, dtype=np.float32)
+    for row, path in zip(padded, paths, strict=True):
         row[: len(path)] = path
-    return {name: found}
+    return {name: padded}
 
 
-FUNCTIONS: dict[str, Function] = {one.__name__: one for one in (demonstration, adaptable, sac, judged, alone)}
+FUNCTIONS: dict[str, Function] = {
+    function.__name__: function for function in (demonstration, adaptable, sac, judged, alone)
+}

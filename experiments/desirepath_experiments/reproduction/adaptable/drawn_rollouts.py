@@ -24,7 +24,7 @@ TRIES = 20
 
 def augmented_all(demonstrations: Sequence[Demonstration]) -> list[Trajectory]:
     """Every drawn path's rollouts from starts along it (chapter 2, step 7)."""
-    return [one for demonstration in demonstrations for one in augment(demonstration)]
+    return [trajectory for demonstration in demonstrations for trajectory in augment(demonstration)]
 
 
 def scenes_beside(

@@ -28,16 +28,16 @@ PER_EDGE = 11
 
 def draw(plan: AdaptablePlan, load: Load) -> list[Drawn]:
     """All figures of the report: rollouts of the first seed of ours, measures of all seeds."""
-    made = load(plan.judged[OURS, plan.budget.seeds[0]])
+    result = load(plan.judged[OURS, plan.budget.seeds[0]])
     runs = [load(task).arrays for (variant, _), task in plan.judged.items() if variant == OURS]
-    return [*(draw_edges(made, kind) for kind in ("static", "walking", "intersection")), draw_measures(runs)]
+    return [*(draw_edges(result, kind) for kind in ("static", "walking", "intersection")), draw_measures(runs)]
 
 
-def draw_edges(made: TaskResult, kind: str) -> Drawn:
+def draw_edges(result: TaskResult, kind: str) -> Drawn:
     """Figure 5.3: rollouts over the three edges of the preference triangle, in scenes of one kind."""
-    scenes = [Scene.from_dict(one) for one in made.meta[kind]["shown"]]
-    paths = made.arrays[f"{kind}_path"].reshape(len(thesis_vectors()), len(scenes), -1, 2)
-    ways: Any = made.arrays["way"] if kind == "static" else ()
+    scenes = [Scene.from_dict(stored) for stored in result.meta[kind]["shown"]]
+    paths = result.arrays[f"{kind}_path"].reshape(len(thesis_vectors()), len(scenes), -1, 2)
+    ways: Any = result.arrays["way"] if kind == "static" else ()
     shares = [step / (PER_EDGE - 1) for step in range(PER_EDGE)]
     rows: Rows = []
     with panels(len(scenes), 3.4 * len(scenes), 8.6, rows=len(EDGES)) as (figure, axes):
@@ -75,8 +75,8 @@ def draw_measures(runs: list[dict[str, NDArray[Any]]]) -> Drawn:
                 at = np.arange(edge * PER_EDGE, (edge + 1) * PER_EDGE)
                 curve(ax, at, middle[at], colour=DATA[0], band=(low[at], high[at]), linewidth=1.2)
             for k, vector in enumerate(thesis_vectors().tolist()):
-                found = {"mean": float(middle[k]), "least": float(low[k]), "most": float(high[k])}
-                rows.append({"measure": measure, **dict(zip(NAMES, vector, strict=True)), **found})
+                interval = {"mean": float(middle[k]), "least": float(low[k]), "most": float(high[k])}
+                rows.append({"measure": measure, **dict(zip(NAMES, vector, strict=True)), **interval})
             names = [f"{NAMES[falling]}\nto {NAMES[rising]}" for rising, falling in EDGES]
             ax.set_ylabel(title)
             ax.set_xticks([5, 16, 27], names, fontsize=6)
@@ -87,5 +87,5 @@ def draw_measures(runs: list[dict[str, NDArray[Any]]]) -> Drawn:
 def _means(arrays: dict[str, NDArray[Any]], measure: str) -> NDArray[Any]:
     arrived = arrays["static_outcome"] == 1
     with np.errstate(invalid="ignore"):
-        found: NDArray[Any] = np.where(arrived, arrays[f"static_{measure}"], 0).sum(1) / arrived.sum(1)
-    return found
+        means: NDArray[Any] = np.where(arrived, arrays[f"static_{measure}"], 0).sum(1) / arrived.sum(1)
+    return means

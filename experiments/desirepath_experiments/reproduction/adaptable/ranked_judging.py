@@ -52,21 +52,21 @@ def judged(
     rollouts are level after level over the same scenes, as `noise_ranked` gives them.
     """
     n = len(demonstrated)
-    rewards = np.array([model.trajectory_reward(one) for one in ranked.trajectories])
+    rewards = np.array([model.trajectory_reward(trajectory) for trajectory in ranked.trajectories])
     apart = np.array(
         [
-            frechet_distance(one.poses[:, :2].astype(float), demonstrated[k % n], exact_m=1e-3)
-            for k, one in enumerate(ranked.trajectories)
+            frechet_distance(trajectory.poses[:, :2].astype(float), demonstrated[k % n], exact_m=1e-3)
+            for k, trajectory in enumerate(ranked.trajectories)
         ]
     )
     levels = ranked.levels
     less = levels[:, None] < levels[None, :]
     above = _above(rewards[:, None], rewards[None, :])
     same = (np.arange(len(levels)) % n)[:, None] == (np.arange(len(levels)) % n)[None, :]
-    found = []
+    shares = []
     for number, level in enumerate(sorted(set(levels.tolist()))):
         of = slice(number * n, (number + 1) * n)
-        found.append(
+        shares.append(
             LevelJudged(
                 round(level, 6),
                 n,
@@ -77,14 +77,14 @@ def judged(
             )
         )
     return RankedJudged(
-        float(above[less].mean()), float(above[less & same].mean()), _spearman(rewards, -apart), tuple(found)
+        float(above[less].mean()), float(above[less & same].mean()), _spearman(rewards, -apart), tuple(shares)
     )
 
 
 def _above(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """1 where the first is larger, half where equal."""
-    found: NDArray[np.float64] = (first > second) + 0.5 * (first == second)
-    return found
+    above: NDArray[np.float64] = (first > second) + 0.5 * (first == second)
+    return above
 
 
 def _spearman(first: NDArray[np.float64], second: NDArray[np.float64]) -> float | None:

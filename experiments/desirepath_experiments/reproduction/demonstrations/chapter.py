@@ -104,14 +104,14 @@ def make(plan: DemonstrationsPlan, load: Load) -> Made:
     from desirepath_experiments.reproduction.demonstrations.figures import draw  # matplotlib is slow to load
 
     budget, rows = plan.budget, rows_of(plan, load)
-    ours = [row for row in rows if row.controller == OURS]
+    of_ours = [row for row in rows if row.controller == OURS]
     measured = list(_measured(plan, load))
     whole = (budget.environments[0], budget.ablated)
     return Made(
         {"bars": {name: asdict(bar) for name, bar in BARS.items()}, "rows": [asdict(row) for row in rows]},
         more={
-            "verdicts": [_verdict(name, bar, ours) for name, bar in BARS.items()],
-            "ours": ours,
+            "verdicts": [_verdict(name, bar, of_ours) for name, bar in BARS.items()],
+            "ours": of_ours,
             "plain": [row for row in rows if row.controller == WITHOUT],
             "above": {name: _times_above(measured, name) for name in MEASURES},
             "main": [row for row in rows if row.controller in (*CONTROLLERS, WITHOUT)],
@@ -153,8 +153,8 @@ def rollouts_of(
 def _measured(plan: DemonstrationsPlan, load: Load) -> Iterator[dict[str, Any]]:
     """Mean and standard deviation of every measure over all rollouts of all seeds."""
     for environment, style, controller in product(plan.budget.environments, plan.budget.styles, SHOWN):
-        found = rollouts_of(plan, load, environment, style, controller)
-        values = {name: np.concatenate([of[name] for of in found]) for name in MEASURES}
+        rollouts = rollouts_of(plan, load, environment, style, controller)
+        values = {name: np.concatenate([of[name] for of in rollouts]) for name in MEASURES}
         yield {
             "environment": environment,
             "style": style,
@@ -180,7 +180,7 @@ def _row(plan: DemonstrationsPlan, load: Load, cells: Sequence[ControllerCell]) 
     judged = []
     for cell in cells:
         unseen = load(plan.unseen[cell]).meta["unseen"]
-        rates = {kind: found["success_rate"] for kind, found in unseen.items()}
+        rates = {kind: of_kind["success_rate"] for kind, of_kind in unseen.items()}
         judged.append({**load(plan.judged[cell]).meta["judged"], **rates})
     larger_is_better = {name: bar.at_least for name, bar in BARS.items()} | dict.fromkeys(KINDS, True)
     trained = [load(plan.trained[cell]).meta for cell in cells if cell in plan.trained]
@@ -188,9 +188,9 @@ def _row(plan: DemonstrationsPlan, load: Load, cells: Sequence[ControllerCell]) 
     return ControllerRow(
         *cells[0][:3],
         seeds=len(cells),
-        values={name: _over([one[name] for one in judged], np.mean) for name in judged[0]},
+        values={name: _over([of_seed[name] for of_seed in judged], np.mean) for name in judged[0]},
         worst={
-            name: _over([one[name] for one in judged], np.min if at_least else np.max)
+            name: _over([of_seed[name] for of_seed in judged], np.min if at_least else np.max)
             for name, at_least in larger_is_better.items()
         },
         cpu_s=_over([meta["made"]["cpu_seconds"] for meta in trained], np.mean),

@@ -70,18 +70,18 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
 def unseen(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """Rollouts where nothing was demonstrated, in the reporting scenes of the seed, measured."""
     pairs = demonstration_scenes(params["environment"])
-    found: dict[str, Any] = {}
+    by_kind: dict[str, Any] = {}
     for kind in KINDS:
         scenes = unseen_scenes(pairs, kind, params["scenes"], purpose=Purpose.REPORT, seed=params["seed"])
         measured = measure(roll_out(_acting(params, needs), scenes))
-        found[kind] = {
+        by_kind[kind] = {
             "n": len(scenes),
             "success_rate": success_rate(measured.outcome),
             "collision_rate": collision_rate(measured.outcome),
             "timeout_rate": timeout_rate(measured.outcome),
             "min_human_distance_m": float(measured.min_human_distance.mean()),
         }
-    return TaskResult({"unseen": found}, {})
+    return TaskResult({"unseen": by_kind}, {})
 
 
 def _shown(rollouts: Sequence[Trajectory], name: str) -> dict[str, NDArray[Any]]:

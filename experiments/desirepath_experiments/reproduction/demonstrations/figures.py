@@ -38,9 +38,9 @@ def draw(plan: DemonstrationsPlan, load: Load) -> list[Drawn]:
     """All figures of the report, in its order."""
     environments = plan.budget.environments
     of_each = (draw_paths, draw_measures, draw_unseen)
-    found = [one(plan, load, environment) for environment in environments for one in of_each]
-    found += [draw_speeds(plan, load, environment) for environment in environments]
-    return [*found, draw_curves(plan, load, environments[0], plan.budget.ablated)]
+    drawn = [draw_one(plan, load, environment) for environment in environments for draw_one in of_each]
+    drawn += [draw_speeds(plan, load, environment) for environment in environments]
+    return [*drawn, draw_curves(plan, load, environments[0], plan.budget.ablated)]
 
 
 def draw_paths(plan: DemonstrationsPlan, load: Load, environment: str) -> Drawn:
@@ -86,9 +86,9 @@ def draw_measures(plan: DemonstrationsPlan, load: Load, environment: str) -> Dra
     """Figure 2.3 e-g: path length, distance and area by controller, median and quartiles over rollouts."""
     rows: Rows = []
     for name, controller, style in product(MEASURES, SHOWN, plan.budget.styles):
-        found = np.concatenate([of[name] for of in rollouts_of(plan, load, environment, style, controller)])
-        low, middle, high = np.quantile(found, [0.25, 0.5, 0.75]).tolist()
-        about = {"measure": name, "style": style, "controller": controller, "rollouts": len(found)}
+        pooled = np.concatenate([of[name] for of in rollouts_of(plan, load, environment, style, controller)])
+        low, middle, high = np.quantile(pooled, [0.25, 0.5, 0.75]).tolist()
+        about = {"measure": name, "style": style, "controller": controller, "rollouts": len(pooled)}
         rows.append({**about, "lower_quartile": low, "median": middle, "upper_quartile": high})
     series = {controller: (NAMES[controller], COLOURS[controller]) for controller in SHOWN}
     values = ("median", "lower_quartile", "upper_quartile")
@@ -106,10 +106,15 @@ def draw_unseen(plan: DemonstrationsPlan, load: Load, environment: str) -> Drawn
     rows: Rows = []
     for kind, controller, style in product(KINDS, CONTROLLERS, plan.budget.styles):
         cells = plan.cells(environment, style, controller)
-        found = [load(plan.unseen[cell]).meta["unseen"][kind] for cell in cells]
-        seeds = [one["success_rate"] for one in found]
-        about = {"drawn": kind, "style": style, "controller": controller, "scenes": sum(one["n"] for one in found)}
-        rates = {name: float(np.mean([one[name] for one in found])) for name in RATES}
+        of_cells = [load(plan.unseen[cell]).meta["unseen"][kind] for cell in cells]
+        seeds = [of_cell["success_rate"] for of_cell in of_cells]
+        about = {
+            "drawn": kind,
+            "style": style,
+            "controller": controller,
+            "scenes": sum(of_cell["n"] for of_cell in of_cells),
+        }
+        rates = {name: float(np.mean([of_cell[name] for of_cell in of_cells])) for name in RATES}
         rows.append({**about, **rates, "worst_seed": min(seeds), "best_seed": max(seeds)})
     series = {controller: (NAMES[controller], COLOURS[controller]) for controller in CONTROLLERS}
     values = ("success_rate", "worst_seed", "best_seed")

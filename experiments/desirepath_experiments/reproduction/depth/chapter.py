@@ -127,11 +127,11 @@ def _configuration(seeds: list[Any]) -> dict[str, Any]:
     """What was measured of a configuration: means over seeds, from the smallest to the largest, every seed's own."""
 
     def means(parts: Sequence[str], *path: str) -> dict[str, float]:
-        found = [reduce(getitem, path, one) for one in seeds]
-        return {part: float(np.mean([of[part] for of in found])) for part in parts}
+        of_seeds = [reduce(getitem, path, of_seed) for of_seed in seeds]
+        return {part: float(np.mean([of[part] for of in of_seeds])) for part in parts}
 
     def spread(part: str, *path: str) -> list[float]:
-        values = [reduce(getitem, path, one)[part] for one in seeds]
+        values = [reduce(getitem, path, of_seed)[part] for of_seed in seeds]
         return [min(values), max(values)]
 
     first, followed = seeds[0]["demonstrated"], ("demonstrated", "nothing")
@@ -143,5 +143,5 @@ def _configuration(seeds: list[Any]) -> dict[str, Any]:
             "success_rate": spread("success_rate", "unseen", "all"),
             **{part: spread(part, *followed) for part in FOLLOWED},
         },
-        "seeds": [{"unseen": one["unseen"]["all"], "demonstrated": one["demonstrated"]} for one in seeds],
+        "seeds": [{"unseen": of_seed["unseen"]["all"], "demonstrated": of_seed["demonstrated"]} for of_seed in seeds],
     }

@@ -115,9 +115,9 @@ def _demonstrated(scenes: int, per_scene: int) -> list[list[Demonstration]]:
     return home_demonstrations(scenes, per_scene)
 
 
-def _senses(name: str, found: TaskResult, seed: int) -> Any:
-    encoder = DepthEncoder.from_bytes(found.content("encoder"))
-    predictor = PersonPredictor.from_bytes(found.content("predictor"))
+def _senses(name: str, trained: TaskResult, seed: int) -> Any:
+    encoder = DepthEncoder.from_bytes(trained.content("encoder"))
+    predictor = PersonPredictor.from_bytes(trained.content("predictor"))
     return senses_of(CONFIGURATIONS[name], encoder, predictor, seed)
 
 
@@ -157,23 +157,25 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     }
     for removed in REMOVALS:
         rollouts = roll_out_depth(policy, make, without(replayed, removed))
-        found = judge_followed(rollouts, paths)
+        deviations = judge_followed(rollouts, paths)
         measured["demonstrated"][removed] = rollouts.rates() | {
-            **_followed(found),
-            "per_scene": [list(_followed(found[i :: len(shown)]).values()) for i in range(len(shown))],
+            **_followed(deviations),
+            "per_scene": [list(_followed(deviations[i :: len(shown)]).values()) for i in range(len(shown))],
             "styles": {
-                style: _followed([one for n, one in enumerate(found) if shown[n % len(shown)][0].style == style])
-                for style in sorted({one[0].style for one in shown})
+                style: _followed(
+                    [deviation for n, deviation in enumerate(deviations) if shown[n % len(shown)][0].style == style]
+                )
+                for style in sorted({shown_demonstrations[0].style for shown_demonstrations in shown})
             },
         }
     return TaskResult(measured, {})
 
 
-def _followed(found: Sequence[Deviation]) -> dict[str, float]:
+def _followed(deviations: Sequence[Deviation]) -> dict[str, float]:
     """Medians of t* and of f there."""
     return {
-        "t_star": float(np.median([one.t_star for one in found])),
-        "f_m": float(np.median([one.distance_m for one in found])),
+        "t_star": float(np.median([deviation.t_star for deviation in deviations])),
+        "f_m": float(np.median([deviation.distance_m for deviation in deviations])),
     }
 
 
@@ -188,8 +190,10 @@ def _around(
             scene = demonstrations[int(random.integers(len(demonstrations)))].scene
             turned = (scene.start.yaw + random.normal(0.0, YAW_STD) + math.pi) % (2 * math.pi) - math.pi
             scenes.append(replace(scene, start=Pose(scene.start.x, scene.start.y, float(turned))))
-            paths.append([one.trajectory.poses for one in demonstrations])
+            paths.append([demonstration.trajectory.poses for demonstration in demonstrations])
     return Episodes(tuple(scenes), ("replayed",) * len(scenes)), paths
 
 
-FUNCTIONS: dict[str, Function] = {one.__name__: one for one in (avoider, encoder, perception, controller, judged)}
+FUNCTIONS: dict[str, Function] = {
+    function.__name__: function for function in (avoider, encoder, perception, controller, judged)
+}

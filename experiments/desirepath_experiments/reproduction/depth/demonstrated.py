@@ -22,25 +22,25 @@ TRIES = 200
 
 def home_demonstrations(scenes: int = SCENES, per_scene: int = PER_SCENE) -> list[list[Demonstration]]:
     """So many scenes with so many demonstrations each, always the same. Raises SceneError if too few can be shown."""
-    found: list[list[Demonstration]] = []
+    demonstrations: list[list[Demonstration]] = []
     for number in range(TRIES):
-        if len(found) == scenes:
-            return found
-        mode, style = MODES[len(found) % len(MODES)], STYLES[len(found) % len(STYLES)]
+        if len(demonstrations) == scenes:
+            return demonstrations
+        mode, style = MODES[len(demonstrations) % len(MODES)], STYLES[len(demonstrations) % len(STYLES)]
         drawn = draw_scene("home", FIRST_SEED + number)
         way = math.dist((drawn.start.x, drawn.start.y), (drawn.goal.x, drawn.goal.y))
         if not WAY_M[0] <= way <= WAY_M[1]:
             continue
         try:
             scene = with_mode(drawn, mode, number)
-            found.append([demonstrate(style, scene, seed) for seed in range(per_scene)])
+            demonstrations.append([demonstrate(style, scene, seed) for seed in range(per_scene)])
         except (SceneError, StrokeProblem):
             continue  # nobody can show anything there: the way is closed, or somebody walks into it
-    if len(found) == scenes:
-        return found
-    raise SceneError("scenes", scenes, f"only {len(found)} of {TRIES} homes can be demonstrated in")
+    if len(demonstrations) == scenes:
+        return demonstrations
+    raise SceneError("scenes", scenes, f"only {len(demonstrations)} of {TRIES} homes can be demonstrated in")
 
 
 def flat(demonstrated: Sequence[Sequence[Demonstration]]) -> list[Demonstration]:
     """All of them, scene by scene."""
-    return [one for scene in demonstrated for one in scene]
+    return [demonstration for scene in demonstrated for demonstration in scene]

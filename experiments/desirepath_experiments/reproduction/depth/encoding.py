@@ -24,11 +24,11 @@ RISING = 0.02  # share of the batches, ours: in which the learning rate rises
 
 def thin_parts(frames: Frames) -> NDArray[np.bool_]:
     """Pixels (n, rows, columns) of something narrower than THIN_PX with more than THIN_M behind it on both sides."""
-    found = np.zeros(frames.shape, dtype=np.bool_)
+    thin = np.zeros(frames.shape, dtype=np.bool_)
     middle = frames[:, :, THIN_PX:-THIN_PX]
     left, right = frames[:, :, : -2 * THIN_PX], frames[:, :, 2 * THIN_PX :]
-    found[:, :, THIN_PX:-THIN_PX] = (left - middle > THIN_M) & (right - middle > THIN_M)
-    return found
+    thin[:, :, THIN_PX:-THIN_PX] = (left - middle > THIN_M) & (right - middle > THIN_M)
+    return thin
 
 
 def pixel_weights(clean: Frames, alone: Frames, range_m: float, config: VaeConfig) -> Frames:
@@ -108,12 +108,12 @@ class EncoderTraining:
     def state(self) -> dict[str, NDArray[Any]]:
         """All that the next part needs."""
         moments = self._optimiser.state_dict()["state"]
-        kept: dict[str, NDArray[Any]] = {"curve": np.array(self.curve, dtype=np.float32)}
+        arrays: dict[str, NDArray[Any]] = {"curve": np.array(self.curve, dtype=np.float32)}
         for i, (name, value) in enumerate(self._vae.named_parameters()):
-            kept[f"weight_{name}"] = value.detach().contiguous().numpy()
-            kept[f"mean_{name}"] = moments[i]["exp_avg"].contiguous().numpy()
-            kept[f"square_{name}"] = moments[i]["exp_avg_sq"].contiguous().numpy()
-        return kept
+            arrays[f"weight_{name}"] = value.detach().contiguous().numpy()
+            arrays[f"mean_{name}"] = moments[i]["exp_avg"].contiguous().numpy()
+            arrays[f"square_{name}"] = moments[i]["exp_avg_sq"].contiguous().numpy()
+        return arrays
 
     def encoder(self) -> DepthEncoder:
         """As it is now."""

@@ -22,11 +22,11 @@ SHOWN = 6
 
 def _latents(recording: Recording, encoder: DepthEncoder, random: np.random.Generator) -> Floats:
     """(t * n, 32) of noisy pictures of all steps."""
-    found = []
+    latents = []
     for begin in range(0, recording.size, AT_ONCE):
         frames = recording.frames(DEPTH_CAMERA, np.arange(begin, min(begin + AT_ONCE, recording.size)))
-        found.append(encoder.latents(CameraNoise().applied(frames, DEPTH_CAMERA, random)))
-    return np.concatenate(found)
+        latents.append(encoder.latents(CameraNoise().applied(frames, DEPTH_CAMERA, random)))
+    return np.concatenate(latents)
 
 
 def prediction_set(recording: Recording, encoder: DepthEncoder) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
@@ -114,17 +114,17 @@ def reconstruction(recording: Recording, encoder: DepthEncoder, frames: int = 51
         decoded = encoder.frames(encoder.latents(CameraNoise().applied(clean, DEPTH_CAMERA, random)))
         for name, mask in _masks(recording, part, clean).items():
             errors[name].append(np.abs(decoded - clean)[mask])
-    found = {}
+    by_part = {}
     for name, parts in errors.items():
         together = np.concatenate(parts)
         if len(together):
-            found[name] = {
+            by_part[name] = {
                 "pixels": float(len(together)),
                 "median_m": float(np.median(together)),
                 "mean_m": float(together.mean()),
                 "kept": float((together < (0.3 if name == "thin" else 0.5)).mean()),
             }
-    return found
+    return by_part
 
 
 def shown_frames(recording: Recording, encoder: DepthEncoder) -> dict[str, NDArray[np.float32]]:

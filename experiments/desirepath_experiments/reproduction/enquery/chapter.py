@@ -121,13 +121,13 @@ def make(plan: EnqueryPlan, load: Load) -> Made:
 
     results = results_of(plan, load)
     summaries = {recipe: {row.name: _row_summary(row) for row in rows} for recipe, rows in results.tables.items()}
-    found = {"tables": summaries, "ceiling_m": results.ceiling_m, "crossings": results.crossings}
+    numbers = {"tables": summaries, "ceiling_m": results.ceiling_m, "crossings": results.crossings}
     return Made(
         {"setup": SETUP, "seed": plan.seed, "results": asdict(results)},
         more=_told(plan, results),
-        answer={"seed": plan.seed, **found},
+        answer={"seed": plan.seed, **numbers},
         drawn=draw(plan, load, results),
-        card=_card(plan, found),
+        card=_card(plan, numbers),
     )
 
 
@@ -137,8 +137,8 @@ CHAPTER = Chapter("enquery", BUDGETS, FUNCTIONS, make_plan, make, options={"seed
 def _told(plan: EnqueryPlan, results: EnqueryResults) -> dict[str, Any]:
     """What the report picks from the results."""
     cell, last = nearest_cell(results.sweep, PRINTED["kappa"], int(PRINTED["ensemble_steps"])), max(plan.budget.marks)
-    success = {one.kappa: one.success_rate for one in results.sweep if one.steps == last}
-    without = {one.steps: one.diversity for one in results.sweep if one.kappa == 0.0}
+    success = {swept.kappa: swept.success_rate for swept in results.sweep if swept.steps == last}
+    without = {swept.steps: swept.diversity for swept in results.sweep if swept.kappa == 0.0}
     falls = PRINTED["kappa_where_success_falls"]
     points = {(p.model, p.source, p.test_set, p.answers): p for p in results.curves}
     low = min(plan.budget.answers, key=lambda answers: abs(answers - LOW_ANSWERS))
@@ -178,7 +178,7 @@ def _told(plan: EnqueryPlan, results: EnqueryResults) -> dict[str, Any]:
     }
 
 
-def _card(plan: EnqueryPlan, found: dict[str, Any]) -> dict[str, Any]:
+def _card(plan: EnqueryPlan, numbers: dict[str, Any]) -> dict[str, Any]:
     """What the numbers were made of and how."""
     scenes = plan.raw.params["scenes"]
     begun = (plan.base, plan.ensemble, *(task.needs[0] for task in plan.sweep.values()))
@@ -197,7 +197,7 @@ def _card(plan: EnqueryPlan, found: dict[str, Any]) -> dict[str, Any]:
             "table": describe(Purpose.REPORT, scenes["n"], scenes["seed"]),
             "sweep": describe(Purpose.SELECT, plan.budget.sweep_scenes, scenes["seed"]),
         },
-        "results": found,
+        "results": numbers,
         "parents": parents,
         "departures": [DEPARTURES[key] for key in keys],
     }
@@ -230,11 +230,13 @@ def results_of(plan: EnqueryPlan, load: Load) -> EnqueryResults:
     )
 
 
-def cells_of(kappa: float, marks: Sequence[int], made: TaskResult) -> list[SweepCell]:
+def cells_of(kappa: float, marks: Sequence[int], result: TaskResult) -> list[SweepCell]:
     """The cells of one kappa, one per mark."""
     return [
         SweepCell(kappa, steps, float(rates.mean()), float(rates.min()), float(diversity))
-        for steps, rates, diversity in zip(marks, made.arrays["success_rates"], made.arrays["diversity"], strict=True)
+        for steps, rates, diversity in zip(
+            marks, result.arrays["success_rates"], result.arrays["diversity"], strict=True
+        )
     ]
 
 
@@ -277,11 +279,11 @@ def crossings_of(curves: Sequence[CurvePoint]) -> dict[str, int | None]:
         for source, test_set in product(SOURCES, TEST_SETS)
     }
     pairings = {"each on its own kind": TEST_SETS} | {f"both on {name}": (name, name) for name in TEST_SETS}
-    found = {}
+    crossings = {}
     for pairing, (of_first, of_second) in pairings.items():
         first, second = lines["EnQ", of_first], lines["BL", of_second]
-        found[pairing] = crossing(list(first), list(first.values()), list(second.values()))
-    return found
+        crossings[pairing] = crossing(list(first), list(first.values()), list(second.values()))
+    return crossings
 
 
 def table_of_recipe(recipe: str, runs: dict[str, list[TaskResult]], raw: TaskResult) -> list[TableRow]:
@@ -304,7 +306,7 @@ def table_of_recipe(recipe: str, runs: dict[str, list[TaskResult]], raw: TaskRes
 
 def _column(runs: Sequence[TaskResult], key: str) -> Doubles:
     """(runs, scenes)"""
-    return np.stack([made.arrays[key] for made in runs]).astype(np.float64)
+    return np.stack([result.arrays[key] for result in runs]).astype(np.float64)
 
 
 def _row(
@@ -335,8 +337,8 @@ def _row(
         self_intersections=float(_column(runs, "self_intersections").mean()),
         share_of_the_way=float(distance.mean() - raw_distance.mean()) / way,
         paired_gain_m=float(gains.mean()) if gains.size else math.nan,
-        gates_passed=sum(made.meta["gate_passed"] for made in runs) if "gate_passed" in runs[0].meta else None,
-        took_over=sum(made.meta["takes_over"] for made in runs) if "takes_over" in runs[0].meta else None,
+        gates_passed=sum(result.meta["gate_passed"] for result in runs) if "gate_passed" in runs[0].meta else None,
+        took_over=sum(result.meta["takes_over"] for result in runs) if "takes_over" in runs[0].meta else None,
         per_alignment=[float(value) for value in distance.mean(1)],
         per_alignment_test=by_alignment,
         per_episode_test=by_episode,

@@ -39,9 +39,9 @@ def table_scenes(chosen: dict[str, int]) -> list[Scene]:
     return scene_set(SETUP, chosen["n"], purpose=Purpose.REPORT, seed=chosen["seed"])
 
 
-def stored_policies(made: TaskResult) -> list[Policy]:
+def stored_policies(result: TaskResult) -> list[Policy]:
     """The policies in a task's result, in order."""
-    return [Policy.from_bytes(made.arrays[name].tobytes()) for name in sorted(made.arrays) if "policy" in name]
+    return [Policy.from_bytes(result.arrays[name].tobytes()) for name in sorted(result.arrays) if "policy" in name]
 
 
 def _with_policies(policies: Sequence[Policy], meta: dict[str, Any], **arrays: NDArray[Any]) -> TaskResult:
@@ -128,13 +128,13 @@ def accuracy_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRe
     values = np.full((len(MODELS), len(SOURCES), len(params["answers"]), len(tests)), np.nan)
     heads = (params["heads"][0], params["heads"][1])
     for s, source in enumerate(SOURCES):
-        given = answers_of(source, needs, max(params["answers"]), params["query_seed"])
+        preferences = answers_of(source, needs, max(params["answers"]), params["query_seed"])
         for k, count in enumerate(params["answers"]):
             models: list[RewardModel] = [
-                fit_mlp(given[:count], MlpConfig(seed=params["seed"], heads=heads, fewest_answers=1))
+                fit_mlp(preferences[:count], MlpConfig(seed=params["seed"], heads=heads, fewest_answers=1))
             ]
             if count > 1:
-                models += [fit_linear(given[:count]), fit_weights(given[:count])]
+                models += [fit_linear(preferences[:count]), fit_weights(preferences[:count])]
             for m, model in enumerate(models):
                 values[m, s, k] = [accuracy(model, test) for test in tests]
     return TaskResult({}, {"accuracy": values})
@@ -143,12 +143,12 @@ def accuracy_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskRe
 def alignment_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """One alignment and its trajectories in the table's scenes."""
     config = read_alignment(params["config"])
-    given = answers_of(params["source"], needs, params["queries"], params["query_seed"])
+    preferences = answers_of(params["source"], needs, params["queries"], params["query_seed"])
     heads = (params["heads"][0], params["heads"][1])
     model: RewardModel = (
-        fit_mlp(given, MlpConfig(seed=config.seed, heads=heads))
+        fit_mlp(preferences, MlpConfig(seed=config.seed, heads=heads))
         if isinstance(config, ThesisConfig)
-        else fit_linear(given)
+        else fit_linear(preferences)
     )
     result = align(stored_policies(needs[0])[0], model, config)
     meta = {
@@ -190,8 +190,8 @@ def search_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResu
 
 def weights_said(params: dict[str, Any], needs: Sequence[TaskResult]) -> NDArray[np.float32]:
     """What the answers of one run ask of the conditioned policy."""
-    given = answers_of(params["source"], needs, params["queries"], params["query_seed"])
-    return fit_weights(given).preference_weights()
+    preferences = answers_of(params["source"], needs, params["queries"], params["query_seed"])
+    return fit_weights(preferences).preference_weights()
 
 
 def raw_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:

@@ -33,15 +33,15 @@ def draw(plan: EnqueryPlan, load: Load, results: EnqueryResults) -> list[Drawn]:
     starts = [spread_starts(scene, budget.starts) for scene in seen]
     base, members = stored_policies(load(plan.base))[0], stored_policies(load(plan.ensemble))
     first = {key: stored_policies(load(runs[0]))[0] for key, runs in plan.alignments.items()}
-    found = [draw_sweep(results.sweep), draw_accuracy(results), draw_distances(results)]
+    drawn = [draw_sweep(results.sweep), draw_accuracy(results), draw_distances(results)]
     for letter, from_starts in zip("ab", starts, strict=False):
         policies = {f"member {k}": member for k, member in enumerate(members)}
         title = f"All members of the ensemble, scene {letter}"
-        found.append(draw_trajectories(f"members_{letter}", title, policies, from_starts))
+        drawn.append(draw_trajectories(f"members_{letter}", title, policies, from_starts))
     for recipe, words in plan.recipes.items():
         policies = {RAW: base, FIRST: first[recipe, FIRST]}
-        found.append(draw_trajectories(f"aligned_{recipe}", f"{RAW} and {FIRST} by {words}", policies, starts[0]))
-    return found + [
+        drawn.append(draw_trajectories(f"aligned_{recipe}", f"{RAW} and {FIRST} by {words}", policies, starts[0]))
+    return drawn + [
         draw_flow(f"flow_{recipe}_{name.lower()}", words, name, base, first[recipe, name], seen[0])
         for recipe, words in plan.recipes.items()
         for name in budget.flow_fields
@@ -59,7 +59,7 @@ def drawn_scenes(plan: EnqueryPlan) -> list[Scene]:
 def draw_sweep(cells: Sequence[SweepCell]) -> Drawn:
     """Figure 6.2: action diversity and success over kappa and training steps."""
     kappas, marks = sorted({cell.kappa for cell in cells}), sorted({cell.steps for cell in cells})
-    found = {(cell.kappa, cell.steps): cell for cell in cells}
+    by_kappa = {(cell.kappa, cell.steps): cell for cell in cells}
     maps = (
         ("a  action diversity", "diversity", ".2f", APART),
         ("b  success rate, mean of the members", "success_rate", ".0%", GOOD),
@@ -67,7 +67,7 @@ def draw_sweep(cells: Sequence[SweepCell]) -> Drawn:
     width, height = max(6.4, 1.6 + 1.1 * len(kappas)), 0.9 + 0.42 * max(4, len(marks))
     with panels(2, width, height) as (figure, axes):
         for ax, (title, name, number_format, colours) in zip(axes, maps, strict=True):
-            values = np.array([[getattr(found[kappa, steps], name) for kappa in kappas] for steps in marks])
+            values = np.array([[getattr(by_kappa[kappa, steps], name) for kappa in kappas] for steps in marks])
             heat_map(figure, ax, values, title, number_format, colours)
             ax.set_xticks(range(len(kappas)), [f"{kappa:.3g}" for kappa in kappas])
             ax.set_yticks(range(len(marks)), [f"{steps:,}" for steps in marks])

@@ -200,10 +200,10 @@ def _alignment(
     seconds_per_update: float,
     policies: tuple[Task, Task],
 ) -> Task:
-    asked = {"source": source, "queries": queries, "query_seed": query_seed(seed, run)}
+    answers = {"source": source, "queries": queries, "query_seed": query_seed(seed, run)}
     scenes = {"seed": FIRST_SEED + seed, "n": budget.rollouts}
     if recipe in FROM_CONDITIONED:
-        params = asked | {
+        params = answers | {
             "conditioned": CONDITIONED,
             "sha256": load_conditioned(CONDITIONED).digest(),
             "scenes": scenes,
@@ -216,7 +216,7 @@ def _alignment(
     config = align_config(recipe, budget, run)
     return Task(
         "alignment",
-        asked | {"heads": list(budget.heads), "config": stored_alignment(config), "scenes": scenes},
+        answers | {"heads": list(budget.heads), "config": stored_alignment(config), "scenes": scenes},
         policies,
         seconds=4 + 0.8 * config.checkpoints + seconds_per_update * config.updates,
     )
@@ -240,6 +240,6 @@ def read_alignment(stored: Mapping[str, Any]) -> RelabellingConfig:
     algorithm: type[FineTuningConfig] | type[ThesisConfig] = (
         ThesisConfig if stored["recipe"] == "thesis" else FineTuningConfig
     )
-    given = read_config({**stored, "reward_weight": stored["preference_weight"]})
-    own = {one.name: given[one.name] for one in fields(algorithm) if one.name in given}
+    values = read_config({**stored, "reward_weight": stored["preference_weight"]})
+    own = {field.name: values[field.name] for field in fields(algorithm) if field.name in values}
     return algorithm(**own, gate=GateRule.of(stored))

@@ -51,7 +51,7 @@ def make(plan: ExplanationsPlan, load: Load) -> Made:
         about: {effect: ranked["tests"][f"{about}, {effect.replace(' x ', ' × ')}"] for effect in EFFECTS}
         for about in ("tau", *SCALES)
     }
-    found = {
+    results = {
         "policy": {key: policy[key] for key in ("success", "collision", "timeout", "selection_success", "slowing")},
         "scenarios": {key: scenarios[key] for key in ("scenarios", "with_tied_scores", "objects_without_score")},
         "table_8_1": tests["tau"],
@@ -59,9 +59,9 @@ def make(plan: ExplanationsPlan, load: Load) -> Made:
         **{key: ranked[key] for key in ("tau", "means", "found", "rankings")},
     }
     return Made(
-        {"seed": plan.seed, **found},
+        {"seed": plan.seed, **results},
         more={"effects": EFFECTS, "scales": SCALES, "noise": NOISE_PLACES, "trust": TRUST, "rated": RATED},
-        answer={"simulated": True} | {key: found[key] for key in ("tau", "table_8_1", "table_8_2", "found")},
+        answer={"simulated": True} | {key: results[key] for key in ("tau", "table_8_1", "table_8_2", "found")},
     )
 
 

@@ -52,11 +52,11 @@ def policy(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     if params["seed"] is None:
         chosen, selection = load_policy(SHIPPED), None
     else:
-        made = train_base(base_config(EXPLAINED_ROOM.name, params["seed"]))
-        chosen, selection = made.policy.without_critic(), made.selection_success
+        trained = train_base(base_config(EXPLAINED_ROOM.name, params["seed"]))
+        chosen, selection = trained.policy.without_critic(), trained.selection_success
     drawn = scene_set(EXPLAINED_ROOM.name, params["scenes"], purpose=Purpose.REPORT, seed=1)
     rolled_out = rollout(EXPLAINED_ROOM, chosen.rollout_policy, drawn)
-    outcomes = [one.outcome for one in rolled_out]
+    outcomes = [trajectory.outcome for trajectory in rolled_out]
     meta = {
         "success": success_rate(outcomes),
         "collision": collision_rate(outcomes),
@@ -71,17 +71,17 @@ def explained_scenarios(params: dict[str, Any], needs: Sequence[TaskResult]) -> 
     """What the policy is explained by in the 48 scenarios and in practice, up to the halt. arrays: content, a ranking
     set. meta: scores of 0 and ties."""
     chosen = Policy.from_bytes(needs[0].content("content"))
-    made = ranking_set(
+    ranked = ranking_set(
         actor_of(chosen), chosen.rollout_policy, rooms(), practice_rooms(), count=SCENARIOS, practised=PRACTICE,
         policy=SHIPPED, method=params["method"], command="speed",
     )  # fmt: skip
-    regular = [one.at_halt for one in made.rollouts if not one.practice]
+    regular = [explained.at_halt for explained in ranked.rollouts if not explained.practice]
     meta = {
         "scenarios": len(regular),
         "with_tied_scores": sum(len(set(scores.values())) < len(scores) for scores in regular),
         "objects_without_score": sum(score == 0 for scores in regular for score in scores.values()),
     }
-    return TaskResult(meta, {"content": as_bytes(made.to_bytes())})
+    return TaskResult(meta, {"content": as_bytes(ranked.to_bytes())})
 
 
 def rankers(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
@@ -94,10 +94,12 @@ def rankers(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
         for k in range(params["studies"])
     ]
     names = [test.about for test in studies[0].tests]
-    hits = [[test.p <= plan.alpha for test in one.tests] for one in studies]
+    hits = [[test.p <= plan.alpha for test in study.tests] for study in studies]
     meta = {
         "tests": {test.about: {"F": test.statistic, "p": test.p, "effect": test.effect} for test in studies[0].tests},
-        "means": {one.key: {name: [m.mean, m.sd] for name, m in one.means.items()} for one in studies[0].outcomes},
+        "means": {
+            outcome.key: {name: [m.mean, m.sd] for name, m in outcome.means.items()} for outcome in studies[0].outcomes
+        },
         "tau": {str(on): _tau(studies[0], on) for on in (True, False)},
         "found": dict(zip(names, np.mean(hits, axis=0).tolist(), strict=True)),
         "studies": len(studies),
@@ -109,7 +111,7 @@ def rankers(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
 def simulated_study(shown: RankingSet, participants: int, seed: int, number: int) -> StudyData:
     """One study as chapter 8's: within subjects, all 24 orders in turn, 12 scenarios in each of four blocks, every
     scenario once per person."""
-    regular = [one for one in shown.rollouts if not one.practice]
+    regular = [explained for explained in shown.rollouts if not explained.practice]
     people, rankings, ratings = [], [], []
     names = [condition_name(outline=outline, lidar=lidar) for outline, lidar in CELLS]
     for k in range(participants):
@@ -122,15 +124,20 @@ def simulated_study(shown: RankingSet, participants: int, seed: int, number: int
         for cell, block in zip(order, blocks, strict=True):
             outline, lidar = CELLS[cell]
             for scenario in block:
-                one = regular[scenario]
-                seen = one.at_halt if outline else None  # nobody else has access to what outlines say
+                scenario_shown = regular[scenario]
+                seen = scenario_shown.at_halt if outline else None  # nobody else has access to what outlines say
                 order_given = simulate_ranking(
-                    one.trajectory, one.things, seen, random, noise=float(noise), trust=float(trust)
+                    scenario_shown.trajectory,
+                    scenario_shown.things,
+                    seen,
+                    random,
+                    noise=float(noise),
+                    trust=float(trust),
                 )
                 rankings.append(
                     ImportanceRanking(
                         code, names[cell], f"scenario-{scenario}", "regular", ranking=tuple(order_given),
-                        scores=one.at_halt, outline=outline, lidar=lidar,
+                        scores=scenario_shown.at_halt, outline=outline, lidar=lidar,
                     )
                 )  # fmt: skip
         cohort = RankerCohort(ratings=RATED, seed=seed + 1000 * number)
@@ -143,9 +150,9 @@ def simulated_study(shown: RankingSet, participants: int, seed: int, number: int
 
 def analysed(data: StudyData, plan: AnalysisPlan) -> Explained:
     """The report's own analysis."""
-    found = analyse_rankings(data.importance, measures(data, plan, []), plan, intervals=False)
-    assert found is not None  # noqa: S101 - everybody ranked
-    return found
+    explained = analyse_rankings(data.importance, measures(data, plan, []), plan, intervals=False)
+    assert explained is not None  # noqa: S101 - everybody ranked
+    return explained
 
 
 def _tau(study: Explained, outline: bool) -> list[float]:
@@ -158,4 +165,4 @@ def _tau(study: Explained, outline: bool) -> list[float]:
     return [float(np.mean(means)), float(np.std(means, ddof=1))]
 
 
-FUNCTIONS: dict[str, Function] = {one.__name__: one for one in (policy, explained_scenarios, rankers)}
+FUNCTIONS: dict[str, Function] = {function.__name__: function for function in (policy, explained_scenarios, rankers)}

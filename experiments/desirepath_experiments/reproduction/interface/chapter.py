@@ -62,7 +62,7 @@ def make(plan: InterfacePlan, load: Load) -> Made:
     """Tables 7.1 to 7.3."""
     answers = load(plan.answers)
     rows = {name: load(task).meta for name, task in plan.rolled_out.items()}
-    found = {
+    results = {
         "table_7_1": first_choices(answers),
         "table_7_2": agreements(answers),
         "table_7_3": {name: {key: of[key] for key in ("values", "standard_errors")} for name, of in rows.items()},
@@ -70,9 +70,9 @@ def make(plan: InterfacePlan, load: Load) -> Made:
         "people": answers.meta["people"],
     }
     return Made(
-        found,
+        results,
         more={"views": VIEWS, "rankings": RANKINGS, "models": RESPONSE_MODELS, "per_view": PER_VIEW, "weight": LAMBDA},
-        answer={key: found[key] for key in ("table_7_1", "table_7_2")}
+        answer={key: results[key] for key in ("table_7_1", "table_7_2")}
         | {"table_7_3": {name: of["values"] for name, of in rows.items()}},
     )
 
@@ -85,17 +85,21 @@ CHAPTER = Chapter(
 def first_choices(answers: TaskResult) -> dict[str, dict[str, float]]:
     """By ranking and view, share of people (%) who put it first."""
     return {
-        ranking: {view: 100 * float(np.mean([one == view for one in given])) for view in VIEWS}
-        for ranking, given in answers.meta["first_choice"].items()
+        ranking: {view: 100 * float(np.mean([choice == view for choice in choices])) for view in VIEWS}
+        for ranking, choices in answers.meta["first_choice"].items()
     }
 
 
 def agreements(answers: TaskResult) -> dict[str, dict[str, float]]:
     """By pair of views, mean and standard deviation over people (%), and how alike one view's answers are when asked
     again, mean of the two views."""
-    found = {}
+    shares_of_pairs = {}
     for pair in PAIRS:
         shares = 100 * np.array(answers.meta["agreement"]["/".join(pair)])
         again = 50 * sum(float(np.mean(answers.meta["consistency"][view])) for view in pair)
-        found["/".join(pair)] = {"mean": float(shares.mean()), "sd": float(shares.std(ddof=1)), "asked_again": again}
-    return found
+        shares_of_pairs["/".join(pair)] = {
+            "mean": float(shares.mean()),
+            "sd": float(shares.std(ddof=1)),
+            "asked_again": again,
+        }
+    return shares_of_pairs

@@ -68,13 +68,13 @@ def answers(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     the first trajectory."""
     del needs
     names = people(params["participants"], params["seed"])
-    asked = np.empty((len(names), PER_VIEW), dtype=np.int64)
+    query_rows = np.empty((len(names), PER_VIEW), dtype=np.int64)
     chosen = {view: np.empty((len(names), PER_VIEW), dtype=np.int8) for view in VIEWS}
     steady: dict[str, list[float]] = {view: [] for view in VIEWS}
     for row, name in enumerate(names):
         random = np.random.default_rng([params["seed"], 71, row])
-        asked[row] = random.choice(len(queries()), PER_VIEW, replace=False)
-        own = [queries()[k] for k in asked[row]]
+        query_rows[row] = random.choice(len(queries()), PER_VIEW, replace=False)
+        own = [queries()[k] for k in query_rows[row]]
         advantages: dict[bool, NDArray[np.float64]] = {}
         for place, view in enumerate(VIEWS):
             oracle = Oracle(name, RESPONSE_MODELS[view], np.random.default_rng([params["seed"], 72, row, place]))
@@ -94,16 +94,16 @@ def answers(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     }
     return TaskResult(
         {"people": names, "agreement": agreement, "consistency": steady, "first_choice": first},
-        {"asked": asked, **{f"chosen_{view}": of for view, of in chosen.items()}},
+        {"asked": query_rows, **{f"chosen_{view}": of for view, of in chosen.items()}},
     )
 
 
 def aligned(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """One view's answers of all people: reward model, policy."""
-    asked, chosen = needs[0].arrays["asked"], needs[0].arrays[f"chosen_{params['view']}"]
+    query_rows, chosen = needs[0].arrays["asked"], needs[0].arrays[f"chosen_{params['view']}"]
     preferences = [
         Preference.of(queries()[k], int(choice), source="simulated")
-        for k, choice in zip(asked.ravel(), chosen.ravel(), strict=True)
+        for k, choice in zip(query_rows.ravel(), chosen.ravel(), strict=True)
     ]
     model = fit_interface(preferences, InterfaceConfig(seed=params["seed"], epochs=params["epochs"]))
     config = ThesisConfig(
@@ -125,20 +125,20 @@ def rolled_out(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResul
     """Table 7.3's numbers of a policy, or of the base policy, in fresh scenes; with standard errors."""
     policy = Policy.from_bytes(needs[0].content("policy")) if needs else load_policy(f"{SETUP}/base")
     scenes = scene_set(SETUP, params["scenes"], purpose=Purpose.REPORT, seed=params["seed"])
-    found = measure(rollout(get_setup(SETUP), policy.rollout_policy, scenes))
+    metrics = measure(rollout(get_setup(SETUP), policy.rollout_policy, scenes))
     means = {
-        "steps": found.steps,
-        "path_length_m": found.path_length,
-        "time_s": found.time,
-        "accumulated_angle_rad": found.accumulated_angle,
-        "path_area_m2": found.path_area,
-        "min_human_distance_m": found.min_human_distance,
-        "mean_speed_m_s": found.mean_speed,
+        "steps": metrics.steps,
+        "path_length_m": metrics.path_length,
+        "time_s": metrics.time,
+        "accumulated_angle_rad": metrics.accumulated_angle,
+        "path_area_m2": metrics.path_area,
+        "min_human_distance_m": metrics.min_human_distance,
+        "mean_speed_m_s": metrics.mean_speed,
     }
     shares = {
-        "collision_percent": collision_rate(found.outcome),
-        "success_percent": success_rate(found.outcome),
-        "timeout_percent": timeout_rate(found.outcome),
+        "collision_percent": collision_rate(metrics.outcome),
+        "success_percent": success_rate(metrics.outcome),
+        "timeout_percent": timeout_rate(metrics.outcome),
     }
     values = {name: 100 * float(rate) for name, rate in shares.items()}
     values |= {name: float(np.nanmean(of)) for name, of in means.items()}

@@ -83,30 +83,30 @@ def table(plan: PedestrianPlan, load: Load, of: Literal["rates", "social"]) -> d
     def over(seeds: list[float]) -> dict[str, Any]:
         return {"mean": float(np.mean(seeds)), **({"seeds": seeds} if len(seeds) > 1 else {})}
 
-    found: dict[str, dict[str, Any]] = {}
+    rows: dict[str, dict[str, Any]] = {}
     for who in dict.fromkeys(variant for variant, _ in plan.judged):
         seeds = [load(task).meta[of] for (variant, _), task in plan.judged.items() if variant == who]
-        found[who] = {
-            condition: {measure: over([one[condition][measure] for one in seeds]) for measure in measures}
+        rows[who] = {
+            condition: {measure: over([of_seed[condition][measure] for of_seed in seeds]) for measure in measures}
             for condition, measures in seeds[0].items()
         }
-    return found
+    return rows
 
 
 def bars(rates: dict[str, Any]) -> list[dict[str, Any]]:
     """The specification's bars with what was reached."""
     printed = published("pedestrians")
-    ours = rates["ours"]["published"]["success"]
+    of_ours = rates["ours"]["published"]["success"]
     baselines = [rates[who]["published"]["success"]["mean"] for who in ("b1", "b2", "b3") if who in rates]
-    lead = ours["mean"] - max(baselines) if baselines else float("nan")
-    spread = float(np.ptp(ours.get("seeds", [ours["mean"]])))
+    lead = of_ours["mean"] - max(baselines) if baselines else float("nan")
+    spread = float(np.ptp(of_ours.get("seeds", [of_ours["mean"]])))
     homes = rates["ours"]["homes"]["success"]["mean"]
     return [
         {"name": name, "value": value, "at_least": at_least, "met": bool(value >= at_least)}
         for name, value, at_least in (
             (
                 "success by imitation in the published setting, %",
-                ours["mean"],
+                of_ours["mean"],
                 printed["table_4_1"]["ours"]["success"],
             ),
             ("lead over the best baseline, both by imitation, points, against the seeds' spread", lead, spread),
@@ -117,18 +117,18 @@ def bars(rates: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _histories(plan: PedestrianPlan, load: Load) -> dict[str, Any]:
     """Of each training the columns of its history."""
-    found = {}
+    histories = {}
     for (variant, seed), task in plan.judged.items():
         if task.needs:
             rows = load(task.needs[0]).meta["history"]
-            found[f"{variant} seed {seed}"] = {name: [row[name] for row in rows] for name in rows[0]}
-    return found
+            histories[f"{variant} seed {seed}"] = {name: [row[name] for row in rows] for name in rows[0]}
+    return histories
 
 
 def leads(plan: PedestrianPlan, load: Load) -> dict[str, dict[str, dict[str, Any]]]:
     """By condition and everybody else who learned: points of success that ours is ahead with each seed; their mean with
     its standard errors, over seeds, and over scenes of the mean over seeds."""
-    found: dict[str, dict[str, dict[str, Any]]] = {}
+    by_condition: dict[str, dict[str, dict[str, Any]]] = {}
     seeds = [seed for variant, seed in plan.judged if variant == "ours"]
     others = dict.fromkeys(variant for variant, seed in plan.judged if seed >= 0 and variant != "ours")
     for condition in SOCIAL_IN:
@@ -136,16 +136,16 @@ def leads(plan: PedestrianPlan, load: Load) -> dict[str, dict[str, dict[str, Any
             who: np.array([100.0 * (load(plan.judged[who, s]).arrays[condition] == Outcome.SUCCESS) for s in seeds])
             for who in ("ours", *others)
         }
-        found[condition] = {}
+        by_condition[condition] = {}
         for who in others:
             ahead = success["ours"] - success[who]
-            found[condition][who] = {
+            by_condition[condition][who] = {
                 "seeds": ahead.mean(axis=1).tolist(),
                 "mean": float(ahead.mean()),
                 "error_over_seeds": _standard_error(ahead.mean(axis=1)),
                 "error_over_scenes": _standard_error(ahead.mean(axis=0)),
             }
-    return found
+    return by_condition
 
 
 def _standard_error(values: NDArray[np.float64]) -> float:

@@ -37,25 +37,25 @@ Judge = Callable[..., CrowdTable]
 def trained(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """A part of one training."""
     state = needs[0].arrays["state"].tobytes() if needs else None
-    made = train_crowd(CrowdTrainingConfig(**params["config"]), until=params["until"], state=state)
-    meta = {"history": made.history, "level": made.level, "transitions": made.transitions}
-    return TaskResult(meta, {**_prefixed(made.actor), "state": np.frombuffer(made.state, dtype=np.uint8)})
+    training = train_crowd(CrowdTrainingConfig(**params["config"]), until=params["until"], state=state)
+    meta = {"history": training.history, "level": training.level, "transitions": training.transitions}
+    return TaskResult(meta, {**_prefixed(training.actor), "state": np.frombuffer(training.state, dtype=np.uint8)})
 
 
 def imitated(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """One training by imitation."""
     del needs
-    made = imitate(ImitationConfig(**params["config"]))
-    return TaskResult({"history": made.history, "bfloat16": made.bfloat16}, _prefixed(made.actor))
+    training = imitate(ImitationConfig(**params["config"]))
+    return TaskResult({"history": training.history, "bfloat16": training.bfloat16}, _prefixed(training.actor))
 
 
 def _prefixed(actor: Actor) -> dict[str, Floats]:
     return {f"actor.{name}": value for name, value in actor_to_arrays(actor).items()}
 
 
-def actor_of(made: TaskResult) -> dict[str, Floats]:
+def actor_of(result: TaskResult) -> dict[str, Floats]:
     """What `actor_to_arrays` made, of a training."""
-    return {name[6:]: value for name, value in made.arrays.items() if name.startswith("actor.")}
+    return {name[6:]: value for name, value in result.arrays.items() if name.startswith("actor.")}
 
 
 @lru_cache  # drawn once by each process: a thousand homes take as long as a network's episodes in them

@@ -76,7 +76,7 @@ class PedestrianPlan:
 def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
     """Which tasks a budget has."""
     plan = PedestrianPlan(budget, {})
-    asked = {
+    common = {
         "episodes": budget.episodes, "episodes_more": budget.episodes_more,
         "speeds": list(budget.speeds), "numbers": list(budget.numbers),
         "social": list(SOCIAL_IN),
@@ -84,14 +84,14 @@ def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
     }  # fmt: skip
     judged = 2 * budget.episodes + (2 + len(budget.speeds) + len(budget.numbers)) * budget.episodes_more
     for seed, name in product(budget.seeds, budget.learned):
-        made = _trained(budget, name, seed, device) if learner_of(name) else imitated(budget, name, seed)
+        training = _trained(budget, name, seed, device) if learner_of(name) else imitated(budget, name, seed)
         robustness = name == "ours"
-        params: dict[str, Any] = {"variant": network_of(name), "robustness": robustness, **asked}
+        params: dict[str, Any] = {"variant": network_of(name), "robustness": robustness, **common}
         groups = VARIANTS[network_of(name)].given == "points_and_groups"
         seconds = (GROUPS_JUDGED_SECONDS if groups else JUDGED_SECONDS) * (judged + 2 * robustness * budget.episodes)
-        plan.judged[name, seed] = Task("judged", params, (made,), seconds)
+        plan.judged[name, seed] = Task("judged", params, (training,), seconds)
     for planner in PLANNED:
-        params = {"planner": planner, **asked}
+        params = {"planner": planner, **common}
         if planner == "constant_velocity":
             params["search"] = SEARCH_BY_VELOCITY
         plan.judged[planner, -1] = Task("planned", params, seconds=JUDGED_SECONDS * judged)

@@ -36,9 +36,9 @@ def formatted(value: float | str | None, spec: str = ".3g", missing: str = "-") 
     return missing if value is None or math.isnan(value) else format(value, spec)
 
 
-def beside(here: float | None, printed: float | str | None, spec: str = ".3g") -> str:
+def beside(reproduced: float | None, printed: float | str | None, spec: str = ".3g") -> str:
     """Ours with what was printed in brackets."""
-    return f"{formatted(here, spec)} ({formatted(printed, '')})"
+    return f"{formatted(reproduced, spec)} ({formatted(printed, '')})"
 
 
 def with_spread(measure: Values, spec: str) -> str:
@@ -173,7 +173,7 @@ def sections_of(report: Report, values: Values, shown: list[Shown]) -> list[Sect
             sentences(words.text, values),
             [_table(table, turn) for table in words.tables for turn in _loop(table.each, values)],
             sentences(words.points, values),
-            [one for one in shown if one["name"].startswith(tuple(words.figures))],
+            [figure for figure in shown if figure["name"].startswith(tuple(words.figures))],
         )
         for words in report.sections
         if _expression(words.when)(values)
@@ -204,13 +204,13 @@ def write_compared(path: Path, chapter: str, values: Values) -> None:
     for name, table in published(chapter).tables.items():
         for condition, printed in table.rows.items():
             for measure, number in printed.items():
-                here = _expression(table.ours)(**values, condition=condition, measure=measure)
-                here = None if here != here else here  # NaN is not itself
+                reproduced = _expression(table.ours)(**values, condition=condition, measure=measure)
+                reproduced = None if reproduced != reproduced else reproduced  # NaN is not itself
                 compared = table.compared.get(condition, {}).get(measure, "")
                 met = ""
-                if compared and here is not None:
-                    met = "yes" if (here >= number if compared == "at least" else here <= number) else "no"
-                rows.append([name, condition, measure, table.units[measure], number, here, compared, met])
+                if compared and reproduced is not None:
+                    met = "yes" if (reproduced >= number if compared == "at least" else reproduced <= number) else "no"
+                rows.append([name, condition, measure, table.units[measure], number, reproduced, compared, met])
     path.write_text(csv_text(rows), newline="\r\n", encoding="utf-8")
 
 

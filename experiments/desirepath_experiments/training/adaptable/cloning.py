@@ -41,9 +41,11 @@ def clone_policy(trajectories: Sequence[Trajectory], config: CloningConfig) -> P
     """
     if not trajectories:
         raise ValueError("trajectories: none given, so there is nothing to clone")
-    setup = get_setup(require_same(**{f"trajectory {k}": one.scene.setup for k, one in enumerate(trajectories)}))
-    observations = np.concatenate([one.observations for one in trajectories])
-    actions = np.concatenate([one.actions for one in trajectories])
+    setup = get_setup(
+        require_same(**{f"trajectory {k}": trajectory.scene.setup for k, trajectory in enumerate(trajectories)})
+    )
+    observations = np.concatenate([trajectory.observations for trajectory in trajectories])
+    actions = np.concatenate([trajectory.actions for trajectory in trajectories])
     shape = NetworkShape(setup.polar_size, setup.surroundings_size, 0, config.heads)
     network = Parameters(shape.actor_layers(), trainable=True)
     network.initialise(torch.Generator().manual_seed(config.seed))

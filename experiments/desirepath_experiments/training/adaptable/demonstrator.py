@@ -36,11 +36,11 @@ def demonstrate_actions(observations: Floats) -> Floats:
     # Everything in the robot's frame: it stands at the origin and looks along x.
     to_goal = np.stack([goal_m * np.cos(goal), goal_m * np.sin(goal)], axis=1)
     to_person = np.stack([person_m * np.cos(person), person_m * np.sin(person)], axis=1)
-    here = np.arctan2(-to_person[:, 1], -to_person[:, 0])  # direction from the person to the robot
-    there = np.arctan2(*(to_goal - to_person).T[::-1])  # and to the goal
-    left = np.mod(here - there, 2 * math.pi)  # still to go around, clockwise
+    robot_bearing = np.arctan2(-to_person[:, 1], -to_person[:, 0])  # direction from the person to the robot
+    goal_bearing = np.arctan2(*(to_goal - to_person).T[::-1])  # and to the goal
+    left = np.mod(robot_bearing - goal_bearing, 2 * math.pi)  # still to go around, clockwise
     half_step = ADAPTABLE.robot.limits.v_max * CONTROL_DT_S / 2 / ORBIT_M
-    around = here - math.pi / 2 - half_step - np.arctan(PULL_PER_M * (person_m - ORBIT_M))
+    around = robot_bearing - math.pi / 2 - half_step - np.arctan(PULL_PER_M * (person_m - ORBIT_M))
     heading = np.where(person_m > APPROACH_UNTIL_M, person, around)
     leaves = (left < LEAVES_AT_RAD) | (left > 2 * math.pi - PAST_RAD)
     heading = np.where(leaves, goal, heading)
@@ -64,9 +64,9 @@ def demonstrate_in(scenes: Sequence[Scene], *, disturbed: float = 0.0, seed: int
         return np.where(random.random((len(observations), 1)) < disturbed, drawn, demonstrate_actions(observations))
 
     return [
-        replace(one, actions=demonstrate_actions(one.observations))
-        for one in rollout(ADAPTABLE, disturb_actions, scenes)
-        if one.outcome == Outcome.SUCCESS
+        replace(trajectory, actions=demonstrate_actions(trajectory.observations))
+        for trajectory in rollout(ADAPTABLE, disturb_actions, scenes)
+        if trajectory.outcome == Outcome.SUCCESS
     ]
 
 

@@ -47,8 +47,8 @@ class PreferenceRollouts:
 
     def frechet_m(self, demonstrated: Sequence[NDArray[np.float64]]) -> Floats:
         """(n,) distance of each path to the demonstration's of its scene, given once per rollout."""
-        found = [frechet_distance(a, b, exact_m=1e-3) for a, b in zip(self.paths, demonstrated, strict=True)]
-        return np.array(found, dtype=np.float32)
+        distances = [frechet_distance(a, b, exact_m=1e-3) for a, b in zip(self.paths, demonstrated, strict=True)]
+        return np.array(distances, dtype=np.float32)
 
 
 def roll_out_preferences(

@@ -231,9 +231,9 @@ class AdaptableTraining:
 
     def look_at_solutions(self) -> None:
         """Roll out each objective alone; what is better than ever before becomes that objective's solution."""
-        found = self.roll_out(self.average(), np.eye(SIZE, dtype=np.float32), self.config.solution_scenes)
-        scalar = scalarise(found.returns, found.preferences).reshape(SIZE, -1).mean(axis=1)
-        per_m = found.returns[:, 1:] / found.start_m[:, None] * self.config.reward_scale
+        rollouts = self.roll_out(self.average(), np.eye(SIZE, dtype=np.float32), self.config.solution_scenes)
+        scalar = scalarise(rollouts.returns, rollouts.preferences).reshape(SIZE, -1).mean(axis=1)
+        per_m = rollouts.returns[:, 1:] / rollouts.start_m[:, None] * self.config.reward_scale
         better = scalar > self._best
         self._best[better] = scalar[better]
         self.solutions[better] = per_m.reshape(SIZE, -1, SIZE).mean(axis=1)[better]
@@ -267,13 +267,13 @@ def train_adaptable(
     ended: list[dict[str, float]] = []
     for attempt in range(ATTEMPTS):
         training = AdaptableTraining(config, demonstration, clone, attempt=attempt)
-        found = _train(training, on_progress, gives_up=attempt + 1 < ATTEMPTS)
-        if found.policy is not None:
+        trained = _train(training, on_progress, gives_up=attempt + 1 < ATTEMPTS)
+        if trained.policy is not None:
             break
-        ended.extend(found.history)
-    assert found.policy is not None  # noqa: S101 - the last attempt does not give up
+        ended.extend(trained.history)
+    assert trained.policy is not None  # noqa: S101 - the last attempt does not give up
     return AdaptableResult(
-        found.policy, found.success, training.transitions, [*ended, *found.history], training.solutions
+        trained.policy, trained.success, training.transitions, [*ended, *trained.history], training.solutions
     )
 
 
@@ -303,10 +303,10 @@ def _train(training: AdaptableTraining, on_progress: OnProgress, *, gives_up: bo
 
     for updates in checkpoints(training.vector_step, [*early, *marks], tell):
         policy = training.average()
-        found = training.roll_out(policy, preferences, config.selection_scenes)
-        utility = float(scalarise(found.returns, found.preferences).mean())
-        point = {"updates": float(updates), "success": float(found.success.mean()), "utility": utility}
-        history.append(point | training.agent.losses | _alone(found, ways))
+        rollouts = training.roll_out(policy, preferences, config.selection_scenes)
+        utility = float(scalarise(rollouts.returns, rollouts.preferences).mean())
+        point = {"updates": float(updates), "success": float(rollouts.success.mean()), "utility": utility}
+        history.append(point | training.agent.losses | _alone(rollouts, ways))
         on_progress(updates / config.updates, history[-1])
         if gives_up and STANDS_STILL_AFTER <= updates < marks[0]:
             if point["success"] < STANDS_STILL:
@@ -318,16 +318,16 @@ def _train(training: AdaptableTraining, on_progress: OnProgress, *, gives_up: bo
     return _Attempt(best[1], best[0]["success"], history)
 
 
-def _alone(found: PreferenceRollouts, ways: list[NDArray[np.float64]]) -> dict[str, float]:
+def _alone(rollouts: PreferenceRollouts, ways: list[NDArray[np.float64]]) -> dict[str, float]:
     """What each objective's measure comes to where it alone counts: `frechet_m`, `human_m`, `time_s`."""
     points = {}
     for k, name in enumerate(MEASURE_OF):
-        rows = np.flatnonzero(found.preferences[:, k] > 1 - 1e-6)
+        rows = np.flatnonzero(rollouts.preferences[:, k] > 1 - 1e-6)
         if len(rows) == 0:
             continue
         if name == "frechet_m":
-            apart = [frechet_distance(found.paths[i], way, exact_m=1e-3) for i, way in zip(rows, ways, strict=True)]
+            apart = [frechet_distance(rollouts.paths[i], way, exact_m=1e-3) for i, way in zip(rows, ways, strict=True)]
             points[name] = float(np.mean(apart))
         else:
-            points[name] = float(getattr(found, name)[rows].mean())
+            points[name] = float(getattr(rollouts, name)[rows].mean())
     return points

@@ -56,8 +56,8 @@ class Interpolator:
 
     def normalise(self, returns_per_m: Floats) -> Floats:
         """(n, 3) returns per metre -> (n, 3), 0 the worst and 1 the best of the solutions; beyond them beyond these."""
-        found: Floats = (returns_per_m - self.low) / self.span
-        return found
+        shares: Floats = (returns_per_m - self.low) / self.span
+        return shares
 
     def __call__(self, preferences: Floats) -> Floats:
         """(n, 3) preferences -> (n, 3) unit vectors; at each corner the direction of that objective's solution."""
@@ -71,8 +71,8 @@ def without_solutions() -> Interpolator:
 
 
 def unit(vectors: Floats) -> Floats:
-    found: Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), SMALLEST)
-    return found
+    directions: Floats = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), SMALLEST)
+    return directions
 
 
 @dataclass(frozen=True)

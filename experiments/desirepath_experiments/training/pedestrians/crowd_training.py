@@ -135,10 +135,10 @@ class CrowdLearner:
                 for new, old in zip(fast.parameters(), slow.parameters(), strict=True):
                     old.lerp_(new, c.tau)
 
-    def act(self, given: Floats) -> Floats:
+    def act(self, states_seen: Floats) -> Floats:
         with torch.no_grad():
-            found: Floats = self.actor(torch.as_tensor(given, device=self.config.device)).cpu().numpy()
-        return found
+            actions: Floats = self.actor(torch.as_tensor(states_seen, device=self.config.device)).cpu().numpy()
+        return actions
 
     def parts(self) -> dict[str, Any]:
         return {
@@ -179,16 +179,16 @@ def train_crowd(
     given: Given = VARIANTS[config.variant].given
     learner = CrowdLearner(config)
     torch.set_num_threads(1)
-    kept: dict[str, Any] = {"level": 0, "history": [], "best": None, "best_success": -1.0}
-    kept |= {"transitions": 0, "seconds": 0.0}
+    record: dict[str, Any] = {"level": 0, "history": [], "best": None, "best_success": -1.0}
+    record |= {"transitions": 0, "seconds": 0.0}
     if state is not None:
-        kept = _load(state, learner)
+        record = _load(state, learner)
     last = config.updates if until is None else min(until, config.updates)
     rng = np.random.default_rng([config.seed, learner.updates])
     torch.manual_seed(config.seed * 1_000_003 + learner.updates)
     memory = StateMemory(min(config.buffer_size, config.transitions), SIZES[given])
-    began = time.perf_counter() - kept["seconds"]
-    engine = _engine(config, kept["level"], learner.updates)
+    began = time.perf_counter() - record["seconds"]
+    engine = _engine(config, record["level"], learner.updates)
     seen = states(engine, given)
     noise = np.geomspace(*config.exploration, config.n_envs)[:, None]
     while learner.updates < last:
@@ -203,7 +203,7 @@ def train_crowd(
         after, ended = states(engine, given), ended_for_good(engine.outcomes)
         shaped = config.progress * (left - engine.path_left_m())
         memory.add(seen, action, (engine.rewards + shaped).astype(np.float32), after, ended)
-        kept["transitions"] += config.n_envs
+        record["transitions"] += config.n_envs
         seen = after
         if engine.dones.any():
             engine.restart()
@@ -215,15 +215,15 @@ def train_crowd(
             learner.update(memory.sample(rng, config.batch_size, config.device))
         done = learner.updates >= last
         if done or learner.updates // config.evaluate_every > before // config.evaluate_every:
-            level = kept["level"]
-            _evaluate(config, learner, kept, time.perf_counter() - began, tell)
-            if kept["level"] > level:
-                engine = _engine(config, kept["level"], learner.updates)
+            level = record["level"]
+            _evaluate(config, learner, record, time.perf_counter() - began, tell)
+            if record["level"] > level:
+                engine = _engine(config, record["level"], learner.updates)
                 seen = states(engine, given)
-    stopped = _state(learner, kept)
-    if kept["best"] is not None:
-        learner.actor.load_state_dict(kept["best"])
-    return CrowdTrained(learner.actor.cpu(), kept["history"], kept["level"], kept["transitions"], stopped)
+    stopped = _state(learner, record)
+    if record["best"] is not None:
+        learner.actor.load_state_dict(record["best"])
+    return CrowdTrained(learner.actor.cpu(), record["history"], record["level"], record["transitions"], stopped)
 
 
 def _first_actions(config: CrowdTrainingConfig, engine: CrowdEngine, rng: np.random.Generator) -> Floats:
@@ -241,28 +241,28 @@ def _engine(config: CrowdTrainingConfig, level: int, updates: int) -> CrowdEngin
 
 
 def _evaluate(
-    config: CrowdTrainingConfig, learner: CrowdLearner, kept: dict[str, Any], seconds: float, tell: Tell
+    config: CrowdTrainingConfig, learner: CrowdLearner, record: dict[str, Any], seconds: float, tell: Tell
 ) -> None:
     """Judge on the level's selection scenes, keep the best of the highest level, raise the level."""
-    scenes = selection_scenes(config.evaluation_episodes, CURRICULUM[kept["level"]], config.seed)
+    scenes = selection_scenes(config.evaluation_episodes, CURRICULUM[record["level"]], config.seed)
     table: CrowdTable = evaluate_crowds(learner.act, VARIANTS[config.variant].given, scenes, icp=config.icp)
-    row = {"updates": learner.updates, "pedestrians": CURRICULUM[kept["level"]], **table.rates(), "seconds": seconds}
-    kept["history"].append(row)
-    kept["seconds"] = seconds
+    row = {"updates": learner.updates, "pedestrians": CURRICULUM[record["level"]], **table.rates(), "seconds": seconds}
+    record["history"].append(row)
+    record["seconds"] = seconds
     tell(f"{config.variant} {config.learner} seed {config.seed}: {row}")
     success = row["success"] / 100
-    if success >= kept["best_success"]:
-        kept["best"] = {name: value.cpu().clone() for name, value in learner.actor.state_dict().items()}
-        kept["best_success"] = success
-    if success > CURRICULUM_SUCCESS and kept["level"] + 1 < len(CURRICULUM):
-        kept["level"] += 1
-        kept["best_success"] = -1.0
+    if success >= record["best_success"]:
+        record["best"] = {name: value.cpu().clone() for name, value in learner.actor.state_dict().items()}
+        record["best_success"] = success
+    if success > CURRICULUM_SUCCESS and record["level"] + 1 < len(CURRICULUM):
+        record["level"] += 1
+        record["best_success"] = -1.0
 
 
-def _state(learner: CrowdLearner, kept: dict[str, Any]) -> bytes:
+def _state(learner: CrowdLearner, record: dict[str, Any]) -> bytes:
     whole = {name: part.state_dict() for name, part in learner.parts().items()}
     file = io.BytesIO()
-    torch.save({"parts": whole, "updates": learner.updates, "kept": kept}, file)
+    torch.save({"parts": whole, "updates": learner.updates, "kept": record}, file)
     return file.getvalue()
 
 
@@ -271,5 +271,5 @@ def _load(state: bytes, learner: CrowdLearner) -> dict[str, Any]:
     for name, part in learner.parts().items():
         part.load_state_dict(stored["parts"][name])
     learner.updates = stored["updates"]
-    kept: dict[str, Any] = stored["kept"]
-    return kept
+    record: dict[str, Any] = stored["kept"]
+    return record

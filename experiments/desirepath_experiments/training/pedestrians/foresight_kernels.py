@@ -112,10 +112,10 @@ def lengths_to_goal(boxes: Doubles, radius: float, goal: tuple[int, int], xs: Do
                 times = 0.5 * (dear[i, j] + dear[u, v])
                 if knight:  # passes between two cells: the one straight ahead counts
                     times = max(times, dear[i + int(di / 2), j + int(dj / 2)])
-                there = so_far + times * cell * math.sqrt(di * di + dj * dj)
-                if there < length[u, v]:
-                    length[u, v] = there
-                    heapq.heappush(heap, (there, u, v))
+                total = so_far + times * cell * math.sqrt(di * di + dj * dj)
+                if total < length[u, v]:
+                    length[u, v] = total
+                    heapq.heappush(heap, (total, u, v))
     return length
 
 
@@ -127,14 +127,14 @@ def _left(length: Doubles, u: float, v: float) -> float:
     i, j = int(u), int(v)
     a, b = u - i, v - j
     f = length
-    here: float = (1 - a) * ((1 - b) * f[i, j] + b * f[i, j + 1]) + a * ((1 - b) * f[i + 1, j] + b * f[i + 1, j + 1])
-    return here
+    left: float = (1 - a) * ((1 - b) * f[i, j] + b * f[i, j + 1]) + a * ((1 - b) * f[i + 1, j] + b * f[i + 1, j + 1])
+    return left
 
 
 @compiled
 def downhill(length: Doubles, cell: float) -> Doubles:
     """(nx, ny) rad: where a step of `LOOK_M` from each cell leaves the least to go."""
-    found = np.zeros(length.shape)
+    bearings = np.zeros(length.shape)
     angles = np.arange(48) * (math.pi / 24)
     along, aside = LOOK_M / cell * np.cos(angles), LOOK_M / cell * np.sin(angles)
     for i in range(length.shape[0]):
@@ -143,8 +143,8 @@ def downhill(length: Doubles, cell: float) -> Doubles:
             for d in range(len(angles)):
                 left = _left(length, i + along[d], j + aside[d])
                 if left < best:
-                    best, found[i, j] = left, angles[d]
-    return found
+                    best, bearings[i, j] = left, angles[d]
+    return bearings
 
 
 @compiled

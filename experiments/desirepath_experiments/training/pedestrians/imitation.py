@@ -59,7 +59,7 @@ class ImitationConfig:
         for name in ("labels", "n_envs", "updates_per_step", "batch_size", "evaluations", "evaluation_episodes"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} = {getattr(self, name)}: must be at least 1")
-        if not self.dearest_m or not all(0 < one <= MOST_M for one in self.dearest_m):
+        if not self.dearest_m or not all(0 < cost <= MOST_M for cost in self.dearest_m):
             raise ValueError(f"dearest_m = {self.dearest_m}: needs lengths above 0 m, at most {MOST_M:g} m")
 
         if not 0 <= self.mirrored_share <= 1:
@@ -132,9 +132,9 @@ def imitate(config: ImitationConfig, on_progress: OnProgress = no_progress) -> I
 
 def mirror_batch(seen: Floats, targets: Floats, mirror: Mirror) -> tuple[Floats, Floats]:
     """States and what commands cost there, (b, 24) m, left and right exchanged; NaN for a command without a mirror."""
-    there = targets[:, MIRRORED]
-    there[:, MIRRORED < 0] = np.nan
-    return seen[:, mirror.order] * mirror.signs, there
+    mirrored = targets[:, MIRRORED]
+    mirrored[:, MIRRORED < 0] = np.nan
+    return seen[:, mirror.order] * mirror.signs, mirrored
 
 
 def multiplies_in_bfloat16() -> bool:
