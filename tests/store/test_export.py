@@ -450,6 +450,13 @@ def test_the_dictionary_in_the_docs_is_the_one_in_the_data_sets():
     assert all(f"`{column.name}`" in text for table in TABLES for column in table.columns)
 
 
+def test_the_dictionary_names_everything_that_lies_in_a_data_set(exported: Path):
+    text = (exported / "data-dictionary.md").read_text()
+    tables = {f"{table.name}{ending}" for table in TABLES for ending in (".csv", ".parquet")}
+    for path in exported.iterdir():
+        assert path.name in tables or f"`{path.name}{'/' if path.is_dir() else '`'}" in text, path.name
+
+
 def test_an_export_can_be_moved_and_read_elsewhere(copied: Path, tmp_path: Path):
     shutil.move(copied, tmp_path / "elsewhere")
     fresh = Database(f"sqlite:///{tmp_path / 'there.sqlite'}")

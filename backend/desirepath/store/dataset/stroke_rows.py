@@ -1,6 +1,6 @@
 """Drawn paths on their way into a data set and back: rows and files. Snapshots are `demonstration_snapshots.py`'s.
 
-What a stroke is stands in `models`, what its columns mean in `tables.py`.
+What a stroke is stands in `models`, what its columns mean in `tables.yaml`.
 
 A walk (`StrokeRow.walk`) is {"source": "walked", "times_s": [...], "poses": [[x m, y m, yaw rad], ...] as recorded,
 "spline": {...} as `Walk`, "beside": the trajectory that the participant walked beside (id), "simulated"} or

@@ -1,6 +1,6 @@
 """Writes a study as a data set: CSV, Parquet, trajectories, protocol, dictionary, checksums.
 
-What the tables are lives in `tables.py`, reading one back in `reading.py`. Who took part under which recruiting id,
+What the tables are lives in `tables.yaml`, reading one back in `reading.py`. Who took part under which recruiting id,
 from where and with which link never leaves the database, nor do completion codes; of who withdrew only that and when.
 """
 
