@@ -32,7 +32,7 @@ class NoPostgres(RuntimeError):
 
 
 @contextmanager
-def own_postgres(*, waits_for_the_disk: bool = True, connections: int = 200) -> Iterator[str]:
+def own_postgres(*, waits_for_the_disk: bool = True) -> Iterator[str]:
     """URL of a fresh server's database `postgres`. waits_for_the_disk: False only where nothing has to survive.
 
     Raises NoPostgres.
@@ -51,7 +51,7 @@ def own_postgres(*, waits_for_the_disk: bool = True, connections: int = 200) -> 
     folder = Path(tempfile.mkdtemp(prefix="desirepath-pg-"))
     if user is not None:
         shutil.chown(folder, user)
-    options = f"-k {folder} -c listen_addresses='' -c max_connections={connections}"
+    options = f"-k {folder} -c listen_addresses='' -c max_connections=200"
     if not waits_for_the_disk:
         options += " -c fsync=off"
     keeper = subprocess.Popen(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-from collections.abc import Iterable
 from pathlib import Path
 
 import grimp
@@ -38,11 +37,11 @@ def source(module: str) -> Path:
     return Path(spec.origin)
 
 
-def unreachable(entrances: Iterable[str] = ENTRANCES) -> tuple[dict[str, int], int]:
+def unreachable() -> tuple[dict[str, int], int]:
     """({module: lines} that nothing reaches, lines of the product)."""
     graph = grimp.build_graph(*PRODUCT, include_external_packages=False, cache_dir=None)
     texts = {module: source(module).read_text(encoding="utf-8") for module in graph.modules}
-    under = tuple(f"{entrance}." for entrance in entrances)
+    under = tuple(f"{entrance}." for entrance in ENTRANCES)
     reached = {module for module in texts if f"{module}.".startswith(under) or module == "desirepath"}
     to_do = list(reached)
     while to_do:

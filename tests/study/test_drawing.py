@@ -108,7 +108,7 @@ def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = N
         if walk is not None:
             stroke = paths.latest_stroke(s, session.id, step.key)
             scene = paths.scene_of(step)
-            walked = walks.combine_with_walk(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=False)
+            walked = walks.combine_with_walk(scene, stroke.drawn, stroke.trajectory, walk, simulated=False)
         return strokes.mark_watched(s, walker.files, session, step, playback, walked, now=walker.now)
 
 

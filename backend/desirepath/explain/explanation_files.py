@@ -104,7 +104,7 @@ def _files(
     at_s: float | None,
     words: ExplanationWords,
 ) -> FigureFiles:
-    """draw: the scene at a step. told: by step and thing, whether it is seen, and its signed attribution."""
+    """draw: the scene at a step. signed: by step and thing, whether it is seen, and its signed attribution."""
     from desirepath.explain.scene_plots import encode_figure  # matplotlib is slow to import
 
     scene, method, command = trajectory.scene, explained.method, explained.command

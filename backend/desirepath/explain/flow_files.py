@@ -78,13 +78,12 @@ def starts_files(
     scene: Scene,
     *,
     starts: int,
-    words: Words = ENGLISH,
 ) -> FigureFiles:
     """All named policies from the same starts in one scene: trajectories.png, .svg and .csv."""
     from desirepath.explain import scene_plots  # matplotlib is slow to import
 
     rollouts = flow.rollouts_from(policies, setup, flow.spread_starts(scene, starts))
-    figure = scene_plots.starts_figure(rollouts, title=f"{setup.name} {scene.seed}", words=words)
+    figure = scene_plots.starts_figure(rollouts, title=f"{setup.name} {scene.seed}")
     about = f"trajectories, {setup.name} scene {scene.seed}: " + ", ".join(policies)
     shown = len(next(iter(rollouts.values())))
     numbers = {

@@ -170,8 +170,8 @@ def compare_with_attained(
     true: Doubles,
     setup: str,
 ) -> dict[str, Any]:
-    """Worths and shares in the first len(planned) scenes in which own, given and base arrive and a plan does, and the
-    success rates and crossings in all.
+    """Worths and shares in the first len(planned) scenes in which own, conditioned and base arrive and a plan does,
+    and the success rates and crossings in all.
 
     What a policy attained itself counts as attained, where the planner found nothing as good.
     """
@@ -179,16 +179,16 @@ def compare_with_attained(
     typical = typical_differences(setup)
     gained = [gains(rollouts.measured[:few] / typical) @ true for rollouts in (base, own, conditioned)]
     both = base.success[:few] & own.success[:few] & conditioned.success[:few] & (planned > NOT_ARRIVED)
-    at_base, at_own, at_given = (of_policy[both] for of_policy in gained)
-    best = np.max([planned[both], at_base, at_own, at_given], axis=0)
+    at_base, at_own, at_conditioned = (of_policy[both] for of_policy in gained)
+    best = np.max([planned[both], at_base, at_own, at_conditioned], axis=0)
     possible = float((best - at_base).mean())
     return {
         "base": float(at_base.mean()),
         "own": float(at_own.mean()),
-        "true_weights": float(at_given.mean()),
+        "true_weights": float(at_conditioned.mean()),
         "attained": float(best.mean()),
         "share": float((at_own - at_base).mean()) / possible,
-        "share_true": float((at_given - at_base).mean()) / possible,
+        "share_true": float((at_conditioned - at_base).mean()) / possible,
         "compared_in": int(both.sum()),
         "success": float(own.success.mean()),
         "success_true": float(conditioned.success.mean()),

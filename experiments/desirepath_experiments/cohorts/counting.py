@@ -12,7 +12,7 @@ Said = Iterable[tuple[str, bool]]
 
 
 def count(cohorts: int, statements_of: Callable[[int], Said]) -> list[Rate]:
-    """How often each statement was made. said: of the cohort with that number."""
+    """How often each statement was made. statements_of: of the cohort with that number."""
     made_counts, counts = Counter[str](), Counter[str]()
     for number in range(cohorts):
         for statement, was_made in statements_of(number):

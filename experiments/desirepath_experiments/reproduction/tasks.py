@@ -205,7 +205,7 @@ OnTask = Callable[[Task, int, int, float], None]
 
 
 def results_of(
-    tasks: Sequence[Task], functions: Mapping[str, Function], folder: Path | None = None, *, processes: int = 1
+    tasks: Sequence[Task], functions: Mapping[str, Function], folder: Path | None = None
 ) -> list[TaskResult]:
     """These tasks' results, computed here where they are not stored in `folder`; None: all of them, and none is kept.
 
@@ -214,7 +214,7 @@ def results_of(
     with TemporaryDirectory() as made_here:
         work = Work(folder or Path(made_here))
         with work.claimed():
-            finish(tasks, functions, work, processes=processes, on_task=lambda *_: None)
+            finish(tasks, functions, work, processes=1, on_task=lambda *_: None)
             return [work.load(task) for task in tasks]
 
 

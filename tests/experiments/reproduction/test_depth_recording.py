@@ -15,7 +15,7 @@ from desirepath.simulation.depth_camera import DEPTH_CAMERA, CameraNoise
 from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import get_setup
-from desirepath_experiments.reproduction.depth.encoding import EncoderTraining, pixel_weights, train_encoder
+from desirepath_experiments.reproduction.depth.encoding import EncoderTraining, pixel_weights
 from desirepath_experiments.reproduction.depth.recording import Recording, record
 
 HOME = get_setup("home")
@@ -106,7 +106,9 @@ def test_near_things_people_and_thin_legs_count_more():
 
 def test_the_encoder_learns_and_comes_back_from_its_file(recording: Recording):
     alike = VaeConfig(batches=40, batch_size=16, near=100.0, person_weight=1.0, thin_weight=1.0)
-    encoder, curve = train_encoder(recording, (DEPTH_CAMERA,), CameraNoise(), alike)
+    training = EncoderTraining(recording, (DEPTH_CAMERA,), CameraNoise(), alike)
+    training.run(alike.batches)
+    encoder, curve = training.encoder(), training.curve
     assert np.mean(curve[-5:]) < 0.8 * np.mean(curve[:5])
     frames = recording.frames(DEPTH_CAMERA, np.arange(6))
     latents = encoder.latents(frames)

@@ -139,9 +139,9 @@ class CrowdRollout:
     actions: Floats
 
 
-def roll_out_crowd(act: CrowdAct, given: Given, scene: Scene, *, icp: bool = True) -> CrowdRollout:
+def roll_out_crowd(act: CrowdAct, given: Given, scene: Scene) -> CrowdRollout:
     """One policy in one scene, everything kept."""
-    engine = CrowdEngine(n_envs=1, icp=icp)
+    engine = CrowdEngine(n_envs=1)
     engine.reset([scene])
     people = 1 + (len(scene.crowd.pedestrians) if scene.crowd else 0)
     recorded: dict[str, list[Any]] = {name: [] for name in ("poses", "people", "facing", "states", "actions")}

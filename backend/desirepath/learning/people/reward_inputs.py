@@ -134,7 +134,7 @@ def conversion(setup: Setup, parts: tuple[InputPart, ...]) -> Conversion:
     before = 0
     for part in parts:
         known = quantities(setup, part.of)
-        for column in _columns(setup, part, known):
+        for column in _columns(part, known):
             quantity = known[column.name]
             if column.unit not in UNITS[quantity.unit]:
                 allowed = ", ".join(UNITS[quantity.unit])
@@ -147,7 +147,7 @@ def conversion(setup: Setup, parts: tuple[InputPart, ...]) -> Conversion:
     return Conversion(np.array(at, dtype=np.intp), np.array(scale), np.array(offset))
 
 
-def _columns(setup: Setup, part: InputPart, known: dict[str, Quantity]) -> list[InputColumn]:
+def _columns(part: InputPart, known: dict[str, Quantity]) -> list[InputColumn]:
     """The part's columns one by one, those of a scan under the names of our sectors."""
     if part.form == "export":
         return [

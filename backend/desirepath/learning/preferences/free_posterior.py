@@ -280,7 +280,7 @@ def _probability_above(advantages: NDArray[np.float32], least: Doubles | float) 
 
 def bits_about_others(own: Doubles, others: Doubles) -> Doubles:
     """(n,) mutual information (bits) between the answer to each pair and the answer to one of m others, on average over
-    these. asked (samples, n), others (samples, m): probability that the first is chosen, by each sample of what is
+    these. own (samples, n), others (samples, m): probability that the first is chosen, by each sample of what is
     believed. Expected predictive information gain (Bickford Smith et al. 2023)."""
     both = own.T @ others / len(own)
     first, second = own.mean(0)[:, None], others.mean(0)[None]

@@ -66,18 +66,6 @@ class WeightsOfPaths(StoredArrays):
         return shares
 
 
-def credible(shares: Doubles, mass: Doubles, level: float = 0.9) -> tuple[Doubles, Doubles]:
-    """Lower and upper ends (9,) of the central interval of each share that holds `level` of the mass."""
-    lower, upper = (1 - level) / 2, (1 + level) / 2
-    ends = np.empty((2, shares.shape[1]))
-    for k in range(shares.shape[1]):
-        order = np.argsort(shares[:, k], kind="stable")
-        filled = np.cumsum(mass[order])
-        ends[0, k] = shares[order[min(int(np.searchsorted(filled, lower)), len(order) - 1)], k]
-        ends[1, k] = shares[order[min(int(np.searchsorted(filled, upper)), len(order) - 1)], k]
-    return ends[0], ends[1]
-
-
 @lru_cache(maxsize=2)
 def shipped_weights_of_paths(setup: str) -> WeightsOfPaths:
     """The candidates that come with a setup, in the scenes that its paths are drawn in. Raises LearningError: none."""

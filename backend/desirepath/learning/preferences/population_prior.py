@@ -45,7 +45,7 @@ def columns_of(differences: PairDifferences) -> Doubles:
     return np.concatenate([differences.named, differences.embedding], axis=1)
 
 
-def fit_prior(name: str, columns: Doubles, scores: Doubles, *, rank: int = RANK, ridge: float = RIDGE) -> WeightPrior:
+def fit_prior(name: str, columns: Doubles, scores: Doubles, *, rank: int = RANK) -> WeightPrior:
     """columns: (pairs, columns); scores: (people, pairs) first minus second by each person's own score. Everybody's
     weights by ridge regression, each scaled to a typical advantage of 1; then their mean and what they differ by."""
     n = len(columns)

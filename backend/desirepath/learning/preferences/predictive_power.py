@@ -18,8 +18,8 @@ MOST = 700.0  # natural logarithm; larger odds have no float
 
 
 def odds_against_chance(likelihoods: NDArray[np.float64]) -> float:
-    """How many times more probable answers are by what was predicted than by a coin. given: (n,) probability of each
-    answer as it was given, predicted from those before it."""
+    """How many times more probable answers are by what was predicted than by a coin. likelihoods: (n,) probability of
+    each answer as it was given, predicted from those before it."""
     return math.exp(min(float(np.log(2 * np.clip(likelihoods, 1e-9, 1.0)).sum()), MOST))
 
 

@@ -101,11 +101,11 @@ def choose_walk(step: PathStep, sent: Mapping[str, Any]) -> dict[str, Any] | Non
 
 
 def combine_with_walk(
-    step: PathStep, scene: Scene, drawn: Mapping[str, Any], beside: str | None, recorded: Any, *, simulated: bool
+    scene: Scene, drawn: Mapping[str, Any], beside: str | None, recorded: Any, *, simulated: bool
 ) -> Walked:
     """A recorded walk with the path it was walked beside: what they make together; touches no table (about 0.1 s).
 
-    given: {"times_s": [...], "poses": [[x, y, yaw], ...]} from the page. beside: the trajectory that was shown. Raises
+    recorded: {"times_s": [...], "poses": [[x, y, yaw], ...]} from the page. beside: the trajectory shown. Raises
     Refused for what nobody can have walked there.
     """
     from desirepath.demonstrations.demonstration import demonstration_from  # numba comes with it

@@ -118,15 +118,13 @@ def assignment_table(
     return [_line(key, counts, protocol) for key, counts in lines.items()]
 
 
-def places_held_by(
-    s: DatabaseSession, study: Study, protocol: Assigning, *, simulated: bool, pilot: bool, now: datetime | None = None
-) -> set[str]:
+def places_held_by(s: DatabaseSession, study: Study, protocol: Assigning, *, simulated: bool, pilot: bool) -> set[str]:
     """Ids of the participants who hold a place now: completed or under way."""
-    at = now or utc_now()
+    now = utc_now()
     return {
         person.id
         for person in _people(s, study, simulated=simulated, pilot=pilot)
-        if _holds(_standing(person, protocol.assignment, at), protocol)
+        if _holds(_standing(person, protocol.assignment, now), protocol)
     }
 
 

@@ -65,10 +65,10 @@ def step_of(session: Session) -> Step:
     return read_step(session.plan[session.position])
 
 
-def trial_of(s: DatabaseSession, session: Session, step_key: str | None = None) -> Trial | None:
-    """The trial of a step, of the current one unless given. Asked for once in a transaction: its session is locked."""
+def trial_of(s: DatabaseSession, session: Session) -> Trial | None:
+    """The trial of the current step. Asked for once in a transaction: its session is locked."""
     known: dict[tuple[str, str], Trial] = s.info.setdefault("trials", {})
-    key = (session.id, step_key or step_of(session).key)
+    key = (session.id, step_of(session).key)
     if key not in known:
         trial = s.scalars(select(Trial).where(Trial.session_id == key[0], Trial.step_key == key[1])).first()
         if trial is None:

@@ -124,7 +124,7 @@ class _InProcess:
             if stroke is None:
                 raise SimulationError(f"{key}: nothing was drawn to walk beside")
             scene = paths.scene_of(step)
-            walked = walks.combine_with_walk(step, scene, stroke.drawn, stroke.trajectory, walk, simulated=True)
+            walked = walks.combine_with_walk(scene, stroke.drawn, stroke.trajectory, walk, simulated=True)
             problems.append(walked.problem)
             strokes.mark_watched(s, self._files, session, step, playback_id, walked, now=utc_now())
 

@@ -262,7 +262,7 @@ class _OnPages:
     """Whoever answers pages alone; nothing is watched or drawn."""
 
     random: np.random.Generator
-    person: SimulatedPerson | None
+    person: SimulatedPerson | None = None
 
     def watch(self, step: Mapping[str, Any], sides: str) -> tuple[Trajectory, Trajectory]:
         raise SimulationError(f"step {step['key']!r} is no page")
@@ -280,8 +280,6 @@ class _OnPages:
         raise SimulationError(f"step {step['key']!r} is no page")
 
 
-def any_answer(
-    step: Mapping[str, Any], random: np.random.Generator, person: SimulatedPerson | None = None
-) -> dict[str, Any]:
+def any_answer(step: Mapping[str, Any], random: np.random.Generator) -> dict[str, Any]:
     """A valid answer to any step that is a page, as the API tells it to simulated participants."""
-    return KINDS[step["kind"]].simulate(step, _OnPages(random, person))
+    return KINDS[step["kind"]].simulate(step, _OnPages(random))

@@ -90,7 +90,7 @@ def _walked(services: Services, token: str, key: str, given: object) -> Walked |
         if stroke is None or not paths.is_walked(step, stroke):
             return None
         drawn, beside, simulated = stroke.drawn, stroke.trajectory, session.simulated
-    return walks.combine_with_walk(step, paths.scene_of(step), drawn, beside, given, simulated=simulated)
+    return walks.combine_with_walk(paths.scene_of(step), drawn, beside, given, simulated=simulated)
 
 
 @changing("/api/session/{token}/drawing/{key}/walk")

@@ -118,12 +118,3 @@ class EncoderTraining:
     def encoder(self) -> DepthEncoder:
         """As it is now."""
         return DepthEncoder(self._vae, self._cameras[0].range_m, {"config": self._config.as_dict()})
-
-
-def train_encoder(
-    recording: Recording, cameras: tuple[DepthCamera, ...], noise: CameraNoise, config: VaeConfig
-) -> tuple[DepthEncoder, list[float]]:
-    """Fit the beta-VAE to noisy pictures of all recorded steps and all cameras; the curve of its errors in metres."""
-    training = EncoderTraining(recording, cameras, noise, config)
-    training.run(config.batches)
-    return training.encoder(), training.curve
