@@ -1,6 +1,6 @@
 """What a validated questionnaire scale is, how it is scored, and how a reworded copy is told from it.
 
-Which scales there are, word by word, is `scale_wordings.py`'s; which study asks them is not known here.
+Which scales there are, word by word, stands in `scales.yaml`; which study asks them is not known here.
 """
 
 from __future__ import annotations
