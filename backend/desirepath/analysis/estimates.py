@@ -58,8 +58,7 @@ def resample_means(columns: Doubles, *, seed: int = 0) -> Doubles:
     All columns see the same samples, which pairs them; ask for many at once, since drawing costs more than averaging.
     """
     # Multinomial counts are the same resampling with replacement as drawing indices, in one matrix product.
-    means: Doubles = _counts(len(columns), seed).astype(np.float64) @ columns / len(columns)
-    return means
+    return _counts(len(columns), seed).astype(np.float64) @ columns / len(columns)
 
 
 def _counts(n: int, seed: int) -> NDArray[np.int64]:

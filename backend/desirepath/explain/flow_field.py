@@ -302,8 +302,7 @@ def _rolled_out(
 
 def _wrapped(angle: Doubles) -> Doubles:
     """The same angles in (-pi, pi]."""
-    wrapped: Doubles = -((-angle + math.pi) % (2 * math.pi) - math.pi)
-    return wrapped
+    return -((-angle + math.pi) % (2 * math.pi) - math.pi)
 
 
 def difference(first: FlowField, second: FlowField) -> FlowDifference:

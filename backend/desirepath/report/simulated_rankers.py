@@ -134,8 +134,7 @@ def draw_ranking(scores: Doubles, tau: float, random: np.random.Generator) -> ND
     so that their tau with orders without ties is `tau` on average."""
     order = scores.argsort(axis=1).argsort(axis=1).astype(float)
     order += random.normal(0, noise_for(tau), scores.shape)
-    places: NDArray[np.int64] = (-order).argsort(axis=1).argsort(axis=1)
-    return places
+    return (-order).argsort(axis=1).argsort(axis=1)
 
 
 def noise_for(tau: float) -> float:

@@ -148,8 +148,7 @@ def draw_rewards(setup: str, count: int, gain: tuple[float, float], seed: int = 
 
 def _weigh(words: Sequence[str], weights: Doubles) -> StepReward:
     def reward(steps: SeenSteps) -> Doubles:
-        reward_of_steps: Doubles = scale_words(steps, words) @ weights
-        return reward_of_steps
+        return scale_words(steps, words) @ weights
 
     return reward
 

@@ -50,8 +50,7 @@ class LibraryMeasures:
     @property
     def longer_s(self) -> Doubles:
         """(n,) seconds that each takes more than the base policy."""
-        seconds: Doubles = self.pairs.seen[:, 0, TIME]
-        return seconds
+        return self.pairs.seen[:, 0, TIME]
 
     def __getitem__(self, rows: NDArray[np.int64]) -> LibraryMeasures:
         return LibraryMeasures(self.pairs[rows], self.mirrored[rows], self.steps[rows], self.success[rows])

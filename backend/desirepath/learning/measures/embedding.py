@@ -40,8 +40,7 @@ def embed(trajectories: Sequence[Trajectory]) -> Doubles:
     half = SIZE // 2
     features = np.concatenate([np.tanh(hidden[:, :half]), np.maximum(hidden[:, half:], 0.0)], axis=1)
     ends = np.flatnonzero(np.diff(steps.of, prepend=-1))
-    means: Doubles = np.add.reduceat(features, ends, axis=0) / np.bincount(steps.of)[:, None]
-    return means
+    return np.add.reduceat(features, ends, axis=0) / np.bincount(steps.of)[:, None]
 
 
 @lru_cache(maxsize=4)

@@ -40,8 +40,7 @@ class WholeSteps:
 
     def sums(self, values: Doubles) -> Doubles:
         """(trajectories,) sum of (n,) over each trajectory's steps."""
-        totals: Doubles = np.bincount(self.steps.of, values).astype(np.float64)
-        return totals
+        return np.bincount(self.steps.of, values).astype(np.float64)
 
     @cached_property
     def within(self) -> Doubles:
@@ -50,10 +49,7 @@ class WholeSteps:
 
     def near(self, values: Doubles) -> Doubles:
         """(trajectories,) mean of (n,) over the steps near the person, counted down where there are few of them."""
-        means: Doubles = np.bincount(self.steps.of, values * self.within) / (
-            np.bincount(self.steps.of, self.within) + 3.0
-        )
-        return means
+        return np.bincount(self.steps.of, values * self.within) / (np.bincount(self.steps.of, self.within) + 3.0)
 
     def at_first(self, values: Doubles) -> Doubles:
         """(trajectories,) mean over the first half minus mean over the second."""
@@ -70,15 +66,13 @@ class WholeSteps:
         """(n,) how fast the person comes nearer."""
         distance = self.word("person_m")
         before = self.steps.observations[:, 2] * self.steps.setup.distance_scale_m
-        closing: Doubles = (before - distance) / CONTROL_DT_S
-        return closing
+        return (before - distance) / CONTROL_DT_S
 
     @cached_property
     def time_to_collision_s(self) -> Doubles:
         """(n,) until contact at this pace, at most LONGEST_TTC_S (Hayward 1972, of robot and person)."""
         gap = np.maximum(self.word("person_m") - 0.48, 0.0)
-        seconds: Doubles = np.clip(gap / np.maximum(self.closing_m_s, 1e-3), 0.0, LONGEST_TTC_S)
-        return seconds
+        return np.clip(gap / np.maximum(self.closing_m_s, 1e-3), 0.0, LONGEST_TTC_S)
 
     @cached_property
     def in_front(self) -> Doubles:
@@ -96,8 +90,7 @@ class WholeSteps:
     def hesitations(self) -> Doubles:
         """(n,) 1 where the robot slows from driving to nearly standing."""
         speed, before = self.word("speed"), (self.steps.before[:, 0] + 1) / 2
-        hesitates: Doubles = ((before >= 0.4) & (speed < 0.2)).astype(np.float64)
-        return hesitates
+        return ((before >= 0.4) & (speed < 0.2)).astype(np.float64)
 
 
 def _mean(word: str) -> Callable[[WholeSteps], Doubles]:

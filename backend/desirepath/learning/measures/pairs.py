@@ -88,8 +88,7 @@ class _Unit:
 
     def scaled(self, values: Doubles) -> Doubles:
         """(pairs, columns) of values of first and second in turn."""
-        clipped: Doubles = np.clip((values[0::2] - values[1::2]) / self.typical, -LARGEST, LARGEST) / self.length
-        return clipped
+        return np.clip((values[0::2] - values[1::2]) / self.typical, -LARGEST, LARGEST) / self.length
 
 
 def measured(setup: str, trajectories: Sequence[Trajectory], *, left_right_symmetry: bool = False) -> Measured:

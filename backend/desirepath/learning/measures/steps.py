@@ -82,8 +82,7 @@ class SeenSteps:
 
     def means(self, values: Doubles) -> Doubles:
         """(trajectories,) mean of (n,) over each trajectory's steps."""
-        of_trajectories: Doubles = np.bincount(self.of, values) / np.bincount(self.of)
-        return of_trajectories
+        return np.bincount(self.of, values) / np.bincount(self.of)
 
     def lowest(self, values: Doubles) -> Doubles:
         """(trajectories,) least of (n,) over each trajectory's steps."""

@@ -205,8 +205,7 @@ def actions_of_commands(limits: Limits) -> Floats:
 def scale_commands(v: Doubles, w: Doubles, limits: Limits) -> Floats:
     """(..., 2) actions in [-1, 1] of speeds m/s and turns rad/s."""
     scaled: Doubles = np.stack([2 * (v - limits.v_min) / (limits.v_max - limits.v_min) - 1, w / limits.w_max], axis=-1)
-    single: Floats = scaled.astype(np.float32)
-    return single
+    return scaled.astype(np.float32)
 
 
 class Chooser(Actor):
@@ -231,8 +230,7 @@ class Chooser(Actor):
         return tables.reshape(-1, self.tables, len(COMMANDS))
 
     def forward(self, states: Tensor) -> Tensor:
-        actions: Tensor = self.get_buffer("actions")[self.costs(states)[:, self.which].argmin(dim=1)]
-        return actions
+        return self.get_buffer("actions")[self.costs(states)[:, self.which].argmin(dim=1)]
 
     def alone(self) -> Chooser:
         """The same with nothing but the table by which it acts."""

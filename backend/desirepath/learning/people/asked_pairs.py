@@ -44,8 +44,7 @@ class AskedPairs:
 
     def better(self, scores: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) first minus second of scores of all trajectories in turn."""
-        margins: NDArray[np.float64] = scores[0::2] - scores[1::2]
-        return margins
+        return scores[0::2] - scores[1::2]
 
     def with_manners(self, setup: str, seed: int, manners: int, kept: int) -> AskedPairs:
         """Asked about are `kept` of these pairs and `manners` of policies in many manners, the most telling ones; what

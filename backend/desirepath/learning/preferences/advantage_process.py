@@ -101,15 +101,13 @@ class AdvantageProcess:
 
     def weights(self) -> Doubles:
         """(columns,) posterior mean of what each column weighs, beyond the prior's mean."""
-        own: Doubles = self.strength * self.seen[1].T @ self.gradient
-        return own
+        return self.strength * self.seen[1].T @ self.gradient
 
 
 def entropy_bits(probabilities: Doubles) -> Doubles:
     """Of answers with these probabilities."""
     sure = np.clip(probabilities, 1e-9, 1 - 1e-9)
-    bits: Doubles = -(sure * np.log2(sure) + (1 - sure) * np.log2(1 - sure))
-    return bits
+    return -(sure * np.log2(sure) + (1 - sure) * np.log2(1 - sure))
 
 
 def _log_likelihood(margins: Doubles) -> float:

@@ -116,8 +116,7 @@ class FreePosterior:
         sharper = self._sharper
         for way, seen in self._of(differences):
             predicted.append(way.process.predict(seen, sharper))
-        mixed: Doubles = masses @ np.stack(predicted)
-        return mixed
+        return masses @ np.stack(predicted)
 
     def probability_better(self, differences: PairDifferences, by: float = 0.0) -> float:
         """That the first of these pairs are on average preferred to the second by more than `by`, in what a typical
@@ -241,8 +240,7 @@ class FreePosterior:
     def _of_the_nine(self, differences: PairDifferences) -> NDArray[np.float32]:
         """(PREDICTING, n) how much better the first of each pair is by the nine alone, by particle."""
         scaled = differences.seen[:, 0] / typical_differences(self.setup)
-        mixed: NDArray[np.float32] = self._few.weights @ gains(scaled).T.astype(np.float32)
-        return mixed
+        return self._few.weights @ gains(scaled).T.astype(np.float32)
 
     @cached_property
     def _reference(self) -> PairDifferences:
@@ -296,5 +294,4 @@ def bits_about_others(own: Doubles, others: Doubles) -> Doubles:
 
 def _part(joint: Doubles, apart: Doubles) -> Doubles:
     joint, apart = np.maximum(joint, 1e-12), np.maximum(apart, 1e-12)
-    part: Doubles = joint * np.log2(joint / apart)
-    return part
+    return joint * np.log2(joint / apart)

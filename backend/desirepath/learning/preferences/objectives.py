@@ -207,8 +207,7 @@ def gains(differences: Doubles) -> Doubles:
     """(n, 7) differences of measures -> (n, 9): how much better for each objective, in the measure's unit."""
     columns = [objective.measure for objective in OBJECTIVES]
     signs = np.array([objective.sign for objective in OBJECTIVES], dtype=np.float64)
-    better: Doubles = differences[:, columns] * signs
-    return better
+    return differences[:, columns] * signs
 
 
 def step_terms_of(actions: Floats, next_observations: Floats, setup: Setup) -> Floats:

@@ -163,8 +163,7 @@ def preference_of(name: str) -> OraclePreference:
         def value(trajectories: Sequence[Trajectory]) -> Doubles:
             setup = trajectories[0].scene.setup
             drawn = member(name, setup)
-            scaled: Doubles = drawn.after(answers).scores(trajectories) / drawn.unit(setup)
-            return scaled
+            return drawn.after(answers).scores(trajectories) / drawn.unit(setup)
 
         return value
 
@@ -221,8 +220,7 @@ class Oracle:
         if not trajectories:
             return np.zeros(0)
         value = judged(preference_of(self.name).after(self.answered), trajectories, self.response_model)
-        better: Doubles = value[1::2] - value[0::2]
-        return better
+        return value[1::2] - value[0::2]
 
     def decide(self, advantages: Doubles) -> list[int]:
         """0 for A, 1 for B, by how much better B is, lapses and indifference included."""

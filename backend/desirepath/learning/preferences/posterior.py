@@ -163,8 +163,7 @@ class Posterior:
 
     def shares(self) -> Doubles:
         """(9,) expected share of each objective in the preference; sums to 1."""
-        expected: Doubles = self.masses() @ self.weights.astype(np.float64)
-        return expected
+        return self.masses() @ self.weights.astype(np.float64)
 
     def mean_weights(self) -> Floats:
         """(9,) preference weights for a conditioned policy: the largest 1, small ones none, opposites never both."""
@@ -177,8 +176,7 @@ class Posterior:
     def foremost(self) -> Doubles:
         """(9,) probability of each objective to have the largest share; sums to 1."""
         most = self.weights.argmax(axis=1)
-        probable: Doubles = np.bincount(most, weights=self.masses(), minlength=SIZE).astype(np.float64)
-        return probable
+        return np.bincount(most, weights=self.masses(), minlength=SIZE).astype(np.float64)
 
     def dominant(self) -> str:
         """The objective that most probably has the largest share.
@@ -192,8 +190,7 @@ class Posterior:
 
         Of differences of whole trajectories (n, 7): by somebody who looks at all of them.
         """
-        predicted: Doubles = self.masses() @ self.choice_probabilities(differences)
-        return predicted
+        return self.masses() @ self.choice_probabilities(differences)
 
     def entropy_bits(self) -> float:
         """How undecided it is which objective dominates: 0 if that is known, log2(9) = 3.2 if nothing is."""
@@ -297,15 +294,13 @@ def choice_probabilities(weights: Floats, rationality: Floats, lapse_rate: Float
     advantage = np.clip((weights * rationality[:, None]) @ better.T, -30, 30)
     careful = 1 / (1 + np.exp(-advantage))
     # Never quite certain, so that no particle dies of one answer.
-    probabilities: Floats = np.clip((1 - lapse_rate[:, None]) * careful + lapse_rate[:, None] / 2, 1e-6, 1 - 1e-6)
-    return probabilities
+    return np.clip((1 - lapse_rate[:, None]) * careful + lapse_rate[:, None] / 2, 1e-6, 1 - 1e-6)
 
 
 def _systematic(masses: Doubles, n: int, random: np.random.Generator) -> NDArray[np.int64]:
     """n rows drawn by mass, evenly spread."""
     places = (np.arange(n) + random.random()) / n
-    rows: NDArray[np.int64] = np.minimum(np.searchsorted(np.cumsum(masses), places), len(masses) - 1)
-    return rows
+    return np.minimum(np.searchsorted(np.cumsum(masses), places), len(masses) - 1)
 
 
 def _moved_weights(

@@ -60,8 +60,7 @@ def seen_differences(pairs: Sequence[tuple[Trajectory, Trajectory]]) -> Doubles:
         measures(trajectories if s is None else [beginning(trajectory, s) for trajectory in trajectories])
         for s in SPANS_S
     ]
-    differences: Doubles = np.stack([values[0::2] - values[1::2] for values in judged], axis=1)
-    return differences
+    return np.stack([values[0::2] - values[1::2] for values in judged], axis=1)
 
 
 def seen_in(queries: Sequence[Query]) -> Doubles:

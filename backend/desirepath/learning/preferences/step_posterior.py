@@ -77,8 +77,7 @@ class StepPosterior:
             probable, left = process.predict_and_doubt(_pairs(differences))
             predicted += mass * probable
             doubt += mass * left
-        bits: Doubles = np.maximum(entropy_bits(predicted) - doubt, 0.0)
-        return bits
+        return np.maximum(entropy_bits(predicted) - doubt, 0.0)
 
     @cached_property
     def _weighed(self) -> list[tuple[float, AdvantageProcess]]:

@@ -38,8 +38,7 @@ class Steps:
 
     @cached_property
     def person_m(self) -> Floats:
-        person_m: Floats = self.next_observations[:, 2] * np.float32(self.setup.distance_scale_m)
-        return person_m
+        return self.next_observations[:, 2] * np.float32(self.setup.distance_scale_m)
 
     @cached_property
     def person_on_left(self) -> Floats:
@@ -55,8 +54,7 @@ class Steps:
     @cached_property
     def speed(self) -> Floats:
         """Share of full speed, as acted."""
-        speed: Floats = (np.clip(self.actions[:, 0], -1, 1) + 1) / 2
-        return speed
+        return (np.clip(self.actions[:, 0], -1, 1) + 1) / 2
 
     @cached_property
     def off_course(self) -> Floats:
@@ -83,13 +81,11 @@ def too_far(steps: Steps) -> Floats:
 
 
 def person_on_right(steps: Steps) -> Floats:
-    term: Floats = -steps.beside_person * np.clip(-steps.person_on_left, 0, 1)
-    return term
+    return -steps.beside_person * np.clip(-steps.person_on_left, 0, 1)
 
 
 def person_on_left(steps: Steps) -> Floats:
-    term: Floats = -steps.beside_person * np.clip(steps.person_on_left, 0, 1)
-    return term
+    return -steps.beside_person * np.clip(steps.person_on_left, 0, 1)
 
 
 def near_obstacle(steps: Steps) -> Floats:
@@ -101,13 +97,11 @@ def near_obstacle(steps: Steps) -> Floats:
 def detour(steps: Steps) -> Floats:
     """Summed over a trajectory half the excess over the straight way in steps at full speed, which within a scene
     differs as path lengths do."""
-    term: Floats = -steps.speed * steps.off_course
-    return term
+    return -steps.speed * steps.off_course
 
 
 def turning(steps: Steps) -> Floats:
-    term: Floats = -np.abs(np.clip(steps.actions[:, 1], -1, 1))
-    return term
+    return -np.abs(np.clip(steps.actions[:, 1], -1, 1))
 
 
 def fast_near_person(steps: Steps) -> Floats:
@@ -119,8 +113,7 @@ def fast_near_person(steps: Steps) -> Floats:
 
 
 def every_step(steps: Steps) -> Floats:
-    term: Floats = np.full(len(steps.actions), -1.0)
-    return term
+    return np.full(len(steps.actions), -1.0)
 
 
 def ahead_of_people(steps: Steps) -> Floats:
@@ -135,13 +128,11 @@ def behind_people(steps: Steps) -> Floats:
 
 
 def _out_of_place(steps: Steps, *, worse: Floats, better: Floats) -> Floats:
-    term: Floats = -ELSEWHERE * (1 - better) - (1 - ELSEWHERE) * worse
-    return term
+    return -ELSEWHERE * (1 - better) - (1 - ELSEWHERE) * worse
 
 
 def after_nobody(steps: Steps) -> Floats:
-    term: Floats = steps.around.followed - 1
-    return term
+    return steps.around.followed - 1
 
 
 def moving_beside_people(steps: Steps) -> Floats:

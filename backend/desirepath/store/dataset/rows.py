@@ -163,8 +163,7 @@ class Content:
     def _device_of(self, answer: Response) -> Row:
         """What the answer was given on: the session's device, or the one before it was changed."""
         changed = (before for at, before in self.devices_before.get(answer.session_id, ()) if at > answer.created_at)
-        device: Row = next(changed, self.by_id[answer.session_id].device)
-        return device
+        return next(changed, self.by_id[answer.session_id].device)
 
     def items(self) -> Iterator[Row]:
         for answer in self.answers:

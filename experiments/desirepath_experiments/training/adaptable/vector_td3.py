@@ -56,8 +56,7 @@ class Interpolator:
 
     def normalise(self, returns_per_m: Floats) -> Floats:
         """(n, 3) returns per metre -> (n, 3), 0 the worst and 1 the best of the solutions; beyond them beyond these."""
-        shares: Floats = (returns_per_m - self.low) / self.span
-        return shares
+        return (returns_per_m - self.low) / self.span
 
     def __call__(self, preferences: Floats) -> Floats:
         """(n, 3) preferences -> (n, 3) unit vectors; at each corner the direction of that objective's solution."""
@@ -159,8 +158,7 @@ def twins(critic: Weights) -> tuple[Weights, Weights]:
 
 def act(inputs: Floats, actor: Weights) -> Floats:
     """inputs (n, 37) -> actions (n, 2) in [-1, 1]."""
-    actions: Floats = np.tanh(head(inputs, actor).output)
-    return actions
+    return np.tanh(head(inputs, actor).output)
 
 
 def vector_targets(
@@ -174,8 +172,7 @@ def vector_targets(
     weights = with_core(batch.preferences)
     lower = ((second - first) * weights).sum(axis=1, keepdims=True) < 0
     values = np.where(lower, second, first)
-    targets: Floats = batch.rewards + np.float32(config.gamma) * batch.continues[:, None] * values
-    return targets
+    return batch.rewards + np.float32(config.gamma) * batch.continues[:, None] * values
 
 
 def vector_critic_gradients(

@@ -32,8 +32,7 @@ class DeepNetworkMember(StepFamilyMember):
             values = values @ weights + bias
             values = np.where(values > 0, values, self.leak * values)
         weights, bias = self.layers[-1]
-        scores: Doubles = np.tanh((values @ weights + bias)[:, 0])
-        return scores
+        return np.tanh((values @ weights + bias)[:, 0])
 
 
 class DeepNetworkFamily(Family):

@@ -26,8 +26,7 @@ class NetworkMember(StepFamilyMember):
         hidden = self.bias + sum(
             inputs[name] @ weights for name, weights in self.first.items() if name not in self.muted
         )
-        scores: Doubles = np.tanh(hidden) @ self.last
-        return scores
+        return np.tanh(hidden) @ self.last
 
 
 class NetworkFamily(Family):
