@@ -209,6 +209,19 @@ def save_trajectories(
     return rows
 
 
+def query_entry(a: TrajectoryRow, b: TrajectoryRow) -> dict[str, Any]:
+    """A query as cards have it: where its trajectories lie."""
+    return {
+        "id": hashlib.sha256(f"{a.id}{b.id}".encode()).hexdigest(),  # Query.digest(), without compressing again
+        "setup": a.setup,
+        "scene_hash": a.scene_hash,
+        "trajectory_a": a.id,
+        "trajectory_b": b.id,
+        "duration_a_s": a.duration_s,
+        "duration_b_s": b.duration_s,
+    }
+
+
 def load_trajectory(files: ArtefactStore, trajectory_id: str) -> Trajectory:
     """Read a stored trajectory. Raises ArtefactError if it is missing or damaged."""
     return Trajectory.from_bytes(files.get(trajectory_id))

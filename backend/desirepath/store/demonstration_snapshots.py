@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -108,34 +109,49 @@ def take_demonstrations(
         )
         for stroke, person, response in demonstrations
     ]
+    people = sorted({item.participant for item in chosen})
+    whom = people[0] if len(people) == 1 else f"{len(people)} participants"
+    about: dict[str, Any] = {"pairs": sorted({item.pair for item in chosen}), "participants": len(people)}
+    about |= {"study": study_id, "session": session_id}
+    answers = [item.response for item in chosen]
+    return save_demonstrations(s, files, chosen, environment=environment, by=whom, about=about, answers=answers)
+
+
+def save_demonstrations(
+    s: Session,
+    files: ArtefactStore,
+    demonstrations: Sequence[KeptDemonstration],
+    *,
+    environment: str,
+    by: str,
+    about: Mapping[str, Any],
+    answers: Sequence[str] = (),
+) -> Artefact:
+    """Store a snapshot of demonstrations. by: who drew them, in words; about: what else its card says, with the ids
+    `study` and `session` where it is of one."""
     content = {
         "format": FORMAT,
         "setup": environment,
-        "study": study_id,
-        "session": session_id,
-        "demonstrations": [vars(item) for item in chosen],
+        "study": about.get("study"),
+        "session": about.get("session"),
+        "demonstrations": [vars(item) for item in demonstrations],
     }
-    people = sorted({item.participant for item in chosen})
-    whom = people[0] if len(people) == 1 else f"{len(people)} participants"
     return save_artefact(
         s,
         files,
         kind="demonstrations",
-        name=f"{len(chosen)} demonstrations in the {environment} by {whom}",
+        name=f"{len(demonstrations)} demonstrations in the {environment} by {by}",
         setup=environment,
         content=json.dumps(content, sort_keys=True).encode(),
         card={
-            "study": study_id,
-            "session": session_id,
+            **about,
             "environment": environment,
-            "demonstrations": len(chosen),
-            "pairs": sorted({item.pair for item in chosen}),
-            "participants": len(people),
-            "human": sum(item.source == "human" for item in chosen),
+            "demonstrations": len(demonstrations),
+            "human": sum(item.source == "human" for item in demonstrations),
         },
-        answers=[item.response for item in chosen],
-        study_id=study_id,
-        simulated=any(item.source == "simulated" for item in chosen),
+        answers=answers,
+        study_id=about.get("study"),
+        simulated=any(item.source == "simulated" for item in demonstrations),
     )
 
 

@@ -22,6 +22,7 @@ from desirepath.store.artefacts import (
     ArtefactError,
     ArtefactStore,
     load_artefact,
+    query_entry,
     save_artefact,
     save_trajectories,
 )
@@ -119,18 +120,7 @@ def save_query_set(
     content = query_set.to_bytes() if content is None else content
     trajectories = [t for query in query_set.queries for t in (query.trajectory_a, query.trajectory_b)]
     rows = save_trajectories(s, files, trajectories)
-    stored = [
-        {
-            "id": hashlib.sha256(f"{a.id}{b.id}".encode()).hexdigest(),  # Query.digest(), without compressing again
-            "setup": a.setup,
-            "scene_hash": a.scene_hash,
-            "trajectory_a": a.id,
-            "trajectory_b": b.id,
-            "duration_a_s": a.duration_s,
-            "duration_b_s": b.duration_s,
-        }
-        for a, b in zip(rows[0::2], rows[1::2], strict=True)
-    ]
+    stored = [query_entry(a, b) for a, b in zip(rows[0::2], rows[1::2], strict=True)]
     return save_artefact(
         s,
         files,

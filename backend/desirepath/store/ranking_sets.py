@@ -6,7 +6,6 @@ made lives in `explain/ranking_sets.py`.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy.orm import Session, defer
 
 from desirepath.explain.shown_explanation import ShownAttention
-from desirepath.store.artefacts import ArtefactError, ArtefactStore, save_artefact, save_trajectories
+from desirepath.store.artefacts import ArtefactError, ArtefactStore, query_entry, save_artefact, save_trajectories
 from desirepath.store.models import Artefact
 
 if TYPE_CHECKING:  # torch comes with it
@@ -52,13 +51,7 @@ def save_ranking_set(
     rows = save_trajectories(s, files, [rollout.trajectory for rollout in ranked.rollouts])
     stored = [
         {
-            "id": hashlib.sha256(f"{row.id}{row.id}".encode()).hexdigest(),  # as a query of two names itself
-            "setup": row.setup,
-            "scene_hash": row.scene_hash,
-            "trajectory_a": row.id,
-            "trajectory_b": row.id,
-            "duration_a_s": row.duration_s,
-            "duration_b_s": row.duration_s,
+            **query_entry(row, row),
             "practice": explained.practice,
             "things": list(explained.things),
             "scores": [[round(float(score), 4) for score in moment] for moment in explained.scores],

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import suppress
+from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -13,8 +13,8 @@ from desirepath.demonstrations.planned_walks import walking_scene
 from desirepath.demonstrations.stroke import StrokeProblem
 from desirepath.simulation.demonstration_scenes import demonstration_scenes
 from desirepath.simulation.scene import Scene, SceneError
-from desirepath.store.artefacts import ArtefactStore, save_artefact
-from desirepath.store.demonstration_snapshots import FORMAT, KeptDemonstration
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.demonstration_snapshots import KeptDemonstration, save_demonstrations
 from desirepath.store.models import Artefact
 
 WALKS_TRIED = 20
@@ -34,31 +34,12 @@ def take_simulated_demonstrations(
             content = _drawn(style, scene, seed * per_pair + drawn, person).to_bytes()
             name = f"{style}-{seed}-{pair}-{drawn}"
             demonstrations.append(KeptDemonstration(name, name, style, pair, files.put(content), "simulated"))
-    who = "" if person == "still" else f", a person walking ({person})"
-    snapshot = {
-        "format": FORMAT,
-        "setup": environment,
-        "study": None,
-        "session": None,
-        "demonstrations": [vars(item) for item in demonstrations],
-    }
-    return save_artefact(
-        s,
-        files,
-        kind="demonstrations",
-        name=f"{len(demonstrations)} demonstrations in the {environment} by the programmed {style}{who}",
-        setup=environment,
-        content=json.dumps(snapshot, sort_keys=True).encode(),
-        card={
-            "environment": environment,
-            "style": style,
-            "seed": seed,
-            "demonstrations": len(demonstrations),
-            "human": 0,
-        }
-        | ({} if person == "still" else {"person": person}),
-        simulated=True,
-    )
+    by = f"the programmed {style}"
+    about: dict[str, Any] = {"style": style, "seed": seed}
+    if person != "still":
+        by += f", a person walking ({person})"
+        about["person"] = person
+    return save_demonstrations(s, files, demonstrations, environment=environment, by=by, about=about)
 
 
 def _drawn(style: str, scene: Scene, seed: int, person: str) -> Demonstration:

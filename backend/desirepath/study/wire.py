@@ -69,7 +69,7 @@ def whole(value: object) -> int:
 
 
 WholeNumber = Annotated[int, BeforeValidator(whole)]
-Flag = Annotated[bool, BeforeValidator(lambda given: given is True)]
+Flag = Annotated[bool, BeforeValidator(lambda value: value is True)]
 """True where it says so; whatever else stands there means that it does not."""
 
 # ---- what is told ----------------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -25,7 +25,6 @@ Doubles = NDArray[np.float64]
 
 CROWD_CORRIDOR = get_setup("crowd_corridor")
 
-Variant = Literal["ours", "no_spatial", "no_temporal", "no_tagd", "b1", "b2", "b3"]
 PER_SECTOR = SECTORS // GROUPS
 PATH = 2 * PATH_POINTS
 GAP_TIMES = 20.0  # ours: what moves by 0.1 m between two scans differs as much as what lies 2 m apart

@@ -46,19 +46,19 @@ class AskedPairs:
         """(n,) first minus second of scores of all trajectories in turn."""
         return scores[0::2] - scores[1::2]
 
-    def with_manners(self, setup: str, seed: int, manners: int, kept: int) -> AskedPairs:
-        """Asked about are `kept` of these pairs and `manners` of policies in many manners, the most telling ones; what
+    def with_manners(self, setup: str, seed: int, manners: int, others: int) -> AskedPairs:
+        """Asked about are `others` of these pairs and the `manners` most telling ones of policies in many manners; what
         is predicted stays."""
         config = MannerConfig(QueryConfig(seed=FIRST_SEED + seed, max_duration_s=longest_simulated_s(setup)))
         scenes = scene_set(setup, manners, purpose=Purpose.QUERIES, seed=MANNER_SEED + seed)
         pairs = manner_pairs(setup, scenes, replace(config, pairs_per_scene=MANNERS_PER_SCENE))
         differences = PairDifferences.of(setup, pairs)
         chosen = separating(differences, list(range(len(pairs))), manners)
-        old = [*self.asked[:kept], *self.test]
+        old = [*self.asked[:others], *self.test]
         trajectories = [*(pairs[k] for k in chosen), *(self.trajectories[k] for k in old)]
-        asked = manners + len(self.asked[:kept])
+        count = manners + len(self.asked[:others])
         together = differences[chosen].joined(self.differences[old])
-        return AskedPairs(tuple(trajectories), together, np.arange(asked), np.arange(asked, len(trajectories)), manners)
+        return AskedPairs(tuple(trajectories), together, np.arange(count), np.arange(count, len(trajectories)), manners)
 
     @cached_property
     def to_predict(self) -> PairDifferences:

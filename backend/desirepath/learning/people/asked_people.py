@@ -84,8 +84,8 @@ class _Room:
         )
         pairs = asked_pairs(setup, seed, asked=config.pool, test=config.test)
         if config.queries != "policies":
-            kept = config.pool // 2 if config.queries == "both" else 0
-            pairs = pairs.with_manners(setup, seed, config.pool - kept, kept)
+            others = config.pool // 2 if config.queries == "both" else 0
+            pairs = pairs.with_manners(setup, seed, config.pool - others, others)
         return cls(setup, seed, pairs, select, judge, report)
 
 

@@ -25,9 +25,6 @@ from desirepath.simulation.trajectory import Trajectory
 Doubles = NDArray[np.float64]
 NOISE = 0.5
 """Of a measure, in typical differences: how far a hand's path is from the rollout it stands for. Ours."""
-NOISE_OF_INTERVALS = 2.5
-"""The same for intervals: what somebody has in mind is no rollout of the policy, and errs alike in every path. Chosen
-among four on seeds 10 and 11 of `desirepath benchmark telling`, by coverage. Ours."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +49,7 @@ class WeightsOfPaths(StoredArrays):
         parts = {name: arrays[name].astype(np.float64) for name in ("shares", "measured", "mass")}
         return cls(str(header["setup"]), **parts)
 
-    def given(self, scenes: NDArray[np.int64], drawn: Doubles, noise: float = NOISE) -> Doubles:
+    def given(self, scenes: NDArray[np.int64], drawn: Doubles) -> Doubles:
         """(n,) probabilities after paths that measure `drawn` (paths, 7) in these scenes:
 
             log p(w | paths) = log p(w) - sum_paths |(m(path) - m(rollout of w)) / typical|^2 / (2 noise^2)
@@ -60,7 +57,7 @@ class WeightsOfPaths(StoredArrays):
         typical: a measure's typical difference within a pair, so that measures of unlike units count alike.
         """
         off = (self.measured[:, scenes] - drawn) / typical_differences(self.setup)
-        scores = np.log(self.mass) - np.square(off).sum(axis=(1, 2)) / (2 * noise**2)
+        scores = np.log(self.mass) - np.square(off).sum(axis=(1, 2)) / (2 * NOISE**2)
         shares: Doubles = np.exp(scores - scores.max())
         shares /= shares.sum()
         return shares
