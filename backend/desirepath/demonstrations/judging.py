@@ -97,8 +97,7 @@ def likeness(trajectory: Trajectory, demonstrations: Sequence[Demonstration]) ->
     wanted, shown = speed_profile(demonstrations[best].trajectory), speed_profile(trajectory)
     constant = wanted.std() < CHANGING_M_S
     return Likeness(
-        deviations[best],
-        math.nan if constant else float(np.corrcoef(wanted, shown)[0, 1]) if shown.std() > 0 else 0.0,
+        deviations[best], math.nan if constant else float(np.corrcoef(wanted, shown)[0, 1]) if shown.std() > 0 else 0.0
     )
 
 

@@ -73,11 +73,7 @@ def flow_files(
 
 
 def starts_files(
-    policies: Mapping[str, ActFunction | EpisodicPolicy],
-    setup: Setup,
-    scene: Scene,
-    *,
-    starts: int,
+    policies: Mapping[str, ActFunction | EpisodicPolicy], setup: Setup, scene: Scene, *, starts: int
 ) -> FigureFiles:
     """All named policies from the same starts in one scene: trajectories.png, .svg and .csv."""
     from desirepath.explain import scene_plots  # matplotlib is slow to import

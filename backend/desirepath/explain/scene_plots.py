@@ -177,13 +177,7 @@ def _counts(*fields: FlowField) -> LogNorm:
     return LogNorm(1, max(2, *(int(field.traversals.max(initial=0)) for field in fields)))
 
 
-def _image(
-    ax: Axes,
-    values: NDArray[np.floating],
-    extent: Extent,
-    colours: Colormap,
-    norm: Normalize,
-) -> AxesImage:
+def _image(ax: Axes, values: NDArray[np.floating], extent: Extent, colours: Colormap, norm: Normalize) -> AxesImage:
     return ax.imshow(
         np.ma.masked_invalid(values),
         extent=extent,

@@ -69,12 +69,7 @@ def preferences_of(
 
 
 def fit_of(
-    model: str,
-    reduction: Reduction,
-    seed: int,
-    symmetry: str = "none",
-    *,
-    particles: int = PosteriorConfig.particles,
+    model: str, reduction: Reduction, seed: int, symmetry: str = "none", *, particles: int = PosteriorConfig.particles
 ) -> Fit:
     """How a reward model of that name (`kinds.ModelName`) is fitted. particles: of a posterior."""
     settings = FitSettings(reduction, seed, symmetry == "left_right", particles)

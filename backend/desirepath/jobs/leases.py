@@ -102,9 +102,7 @@ def say_alive(s: Session, worker: WorkerName, trainings: int) -> None:
     now = shared_now(s)
     row = s.get(WorkerProcess, worker.id)
     if row is None:
-        s.add(
-            WorkerProcess(id=worker.id, machine=worker.machine, trainings=trainings, started_at=now, seen_at=now),
-        )
+        s.add(WorkerProcess(id=worker.id, machine=worker.machine, trainings=trainings, started_at=now, seen_at=now))
     else:
         row.machine, row.trainings, row.seen_at = worker.machine, trainings, now
     for old in s.scalars(select(WorkerProcess).where(WorkerProcess.seen_at < now - WORKER_ROWS_KEPT)):

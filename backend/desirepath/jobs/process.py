@@ -116,10 +116,7 @@ def start_worker(settings: Settings, output: IO[Any] | None = None) -> subproces
     """
     command = [sys.executable, "-m", "desirepath", "worker", "--parent", str(os.getpid())]
     return subprocess.Popen(
-        command,
-        env=environment_of(settings),
-        stdout=output,
-        stderr=None if output is None else subprocess.STDOUT,
+        command, env=environment_of(settings), stdout=output, stderr=None if output is None else subprocess.STDOUT
     )
 
 

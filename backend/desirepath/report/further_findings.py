@@ -75,11 +75,7 @@ class Further:
 
 
 def analyse_further(
-    data: StudyData,
-    rated: Sequence[Measure],
-    designs: Sequence[StudyDesign],
-    plan: AnalysisPlan,
-    pairs: Sequence[Pair],
+    data: StudyData, rated: Sequence[Measure], designs: Sequence[StudyDesign], plan: AnalysisPlan, pairs: Sequence[Pair]
 ) -> Further:
     """All of it, of the people in `data` who count. pairs: of conditions whose answers agree or not."""
     regular = [choice for choice in data.choices if choice.role == "regular"]

@@ -10,14 +10,7 @@ from desirepath.analysis.tested import NO_SPREAD, Tested, p_in_words
 from desirepath.explain.printed import Section, Table
 from desirepath.report.findings import Findings
 from desirepath.report.further_findings import Further, Modelled, ScaleReliability
-from desirepath.report.report_cells import (
-    NONE,
-    interval_cell,
-    name_in_words,
-    number_words,
-    table_section,
-    test_row,
-)
+from desirepath.report.report_cells import NONE, interval_cell, name_in_words, number_words, table_section, test_row
 
 
 def further_sections(findings: Findings) -> list[Section]:

@@ -68,9 +68,7 @@ class RankerCohort:
 
 
 PUBLISHED = RankerCohort(
-    tau=0.42,
-    gain=(0.10, 0.0, 0.0),
-    ratings={"awareness": (0.55, 0.55, -0.5), "plausibility": (0.0, 0.9, 0.0)},
+    tau=0.42, gain=(0.10, 0.0, 0.0), ratings={"awareness": (0.55, 0.55, -0.5), "plausibility": (0.0, 0.9, 0.0)}
 )
 """Chapter 8: tau .52 with outlines, .42 without; awareness 4.6 with neither, 5.5 to 5.6 with any; plausibility with the
 lidar alone."""

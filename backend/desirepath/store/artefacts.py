@@ -20,14 +20,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from desirepath.simulation.trajectory import Trajectory
-from desirepath.store.models import (
-    Artefact,
-    ArtefactAnswer,
-    ArtefactParent,
-    Participant,
-    Response,
-    TrajectoryRow,
-)
+from desirepath.store.models import Artefact, ArtefactAnswer, ArtefactParent, Participant, Response, TrajectoryRow
 from desirepath.store.models import Session as SessionRow
 from desirepath.store.places import explain_errors, file_system_of
 

@@ -88,12 +88,7 @@ def take_demonstrations(
     participant, or of everybody in the study who is of that kind. Raises StrokeError if there are none.
     """
     demonstrations = demonstrations_of(
-        s,
-        study_id=study_id,
-        environment=environment,
-        session_id=session_id,
-        participant_id=participant_id,
-        whose=whose,
+        s, study_id=study_id, environment=environment, session_id=session_id, participant_id=participant_id, whose=whose
     )
     if not demonstrations:
         of = "" if session_id or participant_id else f" by {WHOSE_WORDS[whose]}"

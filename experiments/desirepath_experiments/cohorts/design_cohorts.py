@@ -48,8 +48,7 @@ class DesignConfig:
     cohorts: Annotated[int, Field(ge=1, description="Of each design and number of people.")] = 1_000
     participants: Annotated[tuple[int, ...], Field(min_length=1, description="Numbers of people.")] = (6, 12, 31)
     effect: Annotated[
-        float,
-        Field(description="Standard deviations by which one condition is rated higher; 0: nothing differs."),
+        float, Field(description="Standard deviations by which one condition is rated higher; 0: nothing differs.")
     ] = 0.0
     seed: Annotated[int, Field(ge=0)] = 0
 

@@ -219,12 +219,7 @@ def results_of(
 
 
 def finish(
-    tasks: Sequence[Task],
-    functions: Mapping[str, Function],
-    work: Work,
-    *,
-    processes: int,
-    on_task: OnTask,
+    tasks: Sequence[Task], functions: Mapping[str, Function], work: Work, *, processes: int, on_task: OnTask
 ) -> int:
     """Compute what is not stored yet, in `processes` processes of one thread each; returns how many were computed.
 

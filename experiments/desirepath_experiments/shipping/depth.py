@@ -24,12 +24,7 @@ from desirepath.perception import SHIPPED_ENCODER, SHIPPED_PREDICTOR
 from desirepath.perception.beta_vae import DepthEncoder, VaeConfig
 from desirepath.perception.predictor import PersonPredictor, PredictorConfig
 from desirepath_experiments.reproduction.depth.chapter import BUDGETS, make_plan
-from desirepath_experiments.reproduction.depth.computing import (
-    EXPLORED_SEED,
-    FUNCTIONS,
-    HELD_OUT_HOMES,
-    RECORDED_SEED,
-)
+from desirepath_experiments.reproduction.depth.computing import EXPLORED_SEED, FUNCTIONS, HELD_OUT_HOMES, RECORDED_SEED
 from desirepath_experiments.reproduction.tasks import Task, Work, in_order, results_of
 from desirepath_experiments.shipping.query_sets import describe_queries
 from desirepath_experiments.shipping.storing import Request, store

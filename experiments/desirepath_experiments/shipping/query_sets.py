@@ -86,10 +86,6 @@ def describe_queries(queries: QuerySet) -> dict[str, Any]:
     return {
         "queries": len(queries),
         "filtered": queries.filtered,
-        "duration_s": {
-            "min": float(durations.min()),
-            "mean": float(durations.mean()),
-            "max": float(durations.max()),
-        },
+        "duration_s": {"min": float(durations.min()), "mean": float(durations.mean()), "max": float(durations.max())},
         "path_gap_m": {"min": float(gaps.min()), "median": float(np.median(gaps)), "max": float(gaps.max())},
     }

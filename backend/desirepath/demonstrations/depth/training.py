@@ -158,11 +158,7 @@ def train_depth_controller(
     agent = Td3Agent(shape, td3, seed=config.seed)
     demonstrated = batch_demonstrations(demonstrations, make, config) if configuration.demonstrations else None
     buffer = ReturnsBuffer(
-        config.buffer_size,
-        shape.observation_size,
-        n_envs=config.n_envs,
-        steps=config.steps_at_once,
-        gamma=HOME.gamma,
+        config.buffer_size, shape.observation_size, n_envs=config.n_envs, steps=config.steps_at_once, gamma=HOME.gamma
     )
     random = np.random.default_rng([config.seed, 0xDE97])
     sampler = torch.Generator().manual_seed(config.seed + 1)

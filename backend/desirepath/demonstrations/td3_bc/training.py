@@ -54,10 +54,7 @@ class DemonstrationTraining:
         self.agent = Td3Agent(shape, td3, seed=config.seed)
         self.demonstrated = demonstration_batch(demonstrations, config)
         pool = Placements(
-            [d.trajectory for d in demonstrations],
-            near=config.near,
-            mixed=config.mixed,
-            seed=config.seed,
+            [d.trajectory for d in demonstrations], near=config.near, mixed=config.mixed, seed=config.seed
         )
         engine = make_engine(
             self.setup, config.n_envs, seed=config.seed, pool=pool, progress_weight=config.progress_weight

@@ -15,13 +15,7 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.steps import SeenSteps
 from desirepath.learning.people.families.base import Doubles, FamilyMember
 from desirepath.learning.people.limited_reward import LimitedReward
-from desirepath.learning.people.reward_manifest import (
-    FILE_BYTES,
-    MANIFEST_BYTES,
-    RewardManifest,
-    read_manifest,
-    unpack,
-)
+from desirepath.learning.people.reward_manifest import FILE_BYTES, MANIFEST_BYTES, RewardManifest, read_manifest, unpack
 from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.simulation.trajectory import Trajectory
 

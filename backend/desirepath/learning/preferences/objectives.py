@@ -81,14 +81,7 @@ OBJECTIVES = (
     Objective("clearance", "min_clearance_m", +1, step_terms.near_obstacle, bounds.start_clearance_m, 0.5),
     Objective("shorter", "path_length_m", -1, step_terms.detour, bounds.straight_way_m, 0.15),
     Objective("smoother", "accumulated_angle_rad", -1, step_terms.turning, bounds.turn_to_goal_rad, 0.4),
-    Objective(
-        "slower_near_person",
-        "speed_near_person_m_s",
-        -1,
-        step_terms.fast_near_person,
-        bounds.standing_m_s,
-        1.6,
-    ),
+    Objective("slower_near_person", "speed_near_person_m_s", -1, step_terms.fast_near_person, bounds.standing_m_s, 1.6),
     Objective("faster", "time_s", -1, step_terms.every_step, bounds.full_speed_s, 1.6),
 )
 

@@ -183,8 +183,7 @@ class ResponseModel:
         float | None, Field(ge=0.2, description="Only so many seconds of each rollout are judged; default all.")
     ] = None
     peak_end: Annotated[
-        bool,
-        Field(description="Each rollout's most extreme second and its last one are judged, not the whole."),
+        bool, Field(description="Each rollout's most extreme second and its last one are judged, not the whole.")
     ] = False
 
 

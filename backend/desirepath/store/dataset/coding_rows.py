@@ -29,12 +29,7 @@ def codebook_of(s: Session, study_id: str, item: str | None = None) -> list[Code
 
 def code_rows(s: Session, study: Study) -> Iterator[Row]:
     for code in codebook_of(s, study.id):
-        yield {
-            "item": code.item,
-            "code": code.name,
-            "definition": code.definition,
-            "created_at": code.created_at,
-        }
+        yield {"item": code.item, "code": code.name, "definition": code.definition, "created_at": code.created_at}
 
 
 def coding_rows(

@@ -16,16 +16,7 @@ from typing import Any
 import pyarrow as pa
 import yaml
 
-from desirepath.store.dataset.columns import (
-    FLOATS,
-    MOMENT,
-    NUMBER,
-    TEXT,
-    WHOLE,
-    YES_NO,
-    Column,
-    Table,
-)
+from desirepath.store.dataset.columns import FLOATS, MOMENT, NUMBER, TEXT, WHOLE, YES_NO, Column, Table
 from desirepath.store.dataset.tables import TABLES
 
 Json = dict[str, Any]
@@ -176,12 +167,7 @@ def psych_ds(about: About, tables: Iterable[Table]) -> Json:
         }
         for variable in variables.values()
     ]
-    return {
-        "@context": "https://schema.org/",
-        "@type": "Dataset",
-        **_schema_org(about),
-        "variableMeasured": measured,
-    }
+    return {"@context": "https://schema.org/", "@type": "Dataset", **_schema_org(about), "variableMeasured": measured}
 
 
 def _schema_org(about: About) -> Json:

@@ -233,14 +233,7 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
             )
         )
     for row in tables[EVENTS.name]:
-        s.add(
-            Event(
-                study_id=study_id,
-                session_id=row["session"],
-                trial_id=row["trial"],
-                **_kept(row, EVENTS, Event),
-            )
-        )
+        s.add(Event(study_id=study_id, session_id=row["session"], trial_id=row["trial"], **_kept(row, EVENTS, Event)))
         s.flush()  # one by one: their order is their id
 
 

@@ -27,14 +27,7 @@ from desirepath.simulation.setups import get_setup
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.dataset.coding_rows import code_rows, coding_rows
-from desirepath.store.dataset.columns import (
-    CHECKSUMS_FILE,
-    DICTIONARY_FILE,
-    FORMAT,
-    PROTOCOL_FOLDER,
-    STUDY_FILE,
-    Table,
-)
+from desirepath.store.dataset.columns import CHECKSUMS_FILE, DICTIONARY_FILE, FORMAT, PROTOCOL_FOLDER, STUDY_FILE, Table
 from desirepath.store.dataset.descriptions import NOT_STATED, About, data_dictionary, write_descriptions
 from desirepath.store.dataset.preference_pairs import write_pairs
 from desirepath.store.dataset.rows import Content
@@ -59,13 +52,7 @@ from desirepath.store.dataset.tables import (
     TUNING_CHANGES,
 )
 from desirepath.store.dataset.trajectory_files import write_trajectories
-from desirepath.store.models import (
-    ProtocolVersion,
-    Study,
-    Tombstone,
-    TrajectoryRow,
-    protocol_digest,
-)
+from desirepath.store.models import ProtocolVersion, Study, Tombstone, TrajectoryRow, protocol_digest
 from desirepath.store.payment_codes import changes_without, data_without, yaml_without
 
 Row = dict[str, Any]
@@ -76,13 +63,7 @@ class ExportError(ValueError):
 
 
 def export_study(
-    db: Database,
-    files: ArtefactStore,
-    study_id: str,
-    out_dir: Path,
-    *,
-    pilots: bool = False,
-    open_data: bool = False,
+    db: Database, files: ArtefactStore, study_id: str, out_dir: Path, *, pilots: bool = False, open_data: bool = False
 ) -> dict[str, Any]:
     """Write the study's data set into `out_dir` (made if missing, must be empty); the same data give the same bytes.
 

@@ -120,9 +120,7 @@ def set_phase(s: DatabaseSession, trial: Trial, event: str, who: Who, now: datet
     before, to = trial.phase, after(TRIAL, trial.phase, event, who)
     s.flush()
     compare_and_set(
-        s,
-        trial,
-        update(Trial).where(Trial.id == trial.id, Trial.phase == before).values(phase=to, phase_since=now),
+        s, trial, update(Trial).where(Trial.id == trial.id, Trial.phase == before).values(phase=to, phase_since=now)
     )
     set_committed_value(trial, "phase", to)
     set_committed_value(trial, "phase_since", now)

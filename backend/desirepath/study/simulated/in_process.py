@@ -52,12 +52,7 @@ class _InProcess:
     """A session by direct calls, each in its own transaction, as a request would."""
 
     def __init__(
-        self,
-        database: Database,
-        files: ArtefactStore,
-        study: Study,
-        known: dict[str, Trajectory],
-        without_jobs: bool,
+        self, database: Database, files: ArtefactStore, study: Study, known: dict[str, Trajectory], without_jobs: bool
     ) -> None:
         self._database, self._files, self._study, self._known = database, files, study, known
         self._without_jobs, self._token = without_jobs, ""

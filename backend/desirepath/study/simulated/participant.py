@@ -132,11 +132,7 @@ class SimulatedParticipant:
     """One simulated participant. random, person: what kinds of step make its answers of."""
 
     def __init__(
-        self,
-        client: SessionClient,
-        character: Character,
-        number: int,
-        tell: Callable[[str], None] = lambda words: None,
+        self, client: SessionClient, character: Character, number: int, tell: Callable[[str], None] = lambda words: None
     ) -> None:
         self._client, self._cohort, self._tell = client, character.cohort, tell
         self.random = np.random.default_rng([character.seed, number, 11])

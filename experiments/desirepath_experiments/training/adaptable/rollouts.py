@@ -9,12 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.analysis.frechet import frechet_distance
-from desirepath.learning.adaptable.objectives import (
-    PROGRESS_PER_M,
-    REWARDS,
-    DemonstrationReward,
-    objective_rewards,
-)
+from desirepath.learning.adaptable.objectives import PROGRESS_PER_M, REWARDS, DemonstrationReward, objective_rewards
 from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
