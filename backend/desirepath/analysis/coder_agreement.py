@@ -52,8 +52,8 @@ def agreement_on(code: str, first: Sequence[Codes], second: Sequence[Codes]) -> 
     The interval is from kappa's standard error for large n (Fleiss, Cohen and Everitt 1969), kept within [-1, 1]; with
     few answers it is rough.
     """
-    table = _table(_given(code, first), _given(code, second))
-    result = cohens_kappa(table) if 0 < _expected(table) < 1 else None
+    table = _table(_mark_answers(code, first), _mark_answers(code, second))
+    result = cohens_kappa(table) if 0 < _expected_agreement(table) < 1 else None
     low, high = (result.kappa_low, result.kappa_upp) if result and result.var_kappa > 0 else UNKNOWN
     return _agreement(code, len(first), table, result.kappa if result else math.nan, low, high)
 
@@ -68,14 +68,14 @@ def agreement_on_all(
     """
     if len(codes) == 1:
         return replace(agreement_on(codes[0], first, second), code=None)
-    a = np.array([_given(code, first) for code in codes], dtype=bool).reshape(len(codes), len(first))
-    b = np.array([_given(code, second) for code in codes], dtype=bool).reshape(len(codes), len(second))
+    a = np.array([_mark_answers(code, first) for code in codes], dtype=bool).reshape(len(codes), len(first))
+    b = np.array([_mark_answers(code, second) for code in codes], dtype=bool).reshape(len(codes), len(second))
     table = _table(a.ravel(), b.ravel())
     kappa, low, high = math.nan, *UNKNOWN
     if a.size:
         answers = np.concatenate([(a == b).mean(axis=0, keepdims=True), a, b]).T
-        kappa = float(_pooled(answers.mean(axis=0, keepdims=True))[0])
-        drawn = _pooled(resample_means(answers, seed=seed))
+        kappa = float(_pool_kappa(answers.mean(axis=0, keepdims=True))[0])
+        drawn = _pool_kappa(resample_means(answers, seed=seed))
         known = drawn[np.isfinite(drawn)]
         if len(first) > 1 and len(known) and math.isfinite(kappa):
             low, high = (float(end) for end in np.quantile(known, (0.025, 0.975)))
@@ -99,7 +99,7 @@ def _agreement(
     )
 
 
-def _given(code: str, codings: Sequence[Codes]) -> NDArray[np.bool_]:
+def _mark_answers(code: str, codings: Sequence[Codes]) -> NDArray[np.bool_]:
     return np.array([code in codes for codes in codings], dtype=bool)
 
 
@@ -108,13 +108,13 @@ def _table(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.array([[(a & b).sum(), (a & ~b).sum()], [(~a & b).sum(), (~a & ~b).sum()]], dtype=np.int64)
 
 
-def _expected(table: NDArray[np.int64]) -> float:
+def _expected_agreement(table: NDArray[np.int64]) -> float:
     """Agreement by chance, from how often each of the two gave the code. NaN for no answers."""
     n = table.sum()
     return float((table.sum(0) * table.sum(1)).sum() / n**2) if n else math.nan
 
 
-def _pooled(means: Doubles) -> Doubles:
+def _pool_kappa(means: Doubles) -> Doubles:
     """Kappa (m,) of agreement averaged over codes; means (m, 1 + 2 codes): share of equal decisions, then of each code
     how often the first and how often the second coder gave it."""
     observed, (p, q) = means[:, 0], np.split(means[:, 1:], 2, axis=1)

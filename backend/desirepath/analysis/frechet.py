@@ -36,7 +36,7 @@ def _free(px: float, py: float, ax: float, ay: float, bx: float, by: float, reac
 
 
 @compiled_exactly
-def _reached(first: Doubles, second: Doubles, reach: float, bottom: Doubles, left: Doubles) -> tuple[int, bool]:
+def _find_reach(first: Doubles, second: Doubles, reach: float, bottom: Doubles, left: Doubles) -> tuple[int, bool]:
     """(last vertex of `first` whose prefix is within `reach` of a prefix of `second`, -1 if none; whether both whole
     paths are within it).
 
@@ -116,7 +116,7 @@ def _prefixes(first: Doubles, second: Doubles, exact: float, low: Doubles, high:
         if high[widest] - low[widest] <= exact:
             return
         reach = (low[widest] + high[widest]) / 2
-        last, _ = _reached(first, second, reach, bottom, left)
+        last, _ = _find_reach(first, second, reach, bottom, left)
         for i in range(low.shape[0]):
             if i <= last:
                 high[i] = min(high[i], reach)
@@ -130,7 +130,7 @@ def _whole(first: Doubles, second: Doubles, exact: float, low: float, high: floa
     bottom, left = np.empty((m, 2)), np.empty((m, 2))
     while high - low > exact:
         reach = (low + high) / 2
-        if _reached(first, second, reach, bottom, left)[1]:
+        if _find_reach(first, second, reach, bottom, left)[1]:
             high = reach
         else:
             low = reach

@@ -100,7 +100,7 @@ def signed_rank_shift(differences: ArrayLike) -> tuple[float, Interval]:
     n = len(values)
     i, j = np.triu_indices(n)
     walsh = np.sort((values[i] + values[j]) / 2)
-    return float(np.median(walsh)), _inverted(walsh, _least_signed(n))
+    return float(np.median(walsh)), _invert_test(walsh, _least_signed(n))
 
 
 def rank_sum_shift(first: ArrayLike, second: ArrayLike) -> tuple[float, Interval]:
@@ -108,10 +108,10 @@ def rank_sum_shift(first: ArrayLike, second: ArrayLike) -> tuple[float, Interval
     the rank-sum test would not reject."""
     a, b = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
     differences = np.sort(np.subtract.outer(a, b).ravel())
-    return float(np.median(differences)), _inverted(differences, _least_sum(len(a), len(b)))
+    return float(np.median(differences)), _invert_test(differences, _least_sum(len(a), len(b)))
 
 
-def _inverted(sorted_values: np.ndarray, out: int) -> Interval:
+def _invert_test(sorted_values: np.ndarray, out: int) -> Interval:
     """The interval that leaves out `out` of the sorted values at each end; unknown where that leaves a single value."""
     if out < 1:
         return -math.inf, math.inf

@@ -128,7 +128,7 @@ def holm(p: Sequence[float]) -> list[float]:
 
 def correct_tests(tests: Sequence[Tested], how: Correction) -> list[Tested]:
     """The same tests, in their order, with p corrected for their number."""
-    corrected, least = _corrected([t.p for t in tests], how), _corrected([t.least_p for t in tests], how)
+    corrected, least = _correct([t.p for t in tests], how), _correct([t.least_p for t in tests], how)
     words = CORRECTION_WORDS[how]
     return [
         replace(test, p_corrected=p, least_p_corrected=low, correction=words)
@@ -136,7 +136,7 @@ def correct_tests(tests: Sequence[Tested], how: Correction) -> list[Tested]:
     ]
 
 
-def _corrected(raw: Sequence[float], how: Correction) -> list[float]:
+def _correct(raw: Sequence[float], how: Correction) -> list[float]:
     return {"holm": holm(raw), "bonferroni": [min(1.0, len(raw) * p) for p in raw], "none": list(raw)}[how]
 
 

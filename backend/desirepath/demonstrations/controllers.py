@@ -38,12 +38,13 @@ def roll_out(controller: str | Policy, scenes: Sequence[Scene]) -> list[Trajecto
         return replay(setup, scenes, [trajectory.actions for trajectory in rollouts])
     if controller == SOCIAL_COST:
         return [
-            rollout(setup, SocialCost(scene).act, [scene])[0] if setup.solids else _localised(scene) for scene in scenes
+            rollout(setup, SocialCost(scene).act, [scene])[0] if setup.solids else _roll_out_localised(scene)
+            for scene in scenes
         ]
     raise ValueError(f"controller {controller!r}: known are policies and {', '.join(BASELINES)}")
 
 
-def _localised(scene: Scene) -> Trajectory:
+def _roll_out_localised(scene: Scene) -> Trajectory:
     """The social-cost controller where walls are not observed: it is told where it and the person are."""
     setup, planner = get_setup(scene.setup), SocialCost(scene)
     engine = make_engine(setup, 1, auto_reset=False, scenes=[scene])

@@ -51,7 +51,7 @@ def walking_scene(scene: Scene, mode: str, seed: int) -> Scene:
         path = cheapest_path(grid, costs, Pose(*begin))
         if not math.isfinite(costs[grid.cell(*begin)]) or len(path) < 3:
             continue
-        walk = _walked(smooth(path), float(np.clip(random.normal(*SPEED_M_S), *SPEED_LIMITS_M_S)))
+        walk = _walk_along(smooth(path), float(np.clip(random.normal(*SPEED_M_S), *SPEED_LIMITS_M_S)))
         walked = replace(scene, walk=walk, person=Person(Pose(*map(float, walk.poses_at([0.0])[0]))))
         try:
             check_scene(walked)
@@ -83,7 +83,7 @@ def record_walk(scene: Scene, duration_s: float, seed: int) -> tuple[NDArray[np.
         path = np.concatenate([begin[None], cheapest_path(grid, costs, scene.person.pose)[1:]])
         if len(path) < 3:
             continue
-        walk = _walked(smooth(path), float(np.clip(random.normal(*SPEED_M_S), *SPEED_LIMITS_M_S)))
+        walk = _walk_along(smooth(path), float(np.clip(random.normal(*SPEED_M_S), *SPEED_LIMITS_M_S)))
         times = np.arange(0.0, duration_s + RECORDED_EVERY_S, RECORDED_EVERY_S)
         return times, walk.poses_at(times)
     raise SceneError("person", scene.person.pose, f"no way found from there in {TRIES} tries; use another seed")
@@ -95,7 +95,7 @@ def _beside(free: NDArray[np.float64], place: Pose, random: np.random.Generator)
     return near[random.integers(len(near))] if len(near) else None
 
 
-def _walked(path: NDArray[np.float64], speed: float) -> Walk:
+def _walk_along(path: NDArray[np.float64], speed: float) -> Walk:
     steps = np.diff(path, axis=0)
     times = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=1) / speed)])
     headings = np.arctan2(steps[:, 1], steps[:, 0])

@@ -161,7 +161,7 @@ def _distinct(stroke: Stroke) -> tuple[Doubles, Doubles, Doubles]:
     return stroke.points[moved], stroke.speeds[moved], np.concatenate([[0.0], np.cumsum(steps[steps > 1e-6])])
 
 
-def _drawn_to(points: Doubles, lengths: Doubles, start: Pose) -> Doubles:
+def _shift_to(points: Doubles, lengths: Doubles, start: Pose) -> Doubles:
     """The points with the beginning shifted onto the robot, the shift fading out along the path."""
     shift = np.array([start.x, start.y]) - points[0]
     over = max(1.0, FADE * float(np.linalg.norm(shift)))
@@ -205,7 +205,7 @@ def fit_spline(stroke: Stroke, scene: Scene) -> PathSpline:
     from scipy import interpolate
 
     even = np.stack([np.interp(places, lengths, points[:, axis]) for axis in range(2)], axis=1)
-    even = _drawn_to(even, places, scene.start)
+    even = _shift_to(even, places, scene.start)
     weights = np.full(len(places), 1 / HAND_JITTER_M)
     weights[[0, -1]] *= ENDS_WEIGHT
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(even, axis=0), axis=1))])

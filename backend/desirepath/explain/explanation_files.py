@@ -61,7 +61,7 @@ def explanation_files(
     def draw(ax: Axes, step: int) -> None:
         _draw_sight(ax, trajectory, sight, explained, step)
 
-    signed = [_signed(sight, explained, step) for step in range(len(trajectory.actions))]
+    signed = [_sign_scores(sight, explained, step) for step in range(len(trajectory.actions))]
     return _files(trajectory, scores, draw, signed, name, at_s, words)
 
 
@@ -178,7 +178,7 @@ def _rows(
             yield (*at, explained.things[k], seen, round(float(explained.scores[step, k]), 4), signed)
 
 
-def _signed(sight: Sight, explained: Explanation, step: int) -> list[tuple[bool, float]]:
+def _sign_scores(sight: Sight, explained: Explanation, step: int) -> list[tuple[bool, float]]:
     """By thing, whether it is seen, and the attribution, signed, of the ray or position with the greatest one."""
     rays, rows = explained.inputs[step, sight.first_ray :], list[tuple[bool, float]]()
     for k, thing in enumerate(explained.things):

@@ -104,7 +104,7 @@ class FlowField:
             yield (
                 *_place(self.grid, row, column),
                 int(free),
-                *(_rounded(values.item(row, column)) for values in (self.heading, self.speed, self.oscillation)),
+                *(_round(values.item(row, column)) for values in (self.heading, self.speed, self.oscillation)),
                 "" if outcome == NOTHING else Outcome(outcome).name.lower(),
                 int(self.traversals[row, column]),
             )
@@ -139,14 +139,14 @@ class FlowDifference:
         """One row per cell, in the order of DIFFERENCE_COLUMNS."""
         for (row, column), angle in np.ndenumerate(self.heading):
             place = _place(self.first.grid, row, column)
-            yield (*place, _rounded(float(angle)), int(self.traversals[row, column]))
+            yield (*place, _round(float(angle)), int(self.traversals[row, column]))
 
 
 def _place(grid: Grid, row: int, column: int) -> tuple[object, ...]:
     return row, column, round(float(grid.xs[column]), 6), round(float(grid.ys[row]), 6)
 
 
-def _rounded(value: float) -> object:
+def _round(value: float) -> object:
     return round(float(value), 6) if math.isfinite(value) else ""
 
 
@@ -208,10 +208,10 @@ def flow_field(act: ActFunction | EpisodicPolicy, setup: Setup, scene: Scene, *,
     places = np.stack([grid.xs[columns], grid.ys[rows]], axis=1)
     to_goal = np.array([scene.goal.x, scene.goal.y]) - places
     facing = np.arctan2(to_goal[:, 1], to_goal[:, 0])
-    heading, oscillation, speed = _settled(act, setup, scene, places, facing)
+    heading, oscillation, speed = _settle(act, setup, scene, places, facing)
     start = np.where(np.isnan(heading), facing, heading)
     outside = np.linalg.norm(to_goal, axis=1) > scene.goal_radius
-    outcomes, traversals = _rolled_out(act, setup, scene, grid, np.column_stack([places, start])[outside])
+    outcomes, traversals = _roll_out(act, setup, scene, grid, np.column_stack([places, start])[outside])
 
     def on_grid(values: Doubles) -> Floats:
         spread = np.full(grid.shape, np.nan, dtype=np.float32)
@@ -223,7 +223,7 @@ def flow_field(act: ActFunction | EpisodicPolicy, setup: Setup, scene: Scene, *,
     return FlowField(scene, grid, free, on_grid(heading), on_grid(speed), on_grid(oscillation), outcome, traversals)
 
 
-def _settled(
+def _settle(
     act: ActFunction | EpisodicPolicy, setup: Setup, scene: Scene, places: Doubles, facing: Doubles
 ) -> tuple[Doubles, Doubles, Doubles]:
     """Heading, oscillation (rad) and speed (m/s) of robots at places (n, 2): (n,) each, NaN where one never settles."""
@@ -247,7 +247,7 @@ def _settled(
         before = engine.poses[moving, 2].copy()
         engine.step(actions)
         turned[step] = turned[step - 1]
-        turned[step, moving] += _wrapped(engine.poses[moving, 2] - before)
+        turned[step, moving] += _wrap(engine.poses[moving, 2] - before)
         last[moving] = step
         if step >= STILL_STEPS:
             recent = turned[step - STILL_STEPS : step + 1, moving]
@@ -261,7 +261,7 @@ def _settled(
     middle = (window.min(axis=0) + window.max(axis=0)) / 2
     heading[swinging] = np.where(round_and_round, np.nan, facing[swinging] + middle)
     oscillation[swinging] = np.where(round_and_round, np.nan, np.ptp(window, axis=0))
-    heading = _wrapped(heading)
+    heading = _wrap(heading)
     known = np.flatnonzero(np.isfinite(heading))
     observed = engine.start_at(np.column_stack([places, np.where(np.isnan(heading), facing, heading)]))
     limits, speed = setup.robot.limits, np.full(n, np.nan)
@@ -271,7 +271,7 @@ def _settled(
     return heading, oscillation, speed
 
 
-def _rolled_out(
+def _roll_out(
     act: ActFunction | EpisodicPolicy, setup: Setup, scene: Scene, grid: Grid, poses: Doubles
 ) -> tuple[NDArray[np.int8], NDArray[np.int32]]:
     """Roll out from every pose (n, 3) to the end: outcomes (n,) and how often each cell was entered (rows, columns)."""
@@ -300,7 +300,7 @@ def _rolled_out(
     return engine.outcomes.copy(), counts.astype(np.int32).reshape(grid.shape)
 
 
-def _wrapped(angle: Doubles) -> Doubles:
+def _wrap(angle: Doubles) -> Doubles:
     """The same angles in (-pi, pi]."""
     return -((-angle + math.pi) % (2 * math.pi) - math.pi)
 
@@ -312,7 +312,7 @@ def difference(first: FlowField, second: FlowField) -> FlowDifference:
             f"fields of two scenes or grids: {first.scene.setup} {first.scene.seed} with cells of "
             f"{first.grid.cell_m} m, {second.scene.setup} {second.scene.seed} with {second.grid.cell_m} m"
         )
-    turn = _wrapped(second.heading.astype(np.float64) - first.heading)
+    turn = _wrap(second.heading.astype(np.float64) - first.heading)
     return FlowDifference(first, second, turn.astype(np.float32), second.traversals - first.traversals)
 
 

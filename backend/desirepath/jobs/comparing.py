@@ -25,7 +25,7 @@ def evaluate_policy(context: JobContext, params: EvaluateParams) -> dict[str, An
     """One policy on `params.scenes` fresh scenes; keeps an evaluation with one row per scene."""
     artefact, policy = load_any_policy(context, params.policy)
     scenes = _scenes(policy.setup, params.scenes, params.seed)
-    table = _rolled_out(context, policy, scenes, 0.0, 0.95)
+    table = _roll_out(context, policy, scenes, 0.0, 0.95)
     measured = {**describe_table(policy.setup, table), "engine": "fast", "seed": params.seed}
     content = {
         "format": "desirepath-evaluation-1",
@@ -58,8 +58,8 @@ def compare_two(context: JobContext, params: CompareParams) -> dict[str, Any]:
     ]
     setup = require_same(policy_a=policy_a.setup, policy_b=policy_b.setup)
     scenes = _scenes(setup, params.scenes, params.seed)
-    a = _rolled_out(context, policy_a, scenes, 0.0, 0.45)
-    b = _rolled_out(context, policy_b, scenes, 0.45, 0.9)
+    a = _roll_out(context, policy_a, scenes, 0.0, 0.45)
+    b = _roll_out(context, policy_b, scenes, 0.45, 0.9)
     compared = compare_tables(a, b)
     sides = [(artefact_a, policy_a, a), (artefact_b, policy_b, b)]
     shown = scenes[: params.replays]
@@ -111,7 +111,7 @@ def _scenes(setup: str, n: int, seed: int) -> list[Scene]:
     return scene_set(setup, n, purpose=Purpose.REPORT, seed=seed)
 
 
-def _rolled_out(
+def _roll_out(
     context: JobContext, policy: DrivingPolicy, scenes: list[Scene], first: float, last: float
 ) -> EpisodeTable:
     """Every scene once, in batches."""

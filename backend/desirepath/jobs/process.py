@@ -275,7 +275,7 @@ def _run_process(
     code = None
     try:
         code = watch(database, job_id, process, attempt)
-        if code is not None and _stopped(code, stopping):
+        if code is not None and _was_stopped(code, stopping):
             _wait_for_the_end()
     finally:
         del running[job_id]
@@ -287,7 +287,7 @@ def _run_process(
     return patiently(lambda: _outcome(database, settings, job_id, code, attempt))
 
 
-def _stopped(code: int, stopping: threading.Event) -> bool:
+def _was_stopped(code: int, stopping: threading.Event) -> bool:
     """Whether the process was ended because the worker is."""
     return code < 0 and (stopping.is_set() or (code in ASKED_TO_END and stopping.wait(STOPPING_SEEN_S)))
 

@@ -66,7 +66,7 @@ def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[s
     model = fit(everything)
     held_out: list[dict[str, Any]] = []
     for number, (code, preferences) in enumerate(of_participant.items()):
-        held_out.append({"participant": code, **_held_out(preferences, fit, params)})
+        held_out.append({"participant": code, **_predict_held_out(preferences, fit, params)})
         context.progress(0.2 + 0.7 * (number + 1) / len(of_participant))
     result = {
         "training_accuracy": accuracy(model, everything),
@@ -83,7 +83,7 @@ def learn_reward_model(context: JobContext, params: RewardModelParams) -> dict[s
     return {"reward_model": artefact_id, **result}
 
 
-def _held_out(preferences: Sequence[Preference], fit: Fit, params: RewardModelParams) -> dict[str, Any]:
+def _predict_held_out(preferences: Sequence[Preference], fit: Fit, params: RewardModelParams) -> dict[str, Any]:
     """How well models predict a participant's answers that they did not see; `reason` where nothing can be held out."""
     try:
         return asdict(held_out_accuracy(preferences, fit, folds=params.folds, seed=params.seed))

@@ -124,7 +124,7 @@ def _units(comparison: Personalised) -> str:
 def personalised_section(findings: Findings) -> Section:
     """The own policy against the base policy and against another person's."""
     if not findings.personalised:
-        refusals = [describe_who_compared(findings)] if _refused(findings) else []
+        refusals = [describe_who_compared(findings)] if _count_refusals(findings) else []
         return Section("Does it personalise?", [*refusals, *describe_who_was_asked_on(findings)])
     alpha = findings.plan.alpha
     paragraphs = [personalised_sentence(findings, k) for k in range(len(findings.personalised))]
@@ -183,13 +183,13 @@ _REFUSED = {
 """Why somebody was not shown a policy as theirs, in the report's order."""
 
 
-def _refused(findings: Findings) -> dict[str, int]:
+def _count_refusals(findings: Findings) -> dict[str, int]:
     return {why: people for why, people in findings.own_policies.items() if why != "shown"}
 
 
 def describe_who_compared(findings: Findings) -> str:
     """How many were shown a policy as theirs, how many were not and why: the comparisons are of the first alone."""
-    shown, refused = findings.own_policies.get("shown", 0), _refused(findings)
+    shown, refused = findings.own_policies.get("shown", 0), _count_refusals(findings)
     people = shown + sum(refused.values())
     if not refused:
         whom = f"All {people} people for whom a policy was to be made were" if people > 1 else "The only person was"

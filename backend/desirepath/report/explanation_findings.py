@@ -124,7 +124,7 @@ def analyse_rankings(
         _outcome(key, text, low, high, _by_cell(of, cell_of), factors, cells, intervals)
         for key, text, low, high, of in _scores(about)
     ]
-    agreement, scored = _corrected([agreement], plan)[0], _corrected(scored, plan)
+    agreement, scored = _correct([agreement], plan)[0], _correct(scored, plan)
     return Explained(
         factors, trials, agreement, scored, [(measure.item.questionnaire, measure.item.key) for measure in about]
     )
@@ -215,6 +215,6 @@ def condition_in_words(factors: Sequence[str], cell: Sequence[bool]) -> str:
     return " and ".join(name for name, on in zip(factors, cell, strict=True) if on) or "neither"
 
 
-def _corrected(outcomes: Sequence[Outcome], plan: AnalysisPlan) -> list[Outcome]:
+def _correct(outcomes: Sequence[Outcome], plan: AnalysisPlan) -> list[Outcome]:
     tests = iter(correct_tests([test for outcome in outcomes for test in outcome.tests], plan.correction))
     return [replace(outcome, tests=[next(tests) for _ in outcome.tests]) for outcome in outcomes]

@@ -17,7 +17,7 @@ RATED_TITLE = "What was said of the explanations"
 def explanation_sections(findings: Findings) -> list[Section]:
     """What was ranked, what was rated; without rankings nothing."""
     of = findings.explained
-    return [] if of is None else [_rankings(of, findings), _rated(of, findings)]
+    return [] if of is None else [_rankings(of, findings), _ratings(of, findings)]
 
 
 def explanation_brief(findings: Findings) -> list[str]:
@@ -44,7 +44,7 @@ def _rankings(of: Explained, findings: Findings) -> Section:
     return Section(RANKINGS_TITLE, sentences, _tables([of.agreement], findings))
 
 
-def _rated(of: Explained, findings: Findings) -> Section:
+def _ratings(of: Explained, findings: Findings) -> Section:
     if not of.rated:
         return Section(RATED_TITLE)
     sentences = [

@@ -83,7 +83,7 @@ def analyse_further(
         order_effects=_order_effects(data, rated, designs),
         against_retest=_against_retest(data.choices, pairs, plan),
         equivalent=_equivalent(data, rated, designs, plan),
-        weighed=_weighed(data, rated, designs) if plan.bayes_factors else (),
+        weighed=_weigh(data, rated, designs) if plan.bayes_factors else (),
         reliabilities=_reliabilities(data),
         worths=_worths(data),
         models=_models(data, rated, designs, regular) if plan.models else (),
@@ -166,7 +166,7 @@ def _equivalent(
     return correct_tests(tests, plan.correction)
 
 
-def _weighed(data: StudyData, rated: Sequence[Measure], designs: Sequence[StudyDesign]) -> list[Weighed]:
+def _weigh(data: StudyData, rated: Sequence[Measure], designs: Sequence[StudyDesign]) -> list[Weighed]:
     weighed = [Weighed(about, bayes_factor(of)) for about, of in _differences(rated, designs)]
     for against in ARMS:
         shares = own_shares(data.comparisons, against)

@@ -26,7 +26,7 @@ def methods_section(findings: Findings) -> Section:
         *(test.sentence(alpha) for test in ways.tests if test is ways.test or test.significant(alpha)),
         *_remarks(ways),
     ]
-    tables = [_overview(ways), _pairs(ways), *([_tested(ways, alpha)] if ways.tests else []), _weights(ways)]
+    tables = [_overview(ways), _pairs(ways), *([_tests(ways, alpha)] if ways.tests else []), _weights(ways)]
     return Section(TITLE, sentences, tables)
 
 
@@ -98,7 +98,7 @@ def _pairs(ways: Methods) -> Table:
     return Table("Pairs: how often the first one's robot was chosen; Euclidean distance of the weights.", heads, rows)
 
 
-def _tested(ways: Methods, alpha: float) -> Table:
+def _tests(ways: Methods, alpha: float) -> Table:
     heads = ["about", "statistic", "p", "p corrected", "method", "effect [95 %]", "shift [95 %]"]
     rows = [test_row(test, alpha, "about statistic p corrected method effect shift") for test in ways.tests]
     return Table("Tests of the shares won.", heads, rows)

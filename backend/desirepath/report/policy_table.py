@@ -79,7 +79,7 @@ def policies_section(rows: Sequence[PolicyRow]) -> Section:
         **{words: partial(_cell, name=name, factor=1) for name, words in MEANS.items()},
         "answers learned from": lambda row: NONE if row.answers is None else f"{row.answers:,}",
         "of them predicted": lambda row: NONE if row.accuracy is None else f"{row.accuracy:.0%}",
-        "predicted in scenes not seen": _held_out,
+        "predicted in scenes not seen": _held_out_accuracy,
         "log-likelihood there, per answer": _log_likelihood,
     }
     body = [[words, *map(cell, rows)] for words, cell in cells.items()]
@@ -129,7 +129,7 @@ def _log_likelihood(row: PolicyRow) -> str:
     return NONE if row.held_out is None else f"{_likelihood(row):.2f}"
 
 
-def _held_out(row: PolicyRow) -> str:
+def _held_out_accuracy(row: PolicyRow) -> str:
     if row.held_out is None:
         return NONE
     share, low, high = (100 * row.held_out[name] for name in ("accuracy", "low", "high"))

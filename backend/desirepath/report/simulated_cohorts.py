@@ -233,7 +233,7 @@ def simulate_data(
                 Rating(code, condition, "interface_items", i, person.rate(i, condition, levels=at)) for i in items
             ]
             ratings += [
-                Rating(code, condition, scale.name, item.key, _agreed(person, item, scale, condition, at))
+                Rating(code, condition, scale.name, item.key, _rate_agreement(person, item, scale, condition, at))
                 for scale in scales
                 for item in scale.items
             ]
@@ -253,7 +253,9 @@ def _cells(factors: Levels) -> dict[str, tuple[str, ...]]:
     return {"-".join(levels): levels for levels in product(*factors.values())}
 
 
-def _agreed(person: SimulatedPerson, item: ScaleItem, scale: Scale, condition: str, levels: Sequence[str]) -> int:
+def _rate_agreement(
+    person: SimulatedPerson, item: ScaleItem, scale: Scale, condition: str, levels: Sequence[str]
+) -> int:
     """An answer to an item of a scale, turned round where agreeing lowers the score."""
     points = person.rate(item.key, condition, scale.points, levels=levels, scale=scale.name)
     return scale.points + 1 - points if item.reversed else points

@@ -213,7 +213,7 @@ def _beside_tests(design: PlannedDesign, assumed: Assumed, plan: AnalysisPlan) -
             yield f"Bayes factor of at least {EVIDENCE:g}, {about}", _evidence(about)
     if plan.models and len(conditions) > 1 and design.items:
         rating = f"rating of {name_in_words(assumed.item)}"
-        yield f"Mixed model, {assumed.item} (uncorrected)", _modelled(rating, alpha)
+        yield f"Mixed model, {assumed.item} (uncorrected)", _model_finds(rating, alpha)
     for opponent in design.opponents if design.comparisons else ():
         own = assumed.own_against_other if opponent == "other" and assumed.own_against_other else assumed.own
         if margins is not None and margins.share is not None and own == 0.5:
@@ -234,7 +234,7 @@ def _evidence(about: str) -> Found:
     return lambda of: any(of_two.about == about and of_two.factor >= EVIDENCE for of_two in _beside(of).weighed)
 
 
-def _modelled(about: str, alpha: float) -> Found:
+def _model_finds(about: str, alpha: float) -> Found:
     return lambda of: any(
         model.about == about and model.test is not None and model.test.p <= alpha for model in _beside(of).models
     )

@@ -37,7 +37,7 @@ Effect = tuple[float, float, float]
 """What outlines, the lidar, and both beyond their sum add."""
 
 
-def _added(gain: Effect, outline: bool, lidar: bool) -> float:
+def _effect(gain: Effect, outline: bool, lidar: bool) -> float:
     return gain[0] * outline + gain[1] * lidar + gain[2] * (outline and lidar)
 
 
@@ -62,7 +62,7 @@ class RankerCohort:
 
     def __post_init__(self) -> None:
         for lidar, outline in product((False, True), repeat=2):
-            mean = self.tau + _added(self.gain, outline, lidar)
+            mean = self.tau + _effect(self.gain, outline, lidar)
             if not 0 <= mean <= 0.95:
                 raise CohortError(f"tau = {self.tau}, gain = {self.gain}: a mean agreement lies between 0 and 0.95")
 
@@ -89,7 +89,7 @@ def simulate_rankings(
         own = random.normal(0, cohort.person_sd)
         more = random.normal(0, cohort.effect_sd, len(FACTORS))
         for name, of in zip(names, of_cell, strict=True):
-            mean = cohort.tau + _added(cohort.gain, **of) + own
+            mean = cohort.tau + _effect(cohort.gain, **of) + own
             mean += sum(sd * (of[factor] - 0.5) for factor, sd in zip(FACTORS, more, strict=True))
             scores = draw_scores(random, trials)
             places = draw_ranking(scores, mean, random)
@@ -99,7 +99,7 @@ def simulate_rankings(
                 rankings.append(
                     ImportanceRanking(code, name, f"{name}-{k}", "regular", ranking=order, scores=sliders, **of)
                 )
-        ratings += _rated(cohort, code, number, names, of_cell)
+        ratings += _rate(cohort, code, number, names, of_cell)
     protocol = {"protocol": "simulated", "version": 1}
     return StudyData(
         "simulated", "simulated", protocol, "", item_texts(), people, [], ratings, [], importance=rankings
@@ -155,10 +155,10 @@ def _curve() -> tuple[Doubles, Doubles]:
 def simulate_ratings(cohort: RankerCohort, code: str, number: int) -> list[Rating]:
     """What somebody says after each of the four blocks of outline x lidar, whatever they ranked."""
     of_cell = [dict(zip(FACTORS, cell, strict=True)) for cell in product((False, True), repeat=len(FACTORS))]
-    return _rated(cohort, code, number, [condition_name(**of) for of in of_cell], of_cell)
+    return _rate(cohort, code, number, [condition_name(**of) for of in of_cell], of_cell)
 
 
-def _rated(
+def _rate(
     cohort: RankerCohort, code: str, number: int, names: Sequence[str], of_cell: Sequence[Mapping[str, bool]]
 ) -> list[Rating]:
     random = np.random.default_rng([cohort.seed, number, 9])
@@ -166,7 +166,7 @@ def _rated(
     for score, items in (("awareness", ITEMS[:-2]), ("trust", ("trust",)), ("plausibility", ("plausibility",))):
         own = random.normal(0, PERSON_SHARE**0.5)
         for name, of in zip(names, of_cell, strict=True):
-            opinion = own + _added(cohort.ratings.get(score, (0.0, 0.0, 0.0)), **of)
+            opinion = own + _effect(cohort.ratings.get(score, (0.0, 0.0, 0.0)), **of)
             common = random.normal(0, (ALIKE * (1 - PERSON_SHARE)) ** 0.5)
             for item in items:
                 at = opinion + common + random.normal(0, ((1 - ALIKE) * (1 - PERSON_SHARE)) ** 0.5)

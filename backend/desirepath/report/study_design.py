@@ -70,16 +70,16 @@ def designs_of(data: StudyData) -> list[StudyDesign]:
     """Every comparison of a study: one per stage with factors, the same ones once; without such a stage all conditions
     that were met."""
     conditions = data.conditions
-    seen = {name for names in _met(data).values() for name in names}
+    seen = {name for names in _conditions_met(data).values() for name in names}
     met: list[StudyDesign] = []
-    for design in _declared(data):
+    for design in _declared_designs(data):
         if (design.within or design.between) and seen & set(design.cells) and design not in met:
             met.append(design)
     if met:
         return met
     if len(conditions) < 2:
         return []
-    of = {person: [name for name in conditions if name in names] for person, names in _met(data).items()}
+    of = {person: [name for name in conditions if name in names] for person, names in _conditions_met(data).items()}
     levels = {CONDITION: tuple(conditions)}
     if all(len(names) == 1 for names in of.values()):
         groups = {person: conditions.index(names[0]) for person, names in of.items()}
@@ -87,7 +87,7 @@ def designs_of(data: StudyData) -> list[StudyDesign]:
     return [StudyDesign(levels, {}, conditions)]
 
 
-def _met(data: StudyData) -> dict[str, set[str]]:
+def _conditions_met(data: StudyData) -> dict[str, set[str]]:
     """Person -> conditions that they answered something under."""
     met: dict[str, set[str]] = {}
     rated = [(rating.person, rating.condition) for rating in data.ratings if rating.condition]
@@ -98,16 +98,16 @@ def _met(data: StudyData) -> dict[str, set[str]]:
     return met
 
 
-def _declared(data: StudyData) -> Iterator[StudyDesign]:
+def _declared_designs(data: StudyData) -> Iterator[StudyDesign]:
     newest = data.newest or data.protocol
-    for key, block in _crossed(newest):
+    for key, block in _stages_with_factors(newest):
         within, between = block.get("each") or {}, block.get("one_of") or {}
         within = {"view": within} if isinstance(within, list) else within
         between = {"view": between} if isinstance(between, list) else between
         names = ["-".join(cell) for cell in product(*between.values())]
         cells = ["-".join(cell) for cell in product(*within.values())] if within else names
         if not within:  # a group's one condition is called as the group
-            levels = {person: next(iter(of & set(names)), "") for person, of in _met(data).items()}
+            levels = {person: next(iter(of & set(names)), "") for person, of in _conditions_met(data).items()}
         else:
             levels = {row.code: row.groups.get(key, "") for row in data.people}
         groups = {person: names.index(name) for person, name in levels.items() if between and name in names}
@@ -117,7 +117,7 @@ def _declared(data: StudyData) -> Iterator[StudyDesign]:
         yield StudyDesign(varied, of_groups, cells, groups)
 
 
-def _crossed(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _stages_with_factors(protocol: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """The stages of a protocol that can have factors, by their keys: `block`, `block_2`, `rating`, ..."""
     numbers: Counter[str] = Counter()
     for entry in protocol.get("stages", ()):

@@ -55,7 +55,7 @@ def backup(db: Database, files: ArtefactStore, out: Path) -> dict[str, Any]:
             if db.file is not None:
                 form, copy = FORMAT, Path(folder) / DATABASE_MEMBER
                 _copy_database(db.file, copy)
-                named = _named_files(copy)
+                named = _list_named_files(copy)
             else:
                 form, copy = POSTGRES_FORMAT, Path(folder) / POSTGRES_MEMBER
                 named = dump(db, copy)
@@ -155,7 +155,7 @@ def _copy_database(file: Path, copy: Path) -> None:
         target.execute("PRAGMA journal_mode = DELETE")  # one file, no log beside it
 
 
-def _named_files(copy: Path) -> dict[str, bool]:
+def _list_named_files(copy: Path) -> dict[str, bool]:
     """The files that rows of the copied database name -> whether an erasure may have removed the file itself."""
     with closing(sqlite3.connect(copy)) as connection:
         rows = [row for query in NAMED_FILES for row in connection.execute(query)]

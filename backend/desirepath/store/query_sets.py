@@ -128,13 +128,13 @@ def save_query_set(
         name=name,
         setup=query_set.setup,
         content=content,
-        card={**card, **_recorded(trajectories), "stored_queries": stored},
+        card={**card, **_describe_recordings(trajectories), "stored_queries": stored},
         parents=parents or (),
         job_id=job_id,
     )
 
 
-def _recorded(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
+def _describe_recordings(trajectories: Sequence[Trajectory]) -> dict[str, Any]:
     """What a card says of recordings: `has`, of what all trajectories have; files, with the sha256 of each. Nothing of
     trajectories that engines made."""
     recorded = [each.recorded for each in trajectories if each.recorded is not None]

@@ -44,13 +44,13 @@ def policy_artefact(s: Session, name: str) -> Artefact:
 def find_artefact(s: Session, called: str) -> Artefact | None:
     """The artefact of that id, or the shipped policy of that name; None where there is none."""
     artefact = s.get(Artefact, called)
-    if artefact is None and (sha := _shipped().get(called)) is not None:
+    if artefact is None and (sha := _shipped_ids().get(called)) is not None:
         artefact = s.get(Artefact, sha)
     return artefact
 
 
 @cache
-def _shipped() -> dict[str, str]:
+def _shipped_ids() -> dict[str, str]:
     """Name -> id of every shipped policy."""
     from desirepath.learning.shipped_files import load_card, shipped_names
 
@@ -61,7 +61,7 @@ def _shipped() -> dict[str, str]:
 @cache
 def shipped_name(artefact_id: str) -> str | None:
     """The name under which it was shipped, by which commands know it however it is called here; None: it was not."""
-    return next((name for name, sha in _shipped().items() if sha == artefact_id), None)
+    return next((name for name, sha in _shipped_ids().items() if sha == artefact_id), None)
 
 
 def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple[str, str]]:

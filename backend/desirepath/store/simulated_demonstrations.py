@@ -31,7 +31,7 @@ def take_simulated_demonstrations(
     demonstrations = []
     for pair, scene in enumerate(demonstration_scenes(environment)):
         for drawn in range(per_pair):
-            content = _drawn(style, scene, seed * per_pair + drawn, person).to_bytes()
+            content = _draw(style, scene, seed * per_pair + drawn, person).to_bytes()
             name = f"{style}-{seed}-{pair}-{drawn}"
             demonstrations.append(KeptDemonstration(name, name, style, pair, files.put(content), "simulated"))
     by = f"the programmed {style}"
@@ -42,7 +42,7 @@ def take_simulated_demonstrations(
     return save_demonstrations(s, files, demonstrations, environment=environment, by=by, about=about)
 
 
-def _drawn(style: str, scene: Scene, seed: int, person: str) -> Demonstration:
+def _draw(style: str, scene: Scene, seed: int, person: str) -> Demonstration:
     """One demonstration. A walk that nobody can draw past is not taken, but another one."""
     if person == "still":
         return demonstrate(style, scene, seed)

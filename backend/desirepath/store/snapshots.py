@@ -111,7 +111,7 @@ def implied_choices(ratings: Sequence[RatedTrajectory]) -> list[tuple[RatedTraje
     At most `MOST_IMPLIED` per person and condition, drawn with a fixed seed: pairs grow with the square of the ratings.
     """
     implied = []
-    for rated in _rated_alike(ratings):
+    for rated in _group_ratings(ratings):
         pairs = [
             (first, second) if first.rating > second.rating else (second, first)
             for first, second in combinations(rated, 2)
@@ -126,7 +126,7 @@ def independent_choices(ratings: Sequence[RatedTrajectory]) -> list[tuple[RatedT
     middle, the second against the next one, and so on. All of `implied_choices` are not independent, so whoever counts
     them is too sure."""
     chosen = []
-    for rated in _rated_alike(ratings):
+    for rated in _group_ratings(ratings):
         order = sorted(rated, key=lambda rating: -rating.rating)
         half = (len(order) + 1) // 2
         pairs = zip(order[:half], order[half:], strict=False)
@@ -136,7 +136,7 @@ def independent_choices(ratings: Sequence[RatedTrajectory]) -> list[tuple[RatedT
     return chosen
 
 
-def _rated_alike(ratings: Sequence[RatedTrajectory]) -> list[list[RatedTrajectory]]:
+def _group_ratings(ratings: Sequence[RatedTrajectory]) -> list[list[RatedTrajectory]]:
     """Ratings of one person under one condition, each."""
     alike: dict[tuple[str, str, str | None], list[RatedTrajectory]] = {}
     for rating in ratings:

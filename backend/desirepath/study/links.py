@@ -16,7 +16,7 @@ GROUP = 4
 def normalise_token(token: str) -> str:
     """A link's token as it was made: a code that was typed counts however it was written."""
     plain = re.sub(r"[\s-]", "", token).upper()
-    return _grouped(plain) if len(plain) == LINK_LETTERS and set(plain) <= set(CODE_LETTERS) else token
+    return _group(plain) if len(plain) == LINK_LETTERS and set(plain) <= set(CODE_LETTERS) else token
 
 
 def token_hash(token: str) -> str:
@@ -31,10 +31,10 @@ def next_token(token: str) -> str:
     for _ in range(LINK_LETTERS):
         number, letter = divmod(number, len(CODE_LETTERS))
         letters.append(CODE_LETTERS[letter])
-    return _grouped("".join(letters))
+    return _group("".join(letters))
 
 
-def _grouped(letters: str) -> str:
+def _group(letters: str) -> str:
     return "-".join(letters[i : i + GROUP] for i in range(0, len(letters), GROUP))
 
 

@@ -77,21 +77,21 @@ def plan_power(
     # what conditions, items and rankings there are, only a session tells
     base = Cohort(steady=assumed.consistency, seed=assumed.seed)
     tell(f"{walk} bots walk through the study")
-    data, findings, walked = _walked(frozen, base, walk)
+    data, findings, walked = _walk(frozen, base, walk)
     design = measure_design(data, findings, frozen)
     _check_same(design, base, data)
     assumed = replace(
         assumed,
-        condition=_known("condition", assumed.condition, design.places, len(design.conditions) - 1),
-        item=_known("item", assumed.item, design.items, 0),
-        ranking=_known("ranking", assumed.ranking, design.rankings, 0),
+        condition=_require_known("condition", assumed.condition, design.places, len(design.conditions) - 1),
+        item=_require_known("item", assumed.item, design.items, 0),
+        ranking=_require_known("ranking", assumed.ranking, design.rankings, 0),
         seed=assumed.seed + 1,
     )
     results = power(design, assumed, participants, cohorts=cohorts, plan=plan, tell=tell)
     return PlannedPower(design, assumed, plan, walked, results)
 
 
-def _walked(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyData, Findings, dict[str, Any]]:
+def _walk(frozen: FrozenProtocol, cohort: Cohort, walk: int) -> tuple[StudyData, Findings, dict[str, Any]]:
     """Bots through the machine in an installation that is gone afterwards."""
     with tempfile.TemporaryDirectory() as folder:
         database = Database(f"sqlite:///{Path(folder) / 'power.sqlite'}")
@@ -130,11 +130,11 @@ def measure_design(data: StudyData, findings: Findings, frozen: FrozenProtocol) 
         ),
         comparisons=comparison.scenes if comparison is not None else 0,
         opponents=comparison.opponents if comparison is not None else (),
-        ranked=_ranked(findings),
+        ranked=_ranked_design(findings),
     )
 
 
-def _ranked(findings: Findings) -> RankedDesign:
+def _ranked_design(findings: Findings) -> RankedDesign:
     """What was ranked by importance, if anything, as everybody met it."""
     if findings.explained is None or not findings.explained.factors:
         return RankedDesign()
@@ -160,7 +160,7 @@ def _check_same(design: PlannedDesign, cohort: Cohort, data: StudyData) -> None:
         raise PowerError("the state machine stored other ratings than the bots gave; this is a bug, please report it")
 
 
-def _known(name: str, wanted: str, known: Sequence[str], default: int) -> str:
+def _require_known(name: str, wanted: str, known: Sequence[str], default: int) -> str:
     if wanted and wanted not in known:
         raise PowerError(f"{name} = {wanted!r}: this study has {', '.join(known) or 'none'}")
     return wanted or (known[default] if known else "")

@@ -176,13 +176,13 @@ class OpenBrowser:
                 yield
 
     async def _get(self, path: str) -> httpx.Response:
-        return await self._answered("GET", path)
+        return await self._request("GET", path)
 
     async def _post(self, path: str, body: dict[str, Any]) -> dict[str, Any]:
-        state: dict[str, Any] = (await self._answered("POST", path, body)).json()
+        state: dict[str, Any] = (await self._request("POST", path, body)).json()
         return state
 
-    async def _sent(self, method: str, path: str, body: dict[str, Any] | None) -> httpx.Response:
+    async def _send(self, method: str, path: str, body: dict[str, Any] | None) -> httpx.Response:
         """Joining alone is not tried again here: it would be somebody else who joins."""
         tries = 1 if path.startswith("/join/") else TRIES
         for left in reversed(range(tries)):
@@ -194,17 +194,17 @@ class OpenBrowser:
                     raise
         raise AssertionError("unreachable: the last try raises")
 
-    async def _answered(self, method: str, path: str, body: dict[str, Any] | None = None) -> httpx.Response:
+    async def _request(self, method: str, path: str, body: dict[str, Any] | None = None) -> httpx.Response:
         """The answer to a request; what a busy server put off or a broken connection swallowed is sent again, as the
         page does it."""
-        response = await self._sent(method, path, body)
+        response = await self._send(method, path, body)
         for _ in range(BUSY_TRIES):
             wait_s = put_off_s(response)
             if wait_s is None:
                 break
             self._tally.errors.append("put off: the server was busy")
             await asyncio.sleep(wait_s)
-            response = await self._sent(method, path, body)
+            response = await self._send(method, path, body)
         return _check(response)
 
 

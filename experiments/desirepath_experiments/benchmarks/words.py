@@ -140,7 +140,7 @@ def _summarise(some: Sequence[Judged]) -> dict[str, Any]:
     ]
     return {
         "foremost": _share([bool(judged.foremost) for judged in wished]),
-        "foremost_or_offered": _share([bool(judged.foremost) or _offered(judged) for judged in wished]),
+        "foremost_or_offered": _share([bool(judged.foremost) or _is_offered(judged) for judged in wished]),
         "foremost_by_case": {
             case: _share([bool(judged.foremost) for judged in wished if judged.labelled.case == case]) for case in CASES
         },
@@ -163,7 +163,7 @@ def _summarise(some: Sequence[Judged]) -> dict[str, Any]:
     }
 
 
-def _offered(judged: Judged) -> bool:
+def _is_offered(judged: Judged) -> bool:
     """Asked back, and what was wanted is among what was offered."""
     if judged.understood.weights:
         return False

@@ -165,7 +165,7 @@ def _equivalent(size: int, seed: int, difference: float) -> bool:
     return equivalence(random.normal(difference, STEPS, size), MARGIN, about="ratings").p <= PLAN.alpha
 
 
-def _lent(size: int, seed: int, *, own: float) -> Said:
+def _compare_lent(size: int, seed: int, *, own: float) -> Said:
     """Own against another's in groups who finish together, policies of different quality: everybody of a group is lent
     the same one, or each another one."""
     random = np.random.default_rng([seed, 4])
@@ -219,7 +219,7 @@ CASES: dict[str, Callable[[int, int], Said]] = {
     "something differs": _something,
     "the difference is the margin": _at_the_margin,
     "no difference": _no_difference,
-    "nobody prefers the own policy": lambda size, seed: _lent(size, seed, own=0.5),
-    "the own policy is preferred in 75 %": lambda size, seed: _lent(size, seed, own=0.75),
+    "nobody prefers the own policy": lambda size, seed: _compare_lent(size, seed, own=0.5),
+    "the own policy is preferred in 75 %": lambda size, seed: _compare_lent(size, seed, own=0.75),
     "intervals": _intervals,
 }

@@ -85,7 +85,7 @@ class Queue:
         while missing:
             with suppress(StorageError, SQLAlchemyError):
                 self._hand_out(missing, work)
-                for key, sha in self._finished(list(missing)).items():
+                for key, sha in self._find_finished(list(missing)).items():
                     content = self._files.get(sha)
                     work.store_bytes(key, content)
                     countdown.count(missing.pop(key), float(from_bytes(content).meta["made"]["seconds"]))
@@ -93,7 +93,7 @@ class Queue:
                 time.sleep(POLL_S)
         return todo
 
-    def _finished(self, keys: list[str]) -> dict[str, str]:
+    def _find_finished(self, keys: list[str]) -> dict[str, str]:
         """The files of tasks that are computed, by key. One whose file is gone is computed again."""
         with self._database.session() as s:
             rows = s.execute(select(TaskFile.key, TaskFile.sha256).where(TaskFile.key.in_(keys)))
@@ -104,7 +104,7 @@ class Queue:
     def _hand_out(self, missing: dict[str, Task], work: Work) -> None:
         """Queue every task that can begin and is not queued; the longest first."""
         keys = [key for task in missing.values() for key in (task.key, *(need.key for need in task.needs))]
-        finished = self._finished(keys)
+        finished = self._find_finished(keys)
         for task in missing.values():
             for need in task.needs:
                 if need.key not in finished and work.has(need):  # computed by this machine before
@@ -116,7 +116,7 @@ class Queue:
             jobs = s.scalars(select(Job).where(Job.kind == TASK, Job.params["key"].as_string().in_(list(missing))))
             newest = {str(job.params["key"]): job for job in sorted(jobs, key=lambda job: job.created_at)}
             # Asked after the jobs: one that ended in between has left its file.
-            done = self._finished(list(missing))
+            done = self._find_finished(list(missing))
             for task in sorted(ready, key=lambda task: -task.seconds):
                 if task.key in done:
                     continue

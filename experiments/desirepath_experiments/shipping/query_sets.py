@@ -36,7 +36,7 @@ def ship_triples(request: Request) -> Card:
 
 def ship_varied_queries(request: Request) -> Card:
     """Make, describe and store queries by the conditioned policy in the same folder, balanced over the measures."""
-    config = VariedConfig(_shown(request))
+    config = VariedConfig(_shown_config(request))
     driver = ConditionedPolicy.load(request.path("conditioned"))
     queries = generate_varied_queries(driver, config, request.on_progress)
     return _store(request, queries, "queries_varied", "varied-queries", config, ["conditioned"], "varied")
@@ -44,13 +44,13 @@ def ship_varied_queries(request: Request) -> Card:
 
 def ship_manner_queries(request: Request) -> Card:
     """Make, describe and store queries of policies in many manners in the same folder."""
-    config = MannerConfig(_shown(request))
+    config = MannerConfig(_shown_config(request))
     queries = generate_manner_queries(request.setup, config, request.on_progress)
     parents = [*_ensemble(request), "base", "conditioned"]
     return _store(request, queries, "queries_manners", "manner-queries", config, parents, "manners")
 
 
-def _shown(request: Request) -> QueryConfig:
+def _shown_config(request: Request) -> QueryConfig:
     return QueryConfig(count=request.count, seed=request.seed, max_duration_s=longest_shown_s(request.setup))
 
 

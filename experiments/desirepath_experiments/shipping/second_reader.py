@@ -67,7 +67,7 @@ def fit_second_reader(cases: Sequence[Case], language: Language) -> SecondReader
     rarity = np.log((1 + len(cases)) / (1 + np.bincount(columns, minlength=BUCKETS))) + 1
     weights, intercepts = np.zeros((BUCKETS, 2 * len(ENDS))), np.zeros(2 * len(ENDS))
     for place, ends in enumerate(ENDS):
-        classes = np.array([_said(case, ends) for case in cases])
+        classes = np.array([_class_of(case, ends) for case in cases])
         fitted = LogisticRegression(C=PENALTY, max_iter=150, tol=1e-3).fit(features @ diags(rarity), classes)
         # Three classes: nothing said, one end, the other.
         weights[:, 2 * place : 2 * place + 2] = ((fitted.coef_[1:] - fitted.coef_[0]) * rarity).T
@@ -78,7 +78,7 @@ def fit_second_reader(cases: Sequence[Case], language: Language) -> SecondReader
     )
 
 
-def _said(case: Case, ends: Sequence[tuple[str, bool]]) -> int:
+def _class_of(case: Case, ends: Sequence[tuple[str, bool]]) -> int:
     wanted = [end in (case.wanted or ()) for end in ends]
     return 0 if wanted[0] == wanted[1] else 1 + wanted.index(True)
 

@@ -113,10 +113,10 @@ class Senses:
         goal = np.stack([away / camera.range_m, turned / math.pi], axis=1).astype(np.float32)
         parts = [goal if self.configuration.goal_distance else goal[:, 1:], person]
         if self._predictor is not None and self.configuration.predicts:
-            parts.append(self._predicted(person, latents, begins))
+            parts.append(self._predict(person, latents, begins))
         return np.concatenate([*parts, latents], axis=1)
 
-    def _predicted(self, person: Floats, latents: Floats, begins: NDArray[np.bool_]) -> Floats:
+    def _predict(self, person: Floats, latents: Floats, begins: NDArray[np.bool_]) -> Floats:
         now = np.concatenate([person[:, 1:], np.zeros((len(person), 2), np.float32), latents], axis=1)
         if len(self._history) != len(now):
             self._history, begins = np.zeros((len(now), STEPS, INPUTS), np.float32), np.ones(len(now), bool)

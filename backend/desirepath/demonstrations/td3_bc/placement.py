@@ -82,10 +82,10 @@ class Placements:
                     row[column : column + 3] = drawn[column : column + 3]
                     walk = None if column == k.PERSON_X else walk
             if self._fits(row):
-                return row, self._walked_on(walk, int(moment), row)
+                return row, self._shift_walk(walk, int(moment), row)
         return None
 
-    def _walked_on(self, walk: NDArray[np.float64] | None, moment: int, row: k.Row) -> NDArray[np.float64] | None:
+    def _shift_walk(self, walk: NDArray[np.float64] | None, moment: int, row: k.Row) -> NDArray[np.float64] | None:
         """(max_steps + 1, 3) the walk from that moment on, shifted to where the person was moved to."""
         if walk is None:
             return None

@@ -158,7 +158,7 @@ class Reference:
     inputs: dict[str, tuple[Doubles, Doubles]]
 
 
-def _shown_pairs() -> Mapping[str, str]:
+def _varied_query_sets() -> Mapping[str, str]:
     """Setup -> its shipped varied queries, the most where there are several sets."""
     sets = sorted((int(named[1]), named[0]) for named in (_VARIED.fullmatch(name) for name in shipped_names()) if named)
     return {name.partition("/")[0]: name for _, name in sets}
@@ -168,7 +168,7 @@ def _shown_pairs() -> Mapping[str, str]:
 def reference(setup: str) -> Reference:
     """Of a setup's shipped varied queries. Raises LearningError for a setup in which nobody is asked for
     preferences."""
-    shown = _shown_pairs()
+    shown = _varied_query_sets()
     if setup not in shown:
         raise LearningError(f"setup = {setup!r}: simulated people are of {', '.join(sorted(shown))}")
     queries = QuerySet.load(resolve(shown[setup])).queries[:REFERENCE_PAIRS]

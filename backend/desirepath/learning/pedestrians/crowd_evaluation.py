@@ -91,7 +91,7 @@ def evaluate_crowds(
         engine.reset(some)
         robots, everybody = [engine.poses.copy()], [engine.people_xy.copy()]
         while not engine.dones.all():
-            engine.step(act(states(engine, given)) if act is not None else _planned(plan, engine))
+            engine.step(act(states(engine, given)) if act is not None else _plan(plan, engine))
             robots.append(engine.poses.copy())
             everybody.append(engine.people_xy.copy())
         outcomes.append(engine.outcomes.copy())
@@ -122,7 +122,7 @@ def _table(
     )
 
 
-def _planned(plan: CrowdPlan | None, engine: CrowdEngine) -> Floats:
+def _plan(plan: CrowdPlan | None, engine: CrowdEngine) -> Floats:
     if plan is None:
         raise ValueError("evaluate_crowds needs a policy or a planner")
     return plan(engine)

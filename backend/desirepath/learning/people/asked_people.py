@@ -129,7 +129,7 @@ def benchmark_people(
         for family, name, person in [*everybody, *(("file", *entry) for entry in (more or {}).items())]:
             if (seed, name) not in done:
                 room = room or _Room.of(setup, seed, config)
-                measured = _measured(person, room, answering, config)
+                measured = _measure(person, room, answering, config)
                 done[seed, name] = {"family": family, "person": name, "seed": seed} | measured
                 if on_person:
                     on_person(done[seed, name])
@@ -194,7 +194,7 @@ def people_of(family: str, count: int, setup: str, first: int) -> Mapping[str, F
     return people
 
 
-def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleConfig) -> dict[str, Any]:
+def _measure(person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleConfig) -> dict[str, Any]:
     """One person: asked, predicted, shown."""
     random = np.random.default_rng([room.seed, 61])
     pairs = room.pairs
@@ -230,7 +230,7 @@ def _measured(person: FamilyMember, room: _Room, answering: ResponseModel, confi
                 result[f"{prefix}claimed"][n] = float(sure.mean())
                 result[f"{prefix}bins"][n] = bins_of(sure, right)
         if n == config.shown_after:
-            result |= _shown(posterior, person.after(n), room)
+            result |= _show_policy(posterior, person.after(n), room)
     return result | ({"choosing_ms": choosing} if choosing else {})
 
 
@@ -245,7 +245,7 @@ def answers_of(person: FamilyMember, pairs: AskedPairs, answering: ResponseModel
     return np.where((better == 0) | (np.abs(better) < answering.indifference), coin, answers)
 
 
-def _shown(posterior: FreePosterior, person: FamilyMember, room: _Room) -> dict[str, Any]:
+def _show_policy(posterior: FreePosterior, person: FamilyMember, room: _Room) -> dict[str, Any]:
     """The candidate that is most probably better, chosen, judged and measured in three sets of scenes; and today's."""
     probable = [posterior.probability_better(_both(room.select, k)) for k in range(len(room.select.rolled_out))]
     best = int(np.argmax(probable))
@@ -263,8 +263,8 @@ def _shown(posterior: FreePosterior, person: FamilyMember, room: _Room) -> dict[
         "probability_better": sure.better,
         "probability_clearly_better": sure.clearly,
         "shown": surely_better(sure),
-        **_gained(person, room.report.rolled_out[best], room, base, unit, ""),
-        **_gained(person, today, room, base, unit, "today_"),
+        **_measure_gain(person, room.report.rolled_out[best], room, base, unit, ""),
+        **_measure_gain(person, today, room, base, unit, "today_"),
         "something_else": posterior.something_else(),
     }
 
@@ -273,7 +273,7 @@ def _both(some: Candidates, k: int) -> Any:
     return some.differences[k][np.flatnonzero(some.arrived[k])]
 
 
-def _gained(
+def _measure_gain(
     person: FamilyMember, own: Sequence[Trajectory], room: _Room, base: Doubles, unit: float, prefix: str
 ) -> dict[str, Any]:
     arrived = np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in own])

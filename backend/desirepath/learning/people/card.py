@@ -113,7 +113,7 @@ def member(name: str, setup: str) -> FamilyMember:
     settings = card.family(family)
     drawn = settings.draw(setup, np.random.default_rng([card.version, place, number, 0]))
     for again in range(1, card.no_single_input.tries):
-        if not isinstance(drawn, NetworkMember | DeepNetworkMember) or _balanced(drawn, setup, card.no_single_input):
+        if not isinstance(drawn, NetworkMember | DeepNetworkMember) or _is_balanced(drawn, setup, card.no_single_input):
             break
         drawn = settings.draw(setup, np.random.default_rng([card.version, place, number, again]))
     return drawn
@@ -124,7 +124,7 @@ def members(family: str, count: int, setup: str, first: int = 0) -> Mapping[str,
     return {name: member(name, setup) for name in (f"{family}:{k}" for k in range(first, first + count))}
 
 
-def _balanced(drawn: NetworkMember | DeepNetworkMember, setup: str, rule: NoSingleInput) -> bool:
+def _is_balanced(drawn: NetworkMember | DeepNetworkMember, setup: str, rule: NoSingleInput) -> bool:
     """Whether no group of inputs decides by itself, and each has a say."""
     groups = frozenset(drawn.first if isinstance(drawn, NetworkMember) else drawn.scale)
     usual = _choices(drawn, setup)

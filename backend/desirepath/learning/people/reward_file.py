@@ -58,13 +58,13 @@ def read_reward(path: Path, setup: str) -> FamilyMember:
     """The person of a manifest (.json) or of a reward model of ours (.npz). Raises LearningError that names the field,
     the value and what would work."""
     if path.suffix == ".npz":
-        return reward_of_store(_bounded(path, FILE_BYTES), setup)
+        return reward_of_store(_read_bounded(path, FILE_BYTES), setup)
     if path.suffix != ".json":
         raise LearningError(f"--reward {path}: give the manifest (.json) or a reward model of the store (.npz)")
-    manifest = read_manifest(_bounded(path, MANIFEST_BYTES), str(path))
+    manifest = read_manifest(_read_bounded(path, MANIFEST_BYTES), str(path))
     _require_setup(path, manifest.setup, setup)
     weights = path.parent / manifest.file
-    return _member(manifest, _bounded(weights, FILE_BYTES), weights)
+    return _member(manifest, _read_bounded(weights, FILE_BYTES), weights)
 
 
 def reward_of_store(content: bytes, setup: str) -> FamilyMember:
@@ -88,7 +88,7 @@ def _require_setup(path: Path, stated: str, setup: str) -> None:
         raise LearningError(f"{path}: setup = {stated!r}; --setup asks for {setup!r}")
 
 
-def _bounded(path: Path, most: int) -> bytes:
+def _read_bounded(path: Path, most: int) -> bytes:
     try:
         if (size := path.stat().st_size) > most:
             raise LearningError(f"{path}: {size:,} bytes; at most {most:,} are read")

@@ -225,7 +225,7 @@ class FreePosterior:
         signs = np.where(self.chosen, 1.0, -1.0)
         ways = []
         for name, share in self._shares.items():
-            seen = (np.zeros(0), np.zeros((0, 1))) if self.differences is None else self._seen(self.differences, name)
+            seen = (np.zeros(0), np.zeros((0, 1))) if self.differences is None else self._see(self.differences, name)
             for strength, probable in zip(self.config.strengths, self.config.prior, strict=True):
                 process = AdvantageProcess.after(strength, seen, signs)
                 ways.append(_Way(name, process, math.log(max(share * probable, 1e-300))))
@@ -233,7 +233,7 @@ class FreePosterior:
 
     def _of(self, differences: PairDifferences) -> Iterator[tuple[_Way, Seen]]:
         """Every way with what it sees of these pairs."""
-        seen = {name: self._seen(differences, name) for name in self._shares}
+        seen = {name: self._see(differences, name) for name in self._shares}
         for way in self._ways:
             yield way, seen[way.name]
 
@@ -246,7 +246,7 @@ class FreePosterior:
     def _reference(self) -> PairDifferences:
         return reference_differences(self.setup, self.config.posterior.left_right_symmetry)
 
-    def _seen(self, differences: PairDifferences, way: str) -> Seen:
+    def _see(self, differences: PairDifferences, way: str) -> Seen:
         if way in self._priors:
             return self._priors[way].seen(differences)
         return np.zeros(len(differences)), differences.named if way == NAMED_WAY else differences.embedding

@@ -149,7 +149,7 @@ class Posterior:
         after = replace(self, log_mass=self.log_mass + seen, differences=differences, chosen=chosen)
         if after.effective_particles() >= self.config.least_effective * len(self.weights):
             return after
-        return after._rejuvenated()
+        return after._rejuvenate()
 
     def masses(self) -> Doubles:
         """(n,) the particles' probabilities."""
@@ -221,7 +221,7 @@ class Posterior:
         scaled = differences / typical_differences(self.setup)
         return np.stack([gains(scaled[:, k]) for k in range(len(SPANS_S))]).astype(np.float32)
 
-    def _rejuvenated(self) -> Posterior:
+    def _rejuvenate(self) -> Posterior:
         """As many particles, of equal mass, each moved a few times by Metropolis steps that leave the posterior be."""
         random = np.random.default_rng([self.config.seed, 23, self.draws])
         n = len(self.weights)
@@ -241,10 +241,10 @@ class Posterior:
 
         now = log_likelihood(state)
         for move in range(self.config.moves):
-            weights = _moved_weights(
+            weights = _move_weights(
                 state["weights"], random, self.config, swap=move % 2 == 1, sides=sides_of(self.setup)
             )
-            (rationality, lapse_rate), favour = _moved_response_model(
+            (rationality, lapse_rate), favour = _move_response_model(
                 state["rationality"], state["lapse_rate"], self.config, random
             )
             span = random.integers(len(SPANS_S), size=n)
@@ -303,7 +303,7 @@ def _systematic(masses: Doubles, n: int, random: np.random.Generator) -> NDArray
     return np.minimum(np.searchsorted(np.cumsum(masses), places), len(masses) - 1)
 
 
-def _moved_weights(
+def _move_weights(
     weights: Floats, random: np.random.Generator, config: PosteriorConfig, *, swap: bool, sides: Sequence[int]
 ) -> Floats:
     """Proposals that the prior likes as much: the sum of two objectives' shares split anew, or exchanged.
@@ -326,7 +326,7 @@ def _moved_weights(
         split = np.where(
             random.random(n) < 0.5,
             random.random(n),
-            _reflected(weights[rows, first] / both + random.normal(0, 0.1, n), 0.0, 1.0),
+            _reflect(weights[rows, first] / both + random.normal(0, 0.1, n), 0.0, 1.0),
         ).astype(np.float32)
         split = np.clip(split, 1e-3, 1 - 1e-3)  # an objective never vanishes in a move
         alone = first == second
@@ -339,21 +339,21 @@ def _moved_weights(
     return proposed
 
 
-def _moved_response_model(
+def _move_response_model(
     rationality: Floats, lapse_rate: Floats, config: PosteriorConfig, random: np.random.Generator
 ) -> tuple[tuple[Floats, Floats], Doubles]:
     """Proposed rationality and lapse rates, and the logarithm of how much more the prior likes them."""
     n = len(rationality)
     low, high = np.log(config.rationality)
-    r = np.exp(_reflected(np.log(rationality) + random.normal(0, 0.5, n), low, high)).astype(np.float32)
-    m = _reflected(lapse_rate + random.normal(0, config.lapse_rate / 2, n), 0.0, config.highest_lapse_rate).astype(
+    r = np.exp(_reflect(np.log(rationality) + random.normal(0, 0.5, n), low, high)).astype(np.float32)
+    m = _reflect(lapse_rate + random.normal(0, config.lapse_rate / 2, n), 0.0, config.highest_lapse_rate).astype(
         np.float32
     )
     favour: Doubles = ((lapse_rate - m) / config.lapse_rate).astype(np.float64)
     return (r, m), favour
 
 
-def _reflected(values: NDArray[np.floating[Any]], low: float, high: float) -> Doubles:
+def _reflect(values: NDArray[np.floating[Any]], low: float, high: float) -> Doubles:
     """Values that stepped over a border, mirrored back."""
     inside: Doubles = low + np.abs((values - low + (high - low)) % (2 * (high - low)) - (high - low))
     return inside

@@ -193,7 +193,7 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
             study_id=study_id,
             code=row["participant"],
             consents=_consents(row),
-            **_kept(row, PARTICIPANTS, Participant),
+            **_columns_in(row, PARTICIPANTS, Participant),
         )
     s.add_all(people.values())
     s.flush()
@@ -205,7 +205,7 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
                 study_id=study_id,
                 token_hash=secrets.token_hex(32),  # the hash of no token: nobody can enter
                 plan=row["plan"],
-                **_kept(row, SESSIONS, SessionRow),
+                **_columns_in(row, SESSIONS, SessionRow),
             )
         )
     s.flush()
@@ -216,7 +216,7 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
                 session_id=row["session"],
                 step_key=row["step"],
                 query_id=row["query"],
-                **_kept(row, TRIALS, Trial),
+                **_columns_in(row, TRIALS, Trial),
             )
         )
     s.flush()
@@ -229,11 +229,15 @@ def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:
                 step_key=row["step"],
                 request_id=f"imported-{row['response']}",
                 consent_id=row["consent"],
-                **_kept(row, RESPONSES, Response),
+                **_columns_in(row, RESPONSES, Response),
             )
         )
     for row in tables[EVENTS.name]:
-        s.add(Event(study_id=study_id, session_id=row["session"], trial_id=row["trial"], **_kept(row, EVENTS, Event)))
+        s.add(
+            Event(
+                study_id=study_id, session_id=row["session"], trial_id=row["trial"], **_columns_in(row, EVENTS, Event)
+            )
+        )
         s.flush()  # one by one: their order is their id
 
 
@@ -242,5 +246,5 @@ def _consents(row: Row) -> Row | None:
     return answered or None
 
 
-def _kept(row: Row, table: Table, model: type[Any]) -> Row:
+def _columns_in(row: Row, table: Table, model: type[Any]) -> Row:
     return {name: row[name] for name in table.kept_in(model)}

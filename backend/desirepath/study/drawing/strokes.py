@@ -88,7 +88,7 @@ def add_stroke(
     now: datetime,
 ) -> StrokeRow:
     """Store a stroke; one that can be driven begins to be. The same request again gives the same row."""
-    known = _known(s, session, step, request_id)
+    known = _find_known(s, session, step, request_id)
     if known is not None:
         return known
     before = latest_stroke(s, session.id, step.key)
@@ -109,7 +109,7 @@ def add_stroke(
     return stroke
 
 
-def _known(s: DatabaseSession, session: Session, step: PathStep, request_id: str) -> StrokeRow | None:
+def _find_known(s: DatabaseSession, session: Session, step: PathStep, request_id: str) -> StrokeRow | None:
     """The stroke that the same request made before."""
     known = s.scalars(select(StrokeRow).where(StrokeRow.request_id == request_id)).first()
     if known is not None and (known.session_id != session.id or known.step_key != step.key):
@@ -217,7 +217,7 @@ def _add_walk(s: DatabaseSession, files: ArtefactStore, session: Session, stroke
 
 def walk_again(s: DatabaseSession, session: Session, step: PathStep, *, request_id: str, now: datetime) -> StrokeRow:
     """The same path once more, walked beside anew: a stroke of its own, so that the walk before stays stored."""
-    known = _known(s, session, step, request_id)
+    known = _find_known(s, session, step, request_id)
     if known is not None:
         return known
     before = latest_stroke(s, session.id, step.key)

@@ -34,17 +34,17 @@ def about_person(moment: Moment) -> dict[str, Any] | None:
     letters = find_letters(s, session)
     facts = {"outcome": session.personalisation, "learns_from": training.learns_from, "answers": len(letters)}
     if session.personalisation == "shown":
-        return facts | {"compared": _compared(s, session), "guessed": _guessed(s, session)}
+        return facts | {"compared": _count_comparisons(s, session), "guessed": _find_guess(s, session)}
     if session.personalisation == "one_sided":
         bias = position_bias(letters)
         return facts | {"letter": bias.letter, "times": bias.times}
     return facts
 
 
-def _compared(s: DatabaseSession, session: Session) -> list[dict[str, Any]]:
+def _count_comparisons(s: DatabaseSession, session: Session) -> list[dict[str, Any]]:
     pairs: Counter[str] = Counter()
     own: Counter[str] = Counter()
-    for arms, value in s.execute(_answered(session, "comparison")):
+    for arms, value in s.execute(_select_answered(session, "comparison")):
         against = next((opponent for opponent in ("neutral", "other") if opponent in arms), "base")
         against = "stand_in" if arms.get("stand_in") else "dwa" if "dwa" in arms.values() else against
         pairs[against] += 1
@@ -52,7 +52,7 @@ def _compared(s: DatabaseSession, session: Session) -> list[dict[str, Any]]:
     return [{"against": against, "own": own[against], "pairs": count} for against, count in pairs.items()]
 
 
-def _guessed(s: DatabaseSession, session: Session) -> bool | None:
+def _find_guess(s: DatabaseSession, session: Session) -> bool | None:
     guesses = select(Response.value).where(Response.session_id == session.id, Response.kind == "guess")
     return next((bool(value["right"]) for value in s.scalars(guesses) if "right" in value), None)
 
@@ -62,7 +62,7 @@ def _methods(moment: Moment) -> dict[str, Any] | None:
     robot went by most, None where its method taught nothing. met: [{a, b, choice, look_alike}], every pair with whose
     robots it showed. favourite: the one chosen more often than every other, None where two were as often; wanted: the
     way that this person said they would rather use, None where nobody asked. None where nothing was compared."""
-    answered = list(moment.s.execute(_answered(moment.session, "method_comparison", Trial.block)))
+    answered = list(moment.s.execute(_select_answered(moment.session, "method_comparison", Trial.block)))
     if not answered:
         return None
     weights = find_robots(moment, answered[0][2])["weights"]
@@ -82,11 +82,11 @@ def _methods(moment: Moment) -> dict[str, Any] | None:
         ],
         "met": met,
         "favourite": order[0] if chosen[order[0]] > chosen[order[1]] else None,
-        "wanted": _wanted(moment, set(order)),
+        "wanted": _find_wanted(moment, set(order)),
     }
 
 
-def _wanted(moment: Moment, methods: set[str]) -> str | None:
+def _find_wanted(moment: Moment, methods: set[str]) -> str | None:
     """The first of them where they were ranked by preference."""
     answers = select(Response.value).where(Response.session_id == moment.session.id, Response.kind == "questionnaire")
     for value in moment.s.scalars(answers):
@@ -96,7 +96,7 @@ def _wanted(moment: Moment, methods: set[str]) -> str | None:
     return None
 
 
-def _answered(session: Session, kind: str, *more: Any) -> Any:
+def _select_answered(session: Session, kind: str, *more: Any) -> Any:
     """(arms, value, more) of the session's answered trials of that kind, in their order."""
     return (
         select(Trial.arms, Response.value, *more)

@@ -32,7 +32,7 @@ def lend_policy(s: DatabaseSession, session: Session, *, setup: str, stand_ins: 
     # Exclusive among who lends, but not against foreign keys: rows that name the study were written before this.
     s.get(Study, session.study_id, with_for_update={"key_share": True})
     ready = _ready(s, session)
-    lent = _lent_before(s, session)
+    lent = _count_lent(s, session)
     times = [lent[policy_key(s, policy)] for policy in ready]
     free = next((policy for policy, count in zip(ready, times, strict=True) if not count), None)
     if free is not None:
@@ -93,7 +93,7 @@ def _alignments_of_others(s: DatabaseSession, session: Session) -> Select[Job, s
     )
 
 
-def _lent_before(s: DatabaseSession, session: Session) -> Counter[str]:
+def _count_lent(s: DatabaseSession, session: Session) -> Counter[str]:
     """How many other participants of the same kind each policy was lent to."""
     from desirepath.learning.policies.stand_ins import stand_in_name
 

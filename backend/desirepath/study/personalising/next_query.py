@@ -236,14 +236,14 @@ def prepare(database: Database, files: ArtefactStore) -> None:
     with database.session() as s:
         for study in s.scalars(select(Study).where(Study.state == "open")):
             row = protocol_row(s, study, newest_number(s, study))
-            if not (how := set(_chosen_by(row)) - {"random"}):
+            if not (how := set(_strategies_in(row)) - {"random"}):
                 continue
             recall(files).measure_queries(s, files, row)
             if any(STRATEGIES[name].beyond for name in how):
                 recall(files).pairs(s, files, row)
 
 
-def _chosen_by(row: Study | ProtocolVersion) -> Iterator[str]:
+def _strategies_in(row: Study | ProtocolVersion) -> Iterator[str]:
     """How the protocol chooses what it asks in its blocks and after them, as it is stored."""
     for entry in row.protocol["stages"]:
         for trials in (entry.get("block") or {}).get("trials", []):

@@ -52,8 +52,8 @@ class Waiting:
             "progress": round(self.share, 3),
             "before": self.before,
             "running": self.running,
-            "seconds": _rounded(self.seconds) if self.seconds is not None else None,
-            "at_most": _rounded(self.at_most),
+            "seconds": _round(self.seconds) if self.seconds is not None else None,
+            "at_most": _round(self.at_most),
             "done": False,
         }
 
@@ -66,7 +66,7 @@ def waiting_of(moment: Moment) -> Waiting | None:
         return None
     since, patience = alignment_jobs.patience_of(moment)
     waited = max(0.0, (moment.now - since).total_seconds())
-    queues, workers = _unfinished(s), _trainings_at_once(s)
+    queues, workers = _find_unfinished(s), _trainings_at_once(s)
     ends = [_ends(s, queues[queue_of(job)], max(1, workers)) for job in awaited]
     seconds = max(end[job.id] for end, job in zip(ends, awaited, strict=True))
     last = max(awaited, key=lambda job: (job.created_at, job.id))
@@ -81,7 +81,7 @@ def waiting_of(moment: Moment) -> Waiting | None:
     )
 
 
-def _unfinished(s: DatabaseSession) -> Mapping[str, list[Job]]:
+def _find_unfinished(s: DatabaseSession) -> Mapping[str, list[Job]]:
     """Trainings of all sessions by queue, in the order in which they are taken up."""
     by_queue: dict[str, list[Job]] = {}
     for job in s.scalars(select(Job).where(Job.state.not_in(ENDED), Job.session_id.is_not(None))):
@@ -143,7 +143,7 @@ def _usual_s(s: DatabaseSession, job: Job) -> float:
     return usual
 
 
-def _rounded(seconds: float) -> int:
+def _round(seconds: float) -> int:
     """To 1 s below 20, to 5 s below two minutes, to half minutes above, always up."""
     step = 1 if seconds < 20 else 5 if seconds < 120 else 30
     return int(-(-seconds // step) * step)

@@ -155,7 +155,7 @@ def draw(needs: Needs, sample: Sample, queries: Sequence[AnyQuery], random: np.r
     drawn_triads = _triads(allowed, needs.triads, random)
     in_triads = {scene for scene, _ in drawn_triads}
     rest = [query for query in allowed if query.scene_hash not in in_triads] if drawn_triads else allowed
-    chosen = _drawn(rest, needs.queries, sample.different_scenes, random)
+    chosen = _draw(rest, needs.queries, sample.different_scenes, random)
     if len(chosen) < needs.queries:
         limits = f"; {len(rest)} of its {len(queries)} may be drawn" if len(rest) < len(queries) else ""
         scenes = " in different scenes" if sample.different_scenes else ""
@@ -163,8 +163,8 @@ def draw(needs: Needs, sample: Sample, queries: Sequence[AnyQuery], random: np.r
             f"the query set has {len(chosen) if scenes else len(rest)} queries{scenes}{limits}, "
             f"one session of this protocol needs {needs.queries}"
         )
-    pairs = [_sided(_pair(query), bool(random.integers(2))) for query in chosen]
-    sided = [tuple(_sided(pair, bool(random.integers(2))) for pair in three) for _, three in drawn_triads]
+    pairs = [_swap_if(_pair(query), bool(random.integers(2))) for query in chosen]
+    sided = [tuple(_swap_if(pair, bool(random.integers(2))) for pair in three) for _, three in drawn_triads]
     triads = [(a, b, c) for a, b, c in sided]
     return DrawnQueries(pairs[: needs.shared], pairs[needs.shared :], triads, ranked, practised)
 
@@ -193,7 +193,7 @@ def _fits(query: AnyQuery, sample: Sample) -> bool:
     )
 
 
-def _drawn(queries: list[AnyQuery], count: int, different: bool, random: np.random.Generator) -> list[AnyQuery]:
+def _draw(queries: list[AnyQuery], count: int, different: bool, random: np.random.Generator) -> list[AnyQuery]:
     if not different:
         places = random.choice(len(queries), size=min(count, len(queries)), replace=False)
         return [queries[i] for i in places]
@@ -211,7 +211,7 @@ def _pair(query: AnyQuery) -> Pair:
     )
 
 
-def _sided(pair: Pair, swapped: bool) -> Pair:
+def _swap_if(pair: Pair, swapped: bool) -> Pair:
     return pair.swap() if swapped else pair
 
 

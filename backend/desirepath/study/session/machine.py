@@ -129,7 +129,7 @@ def submit(
         _check_can_be_answered(acting, step, value)
     if step.most_s and not session.simulated and (acting.stood_s or 0.0) > step.most_s + TOLERANCE_S:
         value = {**value, "timed_out": True}  # whatever the page's clock said
-    stored = _checked(acting, step, value, named)
+    stored = _check(acting, step, value, named)
     stored |= kind.keep(step, acting, stored)
     response = Response(
         session_id=session.id,
@@ -167,7 +167,7 @@ def submit(
     return Submitted(response.id, duplicate=False)
 
 
-def _checked(acting: Acting, step: Step, value: Any, named: str | None) -> dict[str, Any]:
+def _check(acting: Acting, step: Step, value: Any, named: str | None) -> dict[str, Any]:
     """The answer as it is stored. Raises BadValue, which names the session."""
     session = acting.session
     page = Page(acting.frozen, session.language, session.completion_code, acting.answer_to)

@@ -67,7 +67,7 @@ class HttpSessionClient:
         return self.state()
 
     def state(self) -> State:
-        return self._answered("GET", self._api)
+        return self._request("GET", self._api)
 
     def start(self, key: str) -> State:
         return self._post(f"{self._api}/trials/{key}/start", {"request_id": uuid4().hex})
@@ -76,7 +76,7 @@ class HttpSessionClient:
         return self._post(f"{self._api}/trials/{key}/seen", {"side": side, "playback_id": playback_id})
 
     def trajectories(self) -> tuple[Trajectory, Trajectory]:
-        answered = self._answered("GET", f"{self._api}/trial-data")
+        answered = self._request("GET", f"{self._api}/trial-data")
         a, b = (Trajectory.from_bytes(base64.b64decode(answered[name])) for name in ("a", "b"))
         return a, b
 
@@ -90,9 +90,9 @@ class HttpSessionClient:
         return self._post(f"{self._api}/steps/{key}", {"request_id": uuid4().hex, "value": dict(value)})
 
     def _post(self, path: str, body: dict[str, Any]) -> dict[str, Any]:
-        return self._answered("POST", path, body)
+        return self._request("POST", path, body)
 
-    def _answered(self, method: str, path: str, body: dict[str, Any] | None = None) -> dict[str, Any]:
+    def _request(self, method: str, path: str, body: dict[str, Any] | None = None) -> dict[str, Any]:
         response = self._client.request(method, path, json=body)
         for _ in range(BUSY_TRIES):
             wait_s = put_off_s(response)

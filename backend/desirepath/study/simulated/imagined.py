@@ -27,7 +27,7 @@ KNOTS = 6
 
 def imagine_stroke(scene: Scene, weights: Mapping[str, float], random: np.random.Generator, tried: int) -> Stroke:
     """The best imagined way that was not tried yet, drawn. tried: how many were refused before."""
-    ways = [way for way in _imagined(scene) if way.outcome == Outcome.SUCCESS]
+    ways = [way for way in _imagine(scene) if way.outcome == Outcome.SUCCESS]
     shares = np.asarray(preference_weights(weights), np.float64)
     worth = gains(measures(ways) / typical_differences(scene.setup)) @ shares
     way = ways[int(np.argsort(-worth)[min(tried, len(ways) - 1)])]
@@ -39,7 +39,7 @@ def imagine_stroke(scene: Scene, weights: Mapping[str, float], random: np.random
 
 
 @lru_cache(maxsize=8)
-def _imagined(scene: Scene) -> list[Trajectory]:
+def _imagine(scene: Scene) -> list[Trajectory]:
     conditioned = load_conditioned(f"{scene.setup}/conditioned")
     shares = Posterior.prior(scene.setup).sample(IMAGINED).weights
     policies = [conditioned.at(weights_of_shares(share)) for share in shares]

@@ -236,13 +236,13 @@ class SimulatedParticipant:
                 stroke = draw_stroke(style, scenes[choice], int(self.random.integers(2**31)))
             state = self._client.draw(step["key"], stroke.as_sent() | {"pointer": "bot", "walk": choice})
             if state["step"]["trial"]["walking"]:
-                state = self._walked(step["key"], scenes[choice], state["step"]["trial"])
+                state = self._walk(step["key"], scenes[choice], state["step"]["trial"])
             problem = state.get("problem")
             if problem is None:
                 return {"stroke": state["step"]["trial"]["stroke"]}
         self._give_up(f"{DRAWING_TRIES} paths were refused, the last one: {problem}")
 
-    def _walked(self, key: str, scene: Scene, shown: Mapping[str, Any]) -> State:
+    def _walk(self, key: str, scene: Scene, shown: Mapping[str, Any]) -> State:
         from desirepath.demonstrations.planned_walks import record_walk  # numba comes with it
 
         times, poses = record_walk(scene, shown["duration_s"], int(self.random.integers(2**31)))

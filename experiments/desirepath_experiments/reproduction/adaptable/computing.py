@@ -192,9 +192,9 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
             arrays["returns"] = rollouts.returns.reshape(len(vectors), len(scenes), -1)
             free = {demonstrated.scene.seed for demonstrated in demonstrate_in(scenes)}
             arrays["free"] = np.array([scene.seed in free for scene in scenes])
-            arrays |= _padded("way", ways[:SHOWN])
+            arrays |= _pad("way", ways[:SHOWN])
         arrays |= {f"{kind}_{name}": value.reshape(len(vectors), -1) for name, value in shaped.items()}
-        arrays |= _padded(f"{kind}_path", _shown_paths(rollouts, len(vectors), len(scenes)))
+        arrays |= _pad(f"{kind}_path", _shown_paths(rollouts, len(vectors), len(scenes)))
         meta[kind]["shown"] = [scene.as_dict() for scene in scenes[:SHOWN]]
     return TaskResult(meta, arrays)
 
@@ -227,7 +227,7 @@ def _shown_paths(rollouts: PreferenceRollouts, vectors: int, scenes: int) -> lis
     return [rollouts.paths[v * scenes + s] for v in range(vectors) for s in range(min(SHOWN, scenes))]
 
 
-def _padded(name: str, paths: Sequence[NDArray[np.float64]]) -> dict[str, NDArray[Any]]:
+def _pad(name: str, paths: Sequence[NDArray[np.float64]]) -> dict[str, NDArray[Any]]:
     """Paths as one array (paths, points, 2), the rest NaN."""
     padded = np.full((len(paths), max(map(len, paths)), 2), np.nan, dtype=np.float32)
     for row, path in zip(padded, paths, strict=True):

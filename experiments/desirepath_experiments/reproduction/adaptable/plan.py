@@ -56,7 +56,7 @@ def make_plan(budget: AdaptableBudget, seeds: Sequence[int] | None = None) -> Ad
     plan = AdaptablePlan(budget, {}, {}, {}, {})
     for seed in budget.seeds if seeds is None else seeds:
         for source in (PROGRAMMED, DRAWN):
-            plan.learned[source, seed] = _learned(budget, source, seed)
+            plan.learned[source, seed] = _learn_reward(budget, source, seed)
         _add(plan, OURS, seed, plan.learned[PROGRAMMED, seed])
     if seeds is not None:
         return plan
@@ -64,7 +64,9 @@ def make_plan(budget: AdaptableBudget, seeds: Sequence[int] | None = None) -> Ad
     for variant in budget.baselines:
         demonstration = plan.learned[PROGRAMMED, first]
         if variant == NO_PERSON:
-            plan.learned[NO_PERSON, first] = demonstration = _learned(budget, PROGRAMMED, first, without_person=True)
+            plan.learned[NO_PERSON, first] = demonstration = _learn_reward(
+                budget, PROGRAMMED, first, without_person=True
+            )
         _add(plan, variant, first, demonstration)
     for name in NAMES if budget.alone else ():
         learned = plan.learned[PROGRAMMED, first]
@@ -75,7 +77,7 @@ def make_plan(budget: AdaptableBudget, seeds: Sequence[int] | None = None) -> Ad
     return plan
 
 
-def _learned(budget: AdaptableBudget, source: str, seed: int, *, without_person: bool = False) -> Task:
+def _learn_reward(budget: AdaptableBudget, source: str, seed: int, *, without_person: bool = False) -> Task:
     params: dict[str, Any] = {"source": source, "seed": seed, "without_person": without_person}
     fewer = 3 if source == DRAWN else 1  # a few hundred steps are cloned, of 16 paths
     params |= {count: getattr(budget, count) // fewer for count in ("cloning_updates", "reward_updates")}

@@ -105,7 +105,7 @@ def make(plan: DemonstrationsPlan, load: Load) -> Made:
 
     budget, rows = plan.budget, rows_of(plan, load)
     of_ours = [row for row in rows if row.controller == OURS]
-    measured = list(_measured(plan, load))
+    measured = list(_measure(plan, load))
     whole = (budget.environments[0], budget.ablated)
     return Made(
         {"bars": {name: asdict(bar) for name, bar in BARS.items()}, "rows": [asdict(row) for row in rows]},
@@ -150,7 +150,7 @@ def rollouts_of(
     ]
 
 
-def _measured(plan: DemonstrationsPlan, load: Load) -> Iterator[dict[str, Any]]:
+def _measure(plan: DemonstrationsPlan, load: Load) -> Iterator[dict[str, Any]]:
     """Mean and standard deviation of every measure over all rollouts of all seeds."""
     for environment, style, controller in product(plan.budget.environments, plan.budget.styles, SHOWN):
         rollouts = rollouts_of(plan, load, environment, style, controller)

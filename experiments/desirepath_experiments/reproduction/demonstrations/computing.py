@@ -63,7 +63,7 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """Rollouts from every demonstrated start, measured; the demonstrations measured beside them."""
     demonstrations = demonstrations_of(params)
     rollouts = roll_out(_acting(params, needs), [d.scene for d in demonstrations])
-    arrays = {**_shown(rollouts, "driven"), **_shown([d.trajectory for d in demonstrations], "demonstrated")}
+    arrays = {**_pick_shown(rollouts, "driven"), **_pick_shown([d.trajectory for d in demonstrations], "demonstrated")}
     return TaskResult({"judged": judge_rollouts(rollouts, demonstrations).as_dict()}, arrays)
 
 
@@ -84,7 +84,7 @@ def unseen(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     return TaskResult({"unseen": by_kind}, {})
 
 
-def _shown(rollouts: Sequence[Trajectory], name: str) -> dict[str, NDArray[Any]]:
+def _pick_shown(rollouts: Sequence[Trajectory], name: str) -> dict[str, NDArray[Any]]:
     """What figures need of rollouts: poses padded with NaN, numbers of chapter 2, speed profiles."""
     measured = measure(rollouts)
     poses = np.full((len(rollouts), max(len(t.poses) for t in rollouts), 3), np.nan, dtype=np.float32)

@@ -70,14 +70,14 @@ def _recording(policy: bytes, homes: int, steps: int) -> Recording:
     return record(Policy.from_bytes(policy), home_episodes(drawn, MODES[:4]), steps=steps, robots=ROBOTS)
 
 
-def _recorded(params: dict[str, Any], avoided: TaskResult) -> Recording:
+def _record(params: dict[str, Any], avoided: TaskResult) -> Recording:
     return _recording(avoided.content("policy"), params["homes"], params["steps"])
 
 
 def encoder(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """The encoder's training from the part before, if there is one, until so many batches are done."""
     training = EncoderTraining(
-        _recorded(params, needs[0]),
+        _record(params, needs[0]),
         (DEPTH_CAMERA, WIDE_CAMERA),
         CameraNoise(),
         VaeConfig(batches=params["batches"]),
@@ -93,7 +93,7 @@ def encoder(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
 
 def perception(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """The predictor, and how well encoder and predictor do in homes that neither has seen."""
-    policy, recording = Policy.from_bytes(needs[0].content("policy")), _recorded(params, needs[0])
+    policy, recording = Policy.from_bytes(needs[0].content("policy")), _record(params, needs[0])
     encoder = DepthEncoder.from_bytes(needs[1].content("encoder"))
     fitted = fit_predictor(*prediction_set(recording, encoder), PredictorConfig(batches=params["predictor_batches"]))
     predictor = PersonPredictor(fitted)
@@ -111,7 +111,7 @@ def perception(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResul
 
 
 @cache
-def _demonstrated(scenes: int, per_scene: int) -> list[list[Demonstration]]:
+def _demonstrate(scenes: int, per_scene: int) -> list[list[Demonstration]]:
     return home_demonstrations(scenes, per_scene)
 
 
@@ -122,7 +122,7 @@ def _senses(name: str, trained: TaskResult, seed: int) -> Any:
 
 
 @cache
-def _explored(homes: int, seed: int) -> Episodes:
+def _explore(homes: int, seed: int) -> Episodes:
     first = EXPLORED_SEED + 10_000 * seed
     return home_episodes(draw_scenes("home", range(first, first + homes)), MODES[:4], seed)
 
@@ -133,8 +133,8 @@ def controller(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResul
     policy = train_depth_controller(
         CONFIGURATIONS[name],
         _senses(name, needs[0], seed),
-        _explored(params["homes"], seed),
-        flat(_demonstrated(params["scenes"], params["per_scene"])),
+        _explore(params["homes"], seed),
+        flat(_demonstrate(params["scenes"], params["per_scene"])),
         DepthTrainingConfig(seed=seed, updates=params["updates"]),
     )
     return TaskResult({}, {"policy": as_bytes(policy.to_bytes())})
@@ -149,7 +149,7 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     # The same homes for every mode and every configuration.
     episodes = home_episodes([scene for scene in unseen for _ in modes], modes, seed=7)
     of_unseen = roll_out_depth(policy, make, episodes)
-    shown = _demonstrated(params["scenes"], params["per_scene"])
+    shown = _demonstrate(params["scenes"], params["per_scene"])
     replayed, paths = _around(shown, params["rollouts"])
     measured: dict[str, Any] = {
         "unseen": {mode: of_unseen.rates(mode) for mode in modes} | {"all": of_unseen.rates()},
@@ -159,10 +159,10 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
         rollouts = roll_out_depth(policy, make, without(replayed, removed))
         deviations = judge_followed(rollouts, paths)
         measured["demonstrated"][removed] = rollouts.rates() | {
-            **_followed(deviations),
-            "per_scene": [list(_followed(deviations[i :: len(shown)]).values()) for i in range(len(shown))],
+            **_deviation_medians(deviations),
+            "per_scene": [list(_deviation_medians(deviations[i :: len(shown)]).values()) for i in range(len(shown))],
             "styles": {
-                style: _followed(
+                style: _deviation_medians(
                     [deviation for n, deviation in enumerate(deviations) if shown[n % len(shown)][0].style == style]
                 )
                 for style in sorted({shown_demonstrations[0].style for shown_demonstrations in shown})
@@ -171,7 +171,7 @@ def judged(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     return TaskResult(measured, {})
 
 
-def _followed(deviations: Sequence[Deviation]) -> dict[str, float]:
+def _deviation_medians(deviations: Sequence[Deviation]) -> dict[str, float]:
     """Medians of t* and of f there."""
     return {
         "t_star": float(np.median([deviation.t_star for deviation in deviations])),

@@ -124,7 +124,7 @@ def make(plan: EnqueryPlan, load: Load) -> Made:
     numbers = {"tables": summaries, "ceiling_m": results.ceiling_m, "crossings": results.crossings}
     return Made(
         {"setup": SETUP, "seed": plan.seed, "results": asdict(results)},
-        more=_told(plan, results),
+        more=_report_values(plan, results),
         answer={"seed": plan.seed, **numbers},
         drawn=draw(plan, load, results),
         card=_card(plan, numbers),
@@ -134,7 +134,7 @@ def make(plan: EnqueryPlan, load: Load) -> Made:
 CHAPTER = Chapter("enquery", BUDGETS, FUNCTIONS, make_plan, make, options={"seed": 0})
 
 
-def _told(plan: EnqueryPlan, results: EnqueryResults) -> dict[str, Any]:
+def _report_values(plan: EnqueryPlan, results: EnqueryResults) -> dict[str, Any]:
     """What the report picks from the results."""
     cell, last = nearest_cell(results.sweep, PRINTED["kappa"], int(PRINTED["ensemble_steps"])), max(plan.budget.marks)
     success = {swept.kappa: swept.success_rate for swept in results.sweep if swept.steps == last}
@@ -253,7 +253,7 @@ def curves_of(repetitions: Sequence[NDArray[Any]], answers: Sequence[int]) -> li
     return points
 
 
-def _corrected(tests: dict[str, TTest]) -> dict[str, TTest]:
+def _correct(tests: dict[str, TTest]) -> dict[str, TTest]:
     """The same tests with p corrected for their number by Holm."""
     corrected = holm([test.p for test in tests.values()])
     return {name: replace(test, p_corrected=p) for (name, test), p in zip(tests.items(), corrected, strict=True)}
@@ -299,8 +299,8 @@ def table_of_recipe(recipe: str, runs: dict[str, list[TaskResult]], raw: TaskRes
     if len(means[FIRST]) > 1:
         varying = [name for name in others if max(np.ptp(means[FIRST]), np.ptp(means[name])) > ROUNDING_M]
         units = {**means, RAW: means[RAW][0]}  # one policy: a fixed value
-        by_alignment = _corrected({name: student_t(units[FIRST], units[name]) for name in varying})
-    by_episode = _corrected({name: student_t(distances[FIRST].ravel(), distances[name].ravel()) for name in others})
+        by_alignment = _correct({name: student_t(units[FIRST], units[name]) for name in varying})
+    by_episode = _correct({name: student_t(distances[FIRST].ravel(), distances[name].ravel()) for name in others})
     return [_row(recipe, name, of, raw, by_alignment.get(name), by_episode.get(name)) for name, of in runs.items()]
 
 

@@ -158,14 +158,14 @@ def alignment_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskR
         "preference_weight": result.reward_weight,
         "replay_sha256": result.replay_sha256,
     }
-    return _rolled_out(result.policy, params["scenes"], meta)
+    return _roll_out(result.policy, params["scenes"], meta)
 
 
 def instant_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """The conditioned policy at the weights that the answers say, and its trajectories in the table's scenes."""
     weights = weights_said(params, needs)
     policy = load_conditioned(params["conditioned"]).at(weights).without_critic()
-    return _rolled_out(policy, params["scenes"], {"weights": weights.tolist()})
+    return _roll_out(policy, params["scenes"], {"weights": weights.tolist()})
 
 
 def search_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
@@ -185,7 +185,7 @@ def search_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResu
         "chosen": result.chosen,
         "history": result.history,
     }
-    return _rolled_out(shown, params["scenes"], meta)
+    return _roll_out(shown, params["scenes"], meta)
 
 
 def weights_said(params: dict[str, Any], needs: Sequence[TaskResult]) -> NDArray[np.float32]:
@@ -196,10 +196,10 @@ def weights_said(params: dict[str, Any], needs: Sequence[TaskResult]) -> NDArray
 
 def raw_task(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """The base policy's trajectories in the table's scenes."""
-    return _rolled_out(stored_policies(needs[0])[0].without_critic(), params["scenes"], {})
+    return _roll_out(stored_policies(needs[0])[0].without_critic(), params["scenes"], {})
 
 
-def _rolled_out(policy: Policy, scenes: dict[str, int], meta: dict[str, Any]) -> TaskResult:
+def _roll_out(policy: Policy, scenes: dict[str, int], meta: dict[str, Any]) -> TaskResult:
     table = episodes(policy, table_scenes(scenes))
     return _with_policies(
         [policy],

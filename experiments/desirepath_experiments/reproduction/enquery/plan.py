@@ -140,8 +140,8 @@ def make_plan(budget: EnqueryBudget, seed: int) -> EnqueryPlan:
     if not 0 <= seed < SEEDS_PER_RUN:
         raise ValueError(f"seed = {seed}: between 0 and {SEEDS_PER_RUN - 1}")
     fast, own = SECONDS_PER_UPDATE[FAST_HEADS], SECONDS_PER_UPDATE[budget.heads]
-    shipped = _shipped("base", f"{SETUP}/base", [load_policy(f"{SETUP}/base")])
-    base, ensemble = shipped, _shipped("ensemble", f"{SETUP}/ensemble", load_ensemble(SETUP))
+    shipped = _shipped_task("base", f"{SETUP}/base", [load_policy(f"{SETUP}/base")])
+    base, ensemble = shipped, _shipped_task("ensemble", f"{SETUP}/ensemble", load_ensemble(SETUP))
     if budget.train:
         trained = BaseConfig(SETUP, seed=seed, heads=budget.heads, updates=budget.base_updates)
         base = Task("train_base", trained.as_dict(), seconds=60 + own * trained.updates)
@@ -222,7 +222,7 @@ def _alignment(
     )
 
 
-def _shipped(kind: str, name: str, policies: Sequence[Policy]) -> Task:
+def _shipped_task(kind: str, name: str, policies: Sequence[Policy]) -> Task:
     return Task(f"shipped_{kind}", {"name": name, "sha256": [policy.digest() for policy in policies]}, seconds=1)
 
 

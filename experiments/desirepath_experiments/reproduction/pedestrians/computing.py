@@ -39,17 +39,17 @@ def trained(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     state = needs[0].arrays["state"].tobytes() if needs else None
     training = train_crowd(CrowdTrainingConfig(**params["config"]), until=params["until"], state=state)
     meta = {"history": training.history, "level": training.level, "transitions": training.transitions}
-    return TaskResult(meta, {**_prefixed(training.actor), "state": np.frombuffer(training.state, dtype=np.uint8)})
+    return TaskResult(meta, {**_prefix(training.actor), "state": np.frombuffer(training.state, dtype=np.uint8)})
 
 
 def imitated(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
     """One training by imitation."""
     del needs
     training = imitate(ImitationConfig(**params["config"]))
-    return TaskResult({"history": training.history, "bfloat16": training.bfloat16}, _prefixed(training.actor))
+    return TaskResult({"history": training.history, "bfloat16": training.bfloat16}, _prefix(training.actor))
 
 
-def _prefixed(actor: Actor) -> dict[str, Floats]:
+def _prefix(actor: Actor) -> dict[str, Floats]:
     return {f"actor.{name}": value for name, value in actor_to_arrays(actor).items()}
 
 

@@ -84,7 +84,7 @@ def make_plan(budget: PedestrianBudget, device: str = "cpu") -> PedestrianPlan:
     }  # fmt: skip
     judged = 2 * budget.episodes + (2 + len(budget.speeds) + len(budget.numbers)) * budget.episodes_more
     for seed, name in product(budget.seeds, budget.learned):
-        training = _trained(budget, name, seed, device) if learner_of(name) else imitated(budget, name, seed)
+        training = _train(budget, name, seed, device) if learner_of(name) else imitated(budget, name, seed)
         robustness = name == "ours"
         params: dict[str, Any] = {"variant": network_of(name), "robustness": robustness, **common}
         groups = VARIANTS[network_of(name)].given == "points_and_groups"
@@ -121,7 +121,7 @@ def _network(variant: str) -> dict[str, Any]:
     return {"given": VARIANTS[variant].given, "gap_times": GAP_TIMES, "first_numbers": FIRST_NUMBERS}
 
 
-def _trained(budget: PedestrianBudget, name: str, seed: int, device: str) -> Task:
+def _train(budget: PedestrianBudget, name: str, seed: int, device: str) -> Task:
     """The last of the tasks of a training, each going on from the one before."""
     variant, settings = network_of(name), budget.by_reward
     if settings is None:

@@ -144,13 +144,13 @@ class AdaptableTraining:
         self._parts = np.arange(config.n_envs) % SIZE
         noise = np.geomspace(*config.exploration, config.n_envs // SIZE + 1).astype(np.float32)
         self._noise = noise[np.arange(config.n_envs) // SIZE][:, None]
-        self._preferences = self._drawn(self._parts)
+        self._preferences = self._draw_preferences(self._parts)
         self._best = np.full(SIZE, -np.inf, dtype=np.float32)
         self.solutions = np.zeros((SIZE, SIZE), dtype=np.float32)
         self._clone = clone
         self._begin_with(clone)
 
-    def _drawn(self, parts: NDArray[np.int64]) -> Floats:
+    def _draw_preferences(self, parts: NDArray[np.int64]) -> Floats:
         """Preferences of new episodes (n, 3): of their thirds of the triangle, or the only one there is."""
         if self.config.alone:
             return np.tile(np.eye(SIZE, dtype=np.float32)[NAMES.index(self.config.alone)], (len(parts), 1))
@@ -193,7 +193,7 @@ class AdaptableTraining:
         self.transitions += len(actions)
         ended = np.flatnonzero(engine.dones)
         if len(ended):
-            self._preferences[ended] = self._drawn(self._parts[ended])
+            self._preferences[ended] = self._draw_preferences(self._parts[ended])
 
     def vector_step(self) -> int:
         """One step of all environments, then `updates_per_step` updates; returns how many there were in all."""

@@ -120,7 +120,7 @@ def lengths_to_goal(boxes: Doubles, radius: float, goal: tuple[int, int], xs: Do
 
 
 @compiled
-def _left(length: Doubles, u: float, v: float) -> float:
+def _length_left(length: Doubles, u: float, v: float) -> float:
     """Metres to the goal at (u, v), in cells from the first, between cells."""
     u = min(max(u, 0.0), length.shape[0] - 1.001)
     v = min(max(v, 0.0), length.shape[1] - 1.001)
@@ -141,7 +141,7 @@ def downhill(length: Doubles, cell: float) -> Doubles:
         for j in range(length.shape[1]):
             best = 1e18
             for d in range(len(angles)):
-                left = _left(length, i + along[d], j + aside[d])
+                left = _length_left(length, i + along[d], j + aside[d])
                 if left < best:
                     best, bearings[i, j] = left, angles[d]
     return bearings
@@ -189,7 +189,7 @@ def _headed_for(ground: Ground, x: float, y: float, side: float) -> float:
 
 
 @compiled
-def _tried(
+def _try_move(
     robot: Doubles, ground: Ground, bodies: Bodies, people: Foreseen, move: Doubles, best: float, command: Doubles
 ) -> float:
     """What a move costs, metres still to go and nearness; given up above `best`. move: first direction (rad), speed
@@ -225,7 +225,7 @@ def _tried(
         dx, dy = ground.goal_x - x, ground.goal_y - y
         if dx * dx + dy * dy < ground.goal_radius * ground.goal_radius:
             return cost - SOONER * bodies.dt * (steps - t)
-    return cost + _left(ground.length, (x - ground.x0) / ground.cell, (y - ground.y0) / ground.cell)
+    return cost + _length_left(ground.length, (x - ground.x0) / ground.cell, (y - ground.y0) / ground.cell)
 
 
 @compiled
@@ -238,7 +238,7 @@ def best_first_command(
     move, command = np.zeros(5), np.zeros(2)
     for move[4] in CRUISES_M_S:
         for move[3] in SIDES_M:
-            cost = _tried(robot, ground, bodies, people, move, best, command)
+            cost = _try_move(robot, ground, bodies, people, move, best, command)
             if cost < best:
                 best, v, w = cost, command[0], command[1]
     move[4] = CRUISES_M_S[0]
@@ -247,7 +247,7 @@ def best_first_command(
             for d in range(directions if move[1] > 0.0 else 1):
                 move[0] = robot[2] + 2 * math.pi * d / directions
                 for move[3] in FIRST_SIDES_M:
-                    cost = _tried(robot, ground, bodies, people, move, best, command)
+                    cost = _try_move(robot, ground, bodies, people, move, best, command)
                     if cost < best:
                         best, v, w = cost, command[0], command[1]
     return v, w
@@ -268,7 +268,7 @@ def costs_of_commands(
         for move[2] in FIRST_STEPS:
             for move[3] in FIRST_SIDES_M:
                 given_up = min(costs[c], best + most)
-                costs[c] = min(costs[c], _tried(robot, ground, bodies, people, move, given_up, command))
+                costs[c] = min(costs[c], _try_move(robot, ground, bodies, people, move, given_up, command))
         best = min(best, costs[c])
     for c in range(len(commands)):
         costs[c] = min(costs[c] - best, most)
