@@ -157,33 +157,22 @@ class Database:
             parsed = parsed.set(drivername="postgresql+psycopg")
         self.url = parsed
         self.is_sqlite = parsed.get_backend_name() == "sqlite"
+        # An error goes to the log, what was to be stored must not.
+        common: dict[str, Any] = {"pool_size": 20, "hide_parameters": True}
+        common |= {"json_serializer": dump_json, "json_deserializer": load_json}
         if self.is_sqlite:
             if not parsed.database or parsed.database == ":memory:":
                 raise StorageError(f"database url {url!r}: name a file, as in sqlite:///data/desirepath.sqlite")
             self.file: Path | None = Path(parsed.database)
-            engine = create_engine(
-                parsed,
-                connect_args={"timeout": BUSY_TIMEOUT_MS / 1000, "check_same_thread": False},
-                pool_size=20,
-                max_overflow=40,
-                hide_parameters=True,  # an error goes to the log, what was to be stored must not
-                json_serializer=dump_json,
-                json_deserializer=load_json,
-            )
+            waits = {"timeout": BUSY_TIMEOUT_MS / 1000, "check_same_thread": False}
+            engine = create_engine(parsed, connect_args=waits, max_overflow=40, **common)
             event.listen(engine, "connect", _set_up_sqlite)
             event.listen(engine, "begin", _begin_sqlite)
             reading: dict[str, Any] = {"reads_only": True}
             passing: dict[str, Any] = {"passing": True}
         elif parsed.get_backend_name() == "postgresql":
             self.file = None
-            engine = create_engine(
-                parsed,
-                pool_pre_ping=True,
-                pool_size=20,
-                hide_parameters=True,
-                json_serializer=dump_json,
-                json_deserializer=load_json,
-            )
+            engine = create_engine(parsed, pool_pre_ping=True, **common)
             reading = {"postgresql_readonly": True, "isolation_level": "REPEATABLE READ"}
             passing = {}
         else:
