@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -16,8 +17,24 @@ if TYPE_CHECKING:
 
 def register(queries: typer.Typer) -> None:
     """Add this module's commands to `desirepath queries`."""
+    queries.command("look")(look)
     queries.command("import")(import_)
     queries.command("export")(export)
+
+
+@in_data_folder
+@takes_long("looking into {path}")
+def look(
+    path: Annotated[Path, typer.Argument(help="A recording, or a folder of them.")],
+    as_json: JsonFlag = False,
+) -> None:
+    """Say what is in a recording: columns, topics or fields, and the mapping that their names suggest."""
+    from desirepath.recordings.looking import look as look_into
+    from desirepath.recordings.looking import suggest
+
+    found = look_into(path)
+    plain = {name: value for name, value in found.as_dict().items() if value or name == "pairs"}
+    say({**plain, "mapping": suggest(found).model_dump(exclude_defaults=True, mode="json")}, as_json)
 
 
 @in_data_folder
@@ -41,7 +58,9 @@ def import_(
     ] = None,
     answers: Annotated[
         Path | None,
-        typer.Option(help="CSV of answers to pairs (a, b, choice, person): becomes a snapshot to learn from."),
+        typer.Option(
+            help="CSV of answers to pairs (a, b, choice, person): becomes a snapshot; with --out they are printed."
+        ),
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
@@ -51,8 +70,6 @@ def import_(
 
     if out is not None and out.suffix != ".npz":
         raise ValueError(f"--out {out}: must end with .npz")
-    if out is not None and answers is not None:
-        raise ValueError("--answers: a snapshot is kept in the installation; leave --out away")
     mapped, mapped_sha = read_mapping(mapping) if mapping is not None else (None, "")
     found = import_recordings(
         path,
@@ -71,7 +88,9 @@ def import_(
     }
     if out is not None:
         found.query_set.save(out)
-        result["file"] = str(out)
+        result |= {"file": str(out), "imported": found.recorded_card()}
+        if found.answers:
+            result["answers"] = [asdict(one) | {"query": query} for query, one in found.answers]
     else:
         from desirepath.store.audit import record
         from desirepath.store.imported_answers import ImportedAnswer, save_imported_answers
@@ -80,7 +99,9 @@ def import_(
         database, files = open_store(makes=True)
         with database.transaction() as s:
             card = found.recorded_card()
-            stored = save_query_set(s, files, found.query_set, name=name or path.stem, card={"imported": card})
+            stored = save_query_set(
+                s, files, found.query_set, name=name or path.stem, card={"imported": card}, videos=found.videos
+            )
             record(s, "recordings_imported", by=COMMAND_LINE, name=stored.name, files=len(card["files"]))
             result["query_set"] = stored.id
             if found.answers:

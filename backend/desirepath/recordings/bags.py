@@ -20,7 +20,17 @@ from typing import IO, Any
 import numpy as np
 
 from desirepath.recordings.mapping import Mapping
-from desirepath.recordings.recording import BOUNDS, MIB, Bounds, Goal, Recording, RecordingError, Source, track
+from desirepath.recordings.recording import (
+    BOUNDS,
+    MIB,
+    Bounds,
+    Goal,
+    Recording,
+    RecordingError,
+    Source,
+    file_sha256,
+    track,
+)
 from desirepath.recordings.resampling import body_speeds
 from desirepath.recordings.ros_messages import (
     ODOMETRY,
@@ -42,6 +52,8 @@ MCAP, ROSBAG2 = "mcap", "rosbag2"
 SUFFIXES = {".mcap": MCAP, ".db3": ROSBAG2}
 METADATA = "metadata.yaml"
 POSES, GROUPS = (ODOMETRY, POSE, POSE_WITH_COVARIANCE), (POSE_ARRAY, PEOPLE)
+FITS = {"pose": POSES, "people": GROUPS, "goal": (POSE,), "scan": ("sensor_msgs/msg/LaserScan",)}
+"""What a topic may be, as the mapping calls it -> of which types."""
 CHUNK_BYTES = 256 * MIB
 LACKING = "MCAP needs the package mcap: pip install 'desirepath[recordings]'"
 SAME_PERSON_M, FASTEST_M_S, FORGOTTEN_S = (
@@ -67,6 +79,7 @@ class _Bag:
     name: str
     kinds: dict[str, str] = field(default_factory=dict)
     read: dict[str, _Topic] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     messages: int = 0
 
     def topic(self, name: str, kind: str, bounds: Bounds) -> None:
@@ -109,6 +122,15 @@ def read_bag(path: Path, mapping: Mapping, bounds: Bounds = BOUNDS) -> list[Reco
     return [_recording(Source(path.name, kind, sha), path, bag, mapping, bounds)]
 
 
+def look_at_topics(path: Path, bounds: Bounds = BOUNDS) -> dict[str, tuple[str, int]]:
+    """Topic -> its type and how many messages it has, by name; no message is read. Raises RecordingError."""
+    bag = _Bag(path.name)
+    for file in bag_files(path) if path.is_dir() else [path]:
+        _sha256(file, bounds)  # which looks at the size, too
+        (_read_mcap if file.suffix.lower() == ".mcap" else _read_sqlite)(file, bag, set(), bounds)
+    return {name: (kind, bag.counts[name]) for name, kind in sorted(bag.kinds.items())}
+
+
 def bag_files(folder: Path) -> list[Path]:
     """The files of a rosbag2 folder, in the order of their numbers."""
 
@@ -126,8 +148,7 @@ def _sha256(file: Path, bounds: Bounds) -> str:
         raise RecordingError(
             file.name, "bytes", size, f"at most {bounds.bag_bytes} are read; cut the bag, or drop its images"
         )
-    with file.open("rb") as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
+    return file_sha256(file)
 
 
 # ---- containers ------------------------------------------------------------------------------------------------------
@@ -156,6 +177,7 @@ def _read_mcap(file: Path, bag: _Bag, wanted: set[str], bounds: Bounds) -> None:
         elif isinstance(record, records.Message):
             bag.messages += 1
             topic, encoding = channels.get(record.channel_id, ("", ""))
+            bag.counts[topic] += 1
             if topic in wanted and _is_read(bag, topic):
                 if encoding != "cdr":
                     problem = "only ROS 2's cdr is read; convert the bag (`ros2 bag convert`, `rosbags-convert`)"
@@ -238,9 +260,12 @@ def _read_sqlite(file: Path, bag: _Bag, wanted: set[str], bounds: Bounds) -> Non
                     file.name, "", None, "has no tables topics and messages, as rosbag2 has; is it a bag?"
                 )
             named: dict[int, str] = {}
+            counted = connection.execute("SELECT topic_id, count(*) FROM messages GROUP BY topic_id")
+            counts = {int(number): int(count) for number, count in counted}
             rows = connection.execute("SELECT id, name, type, serialization_format FROM topics")
             for number, name, kind, encoding in rows:
                 bag.topic(str(name), _ros2_name(str(kind)), bounds)
+                bag.counts[str(name)] += counts.get(int(number), 0)
                 if name in wanted and _is_read(bag, str(name)):
                     if encoding != "cdr":
                         raise RecordingError(file.name, f"topic {name}, encoding", encoding, "only cdr is read")

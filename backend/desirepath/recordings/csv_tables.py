@@ -14,7 +14,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -108,15 +108,41 @@ def read_csv(path: Path, mapping: Mapping, bounds: Bounds = BOUNDS) -> list[Reco
     return [_recording(source, name, run, bounds) for name, run in robots.items()]
 
 
-def read_pairs(path: Path, bounds: Bounds = BOUNDS) -> list[tuple[str, str]]:
-    """Names of runs, a and b, of a CSV with those two columns."""
+@dataclass(frozen=True)
+class GivenPair:
+    """A line of a list of pairs: runs or videos a and b; of videos the runs that are their poses, where there are, and
+    their seconds, where files do not say them. Each pair of fields is of a and of b."""
+
+    names: tuple[str, str]
+    poses: tuple[str, str] = ("", "")
+    seconds: tuple[float | None, float | None] = (None, None)
+
+
+def read_pairs(path: Path, bounds: Bounds = BOUNDS) -> list[GivenPair]:
+    """Pairs of a CSV with the columns a and b; poses_a, poses_b, seconds_a and seconds_b may be there for videos."""
     heads, rows = _table(path.name, read_bounded(path, bounds.json_bytes), bounds)
     names = [head.strip().lower() for head in heads]
     for column in PAIR_COLUMNS:
         if column not in names:
             raise RecordingError(path.name, "line 1", heads[:10], f"column {column!r} is missing; pairs need a and b")
-    a, b = (names.index(column) for column in PAIR_COLUMNS)
-    return [(row[a].strip(), row[b].strip()) for _, row in rows]
+    columns = {name: place for place, name in enumerate(names)}
+    found = []
+    for line, row in rows:
+
+        def cell(what: str, row: list[str] = row) -> str:
+            return row[columns[what]].strip() if what in columns else ""
+
+        def seconds(what: str, line: int = line, row: list[str] = row) -> float | None:
+            return _number(path.name, line, row, _Column(columns[what], what)) if cell(what, row) else None
+
+        found.append(
+            GivenPair(
+                (cell("a"), cell("b")),
+                (cell("poses_a"), cell("poses_b")),
+                (seconds("seconds_a"), seconds("seconds_b")),
+            )
+        )
+    return found
 
 
 @dataclass(frozen=True)
@@ -156,6 +182,25 @@ def read_answers(path: Path, bounds: Bounds = BOUNDS) -> tuple[list[GivenAnswer]
     if not found:
         raise RecordingError(path.name, "", None, "holds no answer")
     return found, sha256_of(content)
+
+
+def look_at_heads(path: Path, bounds: Bounds = BOUNDS) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+    """What the heads of a table say, as fields of `looking.Column`, and the bodies that have columns of their own."""
+    heads, rows = _table(path.name, read_bounded(path, bounds.file_bytes), bounds)
+    _, first = next(rows, (0, [""] * len(heads)))
+    by_name = {name: ours for ours, names in SYNONYMS.items() for name in names}
+    wide = _wide_bodies(heads, Mapping())
+    axes = {place: axis for places in wide.values() for axis, place in places.items()}
+    found = []
+    for place, (head, example) in enumerate(zip(heads, first, strict=True)):
+        name, unit = _split_head(head)
+        ours = axes.get(place) or by_name.get(name)
+        known = OF_UNIT.get(ours or "", {})
+        found.append({
+            "head": head.strip(), "ours": None if place in axes else ours, "unit": unit if unit in known else None,
+            "measured": bool(known), "example": example.strip()[:LONGEST_CODE],
+        })  # fmt: skip
+    return found, tuple(wide)
 
 
 def is_pairs(path: Path) -> bool:

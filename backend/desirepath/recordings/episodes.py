@@ -122,6 +122,47 @@ def read_lerobot(path: Path, mapping: Mapping, bounds: Bounds = BOUNDS) -> list[
     return found
 
 
+def look_at_fields(path: Path, bounds: Bounds = BOUNDS) -> list[tuple[str, int, tuple[str, ...]]]:
+    """The arrays of numbers of a data set: name, numbers in a row, what they are called where it says. Raises
+    RecordingError."""
+    if kind_of(path) == LEROBOT:
+        features = _json(path / INFO, bounds).get("features")
+        found = []
+        for field, about in (features if isinstance(features, dict) else {}).items():
+            shape, names = (about.get(what) for what in ("shape", "names")) if isinstance(about, dict) else (None, None)
+            if isinstance(names, dict) and len(names) == 1:
+                names = next(iter(names.values()))
+            named = tuple(map(str, names)) if isinstance(names, list) else ()
+            if isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int):
+                found.append((str(field), shape[0], named))
+        return found
+    data = _minari_data(path)
+    episode = (
+        min((one for one in data.iterdir() if one.is_dir() and one.name.isdigit()), default=None) if data else None
+    )
+    parts = sorted(one for one in episode.iterdir() if one.suffix in (".parquet", ".arrow")) if episode else []
+    if not parts:
+        raise RecordingError(path.name, "data", None, "has no episode")
+    try:
+        if parts[0].suffix == ".arrow":
+            with pa.memory_map(str(parts[0])) as mapped:
+                schema = pa.ipc.open_file(mapped).schema
+        else:
+            schema = pq.read_schema(parts[0])
+    except (pa.ArrowException, OSError, ValueError) as wrong:
+        raise RecordingError(parts[0].name, "", None, f"is cut or no {parts[0].suffix[1:]} file: {wrong}") from None
+    return [(name, width, ()) for one in schema for name, width in _arrays(one.name, one.type)]
+
+
+def _arrays(name: str, kind: pa.DataType) -> list[tuple[str, int]]:
+    """Names and widths of the lists of numbers in a column, `infos.pose` of a struct; width 0: not known."""
+    if pa.types.is_struct(kind):
+        return [found for one in kind for found in _arrays(f"{name}.{one.name}", one.type)]
+    if pa.types.is_fixed_size_list(kind):
+        return [(name, kind.list_size)]
+    return [(name, 0)] if pa.types.is_list(kind) or pa.types.is_large_list(kind) else []
+
+
 def _minari_data(folder: Path) -> Path | None:
     return next((one for one in (folder / "data", folder) if (one / "metadata.json").is_file()), None)
 

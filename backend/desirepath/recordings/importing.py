@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from desirepath.learning.queries.queries import QuerySet
-from desirepath.recordings import bags, csv_tables, episodes, socnav3
-from desirepath.recordings.conversion import convert
+from desirepath.recordings import bags, csv_tables, episodes, socnav3, videos
+from desirepath.recordings.conversion import Converted, convert
 from desirepath.recordings.mapping import Mapping, Run
 from desirepath.recordings.pairs import given_pairs, propose_pairs
 from desirepath.recordings.recording import BOUNDS, Bounds, Goal, Recording, RecordingError, Track
-from desirepath.simulation.setups import get_setup
+from desirepath.simulation.setups import Setup, get_setup
 
 MOST_IN_ALL = 2_000  # people in a recording that is cut into runs
 
@@ -31,18 +31,20 @@ READERS: dict[str, Reader] = {
 }
 """Of one file or, where a recording is a folder, of that; by format."""
 SUFFIXES = {".csv": csv_tables.FORMAT, ".json": socnav3.FORMAT, **bags.SUFFIXES}
+"""Of files that tell where a robot was; what films it is in `videos.MEDIA`."""
 
 
 @dataclass(frozen=True)
 class Imported:
     """A query set of recordings. lineage: file, format and sha256 of all that it was made from. answers: where some
-    were given, each with which of the set's queries it is about."""
+    were given, each with which of the set's queries it is about. videos: the files that are shown."""
 
     query_set: QuerySet
     scenes: int
     trajectories: int
     warnings: tuple[str, ...]
     lineage: tuple[dict[str, str], ...]
+    videos: tuple[Path, ...] = ()
     answers: tuple[tuple[int, csv_tables.GivenAnswer], ...] = ()
 
     def recorded_card(self) -> dict[str, Any]:
@@ -73,18 +75,26 @@ def import_recordings(
         raise RecordingError(
             path.name, "setup", setup, "judges by what its robot was told, which is not recorded; use study_room"
         )
-    files, pair_file = _files(path, mapping, bounds, answers)
+    files, pair_file = find_files(path, mapping, bounds, answers)
     # What `runs` cuts apart may have pauses and more people in all: each piece is judged when it is converted.
     loose = replace(bounds, gap_s=math.inf, people=MOST_IN_ALL) if mapping.runs else bounds
-    recordings = [one for file, kind in files for one in _pieces(READERS[kind](file, mapping, loose), mapping)]
+    films = {file.name: file for file, kind in files if kind == videos.FORMAT}
+    read = [(file, kind) for file, kind in files if kind != videos.FORMAT]
+    recordings = [one for file, kind in read for one in _pieces(READERS[kind](file, mapping, loose), mapping)]
     if len(recordings) > bounds.runs:
         raise RecordingError(path.name, "runs", len(recordings), f"at most {bounds.runs} are read")
     recordings = [_placed(one, mapping) for one in recordings]
     converted = [convert(one, of, bounds) for one in recordings]
+    listed = csv_tables.read_pairs(pair_file, bounds) if pair_file else []
+    if films:
+        converted = _filmed(films, listed, converted, of, pair_file.name if pair_file else path.name, bounds)
     given, answers_sha = csv_tables.read_answers(answers, bounds) if answers is not None else ([], "")
-    named = [*mapping.pairs, *(csv_tables.read_pairs(pair_file, bounds) if pair_file else ())]
+    named = [*mapping.pairs, *(one.names for one in listed)]
     if answers is not None:
         pair_file, pairs, named = answers, "given", list(dict.fromkeys((one.a, one.b) for one in given))
+    if films and (pairs == "proposed" or not named):
+        problem = "videos are not proposed: pairs.csv (a, b) beside them names the files of each pair"
+        raise RecordingError(path.name, "pairs", None, problem)
     if pairs == "given" and not named:
         raise RecordingError(
             path.name, "pairs", None, "none are given; a file pairs.csv (a, b) or `pairs` in the mapping"
@@ -100,6 +110,9 @@ def import_recordings(
             path.name, "pairs", filtered or None, f"{problem}; two runs of one scene that differ are needed"
         )
     sources = {(one.source.file, one.source.format, one.source.sha256) for one in recordings}
+    for one in converted if films else ():
+        if (made := one.trajectory.recorded) is not None and made.video is not None:
+            sources.add((made.run, videos.FORMAT, made.video.sha256))
     lineage = [dict(zip(("file", "format", "sha256"), source, strict=True)) for source in sorted(sources)]
     if mapping_file is not None:
         lineage.append({"file": mapping_file[0], "format": "mapping", "sha256": mapping_file[1]})
@@ -113,10 +126,11 @@ def import_recordings(
         trajectories=len(converted),
         warnings=tuple(dict.fromkeys(warning for one in converted for warning in one.warnings)),
         lineage=tuple(lineage),
+        videos=tuple(films.values()),
     )
 
 
-def _files(
+def find_files(
     path: Path, mapping: Mapping, bounds: Bounds, answers: Path | None = None
 ) -> tuple[list[tuple[Path, str]], Path | None]:
     """The recordings with their formats, in order, and the list of pairs that lies with them; `answers` is neither."""
@@ -135,6 +149,8 @@ def _files(
     lies_in = {one: any(folder in whole for folder in one.parents) for one in inside}
     apart = {pair_file, *(one for one in inside if answers is not None and one.samefile(answers))}
     taken = [one for one in inside if one.suffix.lower() in SUFFIXES and one not in apart and not lies_in[one]]
+    apart.update(*(folder.rglob("*") for folder in whole))
+    taken += [one for one in inside if videos.is_video(one) and one not in apart]
     taken = sorted([*taken, *whole])
     if not taken:
         found = sorted({one.suffix for one in inside})[:10]
@@ -152,9 +168,44 @@ def _folder_format(folder: Path) -> str | None:
 
 
 def _format_of(file: Path, mapping: Mapping, path: Path) -> str:
+    if videos.is_video(file):
+        return videos.FORMAT
     found = mapping.format or SUFFIXES.get(file.suffix.lower())
     if found is None:
         raise RecordingError(path.name, "format", file.suffix, f"unknown; read are {', '.join(sorted(SUFFIXES))}")
+    return found
+
+
+def _filmed(
+    films: dict[str, Path],
+    listed: Sequence[csv_tables.GivenPair],
+    runs: Sequence[Converted],
+    setup: Setup,
+    pair_file: str,
+    bounds: Bounds,
+) -> list[Converted]:
+    """A run per video, named as its file; with its poses where the list of pairs names a run that has them."""
+    by_name = {one.trajectory.recorded.run: one for one in runs if one.trajectory.recorded}
+    about: dict[str, tuple[str, float | None]] = {}
+    for number, pair in enumerate(listed, start=1):
+        for name, poses, seconds in zip(pair.names, pair.poses, pair.seconds, strict=True):
+            if poses and poses not in by_name:
+                known = ", ".join(list(by_name)[:20]) or "none"
+                raise RecordingError(
+                    pair_file, f"pair {number}, poses", poses, f"no run of that name; there are {known}"
+                )
+            before = about.get(name, ("", None))
+            about[name] = (poses or before[0], before[1] if seconds is None else seconds)
+    found = []
+    for name, file in films.items():
+        poses, seconds = about.get(name, ("", None))
+        video = videos.read_video(file, seconds, bounds)
+        if poses:
+            run = by_name[poses]
+            shown = videos.with_video(run.trajectory, name, video)
+            found.append(replace(run, trajectory=shown))
+        else:
+            found.append(Converted(videos.of_video(name, name, video, setup), "videos", ()))
     return found
 
 

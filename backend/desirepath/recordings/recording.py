@@ -135,6 +135,11 @@ def read_bounded(path: Path, most: int = BOUNDS.file_bytes) -> bytes:
     return content
 
 
+def file_sha256(file: Path) -> str:
+    with file.open("rb") as opened:
+        return hashlib.file_digest(opened, "sha256").hexdigest()
+
+
 def sha256_of(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 

@@ -61,6 +61,9 @@ class Trajectory(Stored):
 
     @property
     def duration_s(self) -> float:
+        """How long it takes to watch: a video plays to its own end."""
+        if self.recorded is not None and self.recorded.video is not None:
+            return self.recorded.video.duration_s
         return float((len(self.poses) - 1) * self.dt)
 
     @property
@@ -108,6 +111,17 @@ def require_steps(trajectories: Iterable[Trajectory]) -> None:
             raise NotRecordedError(
                 f"trajectory {one.recorded.run!r} of {one.recorded.file}: {' and '.join(missing)} were not recorded, "
                 "and what learns from or judges single steps needs them; measures of poses work without"
+            )
+
+
+def require_poses(trajectories: Iterable[Trajectory]) -> None:
+    """Raise NotRecordedError unless it is known of all where the robot was: measures, and all that is learned, need
+    it."""
+    for one in trajectories:
+        if one.recorded is not None and "poses" not in one.recorded.has:
+            raise NotRecordedError(
+                f"trajectory {one.recorded.run!r} of {one.recorded.file}: only a video was recorded; what is learned or "
+                "measured needs the robot's poses; columns poses_a and poses_b in pairs.csv bring them"
             )
 
 

@@ -36,6 +36,7 @@ ARTEFACT_KINDS = (
     "snapshot",
     "demonstrations",
     "evaluation",
+    "video",
 )
 SYNC_ALL_FROM = 8  # files; measured: about 20 ms a file one by one on a busy disk
 D = TypeVar("D")
@@ -96,6 +97,24 @@ class ArtefactStore:
             raise ArtefactError(f"file {sha} is not in the artefact store {self.url}") from None
         if hashlib.sha256(content).hexdigest() != sha:
             raise ArtefactError(f"file {sha} in the artefact store is damaged (its sha256 differs); restore a backup")
+        return content
+
+    def size(self, sha: str) -> int:
+        """Bytes of the file. Raises ArtefactError if it is not there."""
+        try:
+            with explain_errors(self.url):
+                return int(self._fs.size(self._path(sha)))
+        except FileNotFoundError:
+            raise ArtefactError(f"file {sha} is not in the artefact store {self.url}") from None
+
+    def part(self, sha: str, first: int, end: int) -> bytes:
+        """The bytes from `first` until before `end`, of a file too large to be read as a whole; not checked by its
+        name. Raises ArtefactError if it is not there."""
+        try:
+            with explain_errors(self.url):
+                content: bytes = self._fs.cat_file(self._path(sha), start=first, end=end)
+        except FileNotFoundError:
+            raise ArtefactError(f"file {sha} is not in the artefact store {self.url}") from None
         return content
 
     def exists(self, sha: str) -> bool:

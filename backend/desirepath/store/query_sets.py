@@ -10,6 +10,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import and_, or_, select
@@ -108,17 +109,21 @@ def save_query_set(
     parents: list[tuple[str, str]] | None = None,
     job_id: str | None = None,
     content: bytes | None = None,
+    videos: Iterable[Path] = (),
 ) -> Artefact:
     """Store a query set and each of its trajectories once; idempotent.
 
+    videos: files of those that its trajectories name; each becomes an artefact of its own, of which the set is made.
+
     content: the set's bytes where they came from a file, so that the artefact's id is the file's sha256. The stored
     card gets `stored_queries`: where each query's trajectories lie; and `recorded` where they are of recordings. Raises
-    ArtefactError for an empty set.
+    ArtefactError for an empty set, or a video that is neither given nor here.
     """
     if not query_set.queries:
         raise ArtefactError(f"query set {name!r} holds no queries; a study needs at least one")
     content = query_set.to_bytes() if content is None else content
     trajectories = [t for query in query_set.queries for t in (query.trajectory_a, query.trajectory_b)]
+    filmed = _save_videos(s, files, trajectories, query_set.setup, videos)
     rows = save_trajectories(s, files, trajectories)
     stored = [query_entry(a, b) for a, b in zip(rows[0::2], rows[1::2], strict=True)]
     return save_artefact(
@@ -129,9 +134,27 @@ def save_query_set(
         setup=query_set.setup,
         content=content,
         card={**card, **_describe_recordings(trajectories), "stored_queries": stored},
-        parents=parents or (),
+        parents=[*(parents or ()), *((video, "video") for video in filmed)],
         job_id=job_id,
     )
+
+
+def _save_videos(
+    s: Session, files: ArtefactStore, trajectories: Sequence[Trajectory], setup: str, given: Iterable[Path]
+) -> list[str]:
+    """The videos that trajectories name, stored; their ids."""
+    wanted = {one.recorded.video.sha256: one.recorded for one in trajectories if one.recorded and one.recorded.video}
+    for file in given if wanted else ():
+        content = file.read_bytes()
+        recorded = wanted.get(hashlib.sha256(content).hexdigest())
+        if recorded is not None and recorded.video is not None:
+            card = {"video": asdict(recorded.video), "imported": {"file": file.name}}
+            save_artefact(s, files, kind="video", name=file.name, setup=setup, content=content, card=card)
+    for sha, recorded in wanted.items():
+        found = s.get(Artefact, sha)
+        if found is None or found.kind != "video" or not files.exists(sha):
+            raise ArtefactError(f"video {recorded.run} is not here; import the folder that has it, or the data set")
+    return sorted(wanted)
 
 
 def _describe_recordings(trajectories: Sequence[Trajectory]) -> dict[str, Any]:

@@ -26,11 +26,20 @@ from desirepath.web.core.addresses import STRICT_TRANSPORT, insists_on_tls, poli
 from desirepath.web.core.contract import DEEPEST, MOST_CONTAINERS, MOST_VALUES, Refusal, Trouble, is_json
 from desirepath.web.core.dependencies import page, route_of, services_of, stage_origin
 from desirepath.web.core.lab_frame import LabRefusal, lab_refusal
-from desirepath.web.core.throttle import LARGEST_BODY, LARGEST_OPEN_BODY, TooLarge, is_declared_too_large
+from desirepath.web.core.media import ANY_FILE
+from desirepath.web.core.throttle import (
+    LARGEST_BODY,
+    LARGEST_OPEN_BODY,
+    LARGEST_STREAM,
+    TooLarge,
+    is_declared_too_large,
+)
 
 READING = ("GET", "HEAD", "OPTIONS")
 BEHIND_SIGN_IN = ("/lab/", "/api/lab/")
 SIGN_IN = "/lab/sign-in"
+STREAMED = ("/api/lab/recordings/files",)
+"""Routes that write a file as it comes in, and count it themselves."""
 NUL = re.compile("\x00")
 MOST_SEPARATORS = 1_000  # of a form's fields; Starlette takes as many fields, but any number of empty ones
 
@@ -60,7 +69,7 @@ class Guard:
                 _finish(request, message, began)
             await send(message)
 
-        limit = LARGEST_BODY if _behind_sign_in(request) else LARGEST_OPEN_BODY
+        limit = _limit_of(request)
         try:
             refusal = await _refusal(request, limit)
             bounded = _counted(receive, limit)
@@ -73,6 +82,15 @@ class Guard:
                 raise
             message = "Something went wrong here; it was written to the log."
             await trouble(request, 500, "internal", message)(scope, receive, sending)
+
+
+def _limit_of(request: Request) -> int:
+    """The largest body that is taken. A file that its route writes down as it comes in may be larger: nothing parses
+    it, so nothing holds it."""
+    if not _behind_sign_in(request):
+        return LARGEST_OPEN_BODY
+    streamed = request.headers.get("content-type") == ANY_FILE and request.url.path in STREAMED
+    return LARGEST_STREAM if streamed else LARGEST_BODY
 
 
 def _behind_sign_in(request: Request) -> bool:

@@ -25,6 +25,7 @@ CHANGES_PER_SESSION = parse("1200 per 1 minute")  # ours; bots that wait for not
 TOKENS_PER_ADDRESS = parse("120 per 1 minute")  # ours; of /metrics, right ones too: somebody may ask every second
 PROBLEMS_PER_SESSION = parse("10 per 1 hour")  # ours; reports in a participant's own words
 LARGEST_BODY = 2 * 1024 * 1024  # bytes (ours), for who is signed in; a protocol with its texts has some ten kB
+LARGEST_STREAM = 2 * 1024**3  # bytes (ours), of a file that goes to the disk as it comes; larger: on the command line
 LARGEST_OPEN_BODY = 256 * 1024  # bytes (ours), for everybody; the longest answers have a few kB
 
 

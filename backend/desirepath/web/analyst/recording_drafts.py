@@ -1,0 +1,294 @@
+"""Recordings on their way in: one folder per upload in the data folder, no database, until somebody keeps what became
+of it.
+
+A draft has `recordings/` (what was sent), `answers.csv`, `mapping.yaml`, `asked.json` (as which setup, which pairs),
+and what two commands made of them in processes of their own: `found.json` (`desirepath queries look`), `made.json` with
+`queries.npz` (`desirepath queries import --out`). The page is `recording_pages.py`'s.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import secrets
+import shutil
+import stat
+import subprocess
+import sys
+import threading
+import time
+import zipfile
+from collections.abc import AsyncIterator, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from desirepath.jobs.process import ONE_THREAD, environment_of
+from desirepath.recordings.mapping import Mapping
+from desirepath.recordings.recording import BOUNDS, MIB
+from desirepath.settings import Settings
+from desirepath.store.database import MIN_FREE_BYTES
+from desirepath.web.core.throttle import LARGEST_STREAM
+
+MOST_BYTES = LARGEST_STREAM  # of an upload, all together: what is larger is imported where it lies
+MOST_FILES = BOUNDS.files
+LASTS_S = 7 * 86_400  # forgotten drafts go when the next one is made: people may be in them
+LONGEST_S = 1_800.0  # of reading
+BEAT_S = 1.0
+STALE_S = 15.0  # a process that nobody has heard of for so long ended with its server
+ANSWERS = "answers.csv"
+_ID = re.compile(r"[0-9a-f]{16}")
+_PART = re.compile(r"[^\x00-\x1f/\\:*?\"<>|]{1,120}")
+
+
+class UploadError(ValueError):
+    """An upload that is not taken; `code` is a key below `recordings.errors` in recordings.yaml."""
+
+    def __init__(self, code: str, **values: object) -> None:
+        self.code, self.values = code, values
+        super().__init__(f"{code}: {values}" if values else code)
+
+
+@dataclass(frozen=True)
+class RecordingDraft:
+    """One upload."""
+
+    id: str
+    folder: Path
+
+    @property
+    def recordings(self) -> Path:
+        return self.folder / "recordings"
+
+    @property
+    def queries(self) -> Path:
+        return self.folder / "queries.npz"
+
+    @property
+    def answers(self) -> Path | None:
+        return self.folder / ANSWERS if (self.folder / ANSWERS).is_file() else None
+
+    @property
+    def mapping_yaml(self) -> str:
+        file = self.folder / "mapping.yaml"
+        return file.read_text(encoding="utf-8") if file.is_file() else ""
+
+    def files(self) -> list[tuple[str, int]]:
+        """Names below `recordings` and bytes of all that was sent, answers last."""
+        inside = sorted(one for one in self.recordings.rglob("*") if one.is_file())
+        found = [(str(one.relative_to(self.recordings)), one.stat().st_size) for one in inside]
+        return found + ([(ANSWERS, self.answers.stat().st_size)] if self.answers else [])
+
+    def read(self, name: str) -> dict[str, Any]:
+        """What `look` (found) or `import` (made) said, or what was asked; empty where that is not there yet."""
+        file = self.folder / f"{name}.json"
+        found: dict[str, Any] = json.loads(file.read_bytes()) if file.is_file() else {}
+        return found
+
+    def write(self, name: str, content: dict[str, Any]) -> None:
+        _replace(self.folder / f"{name}.json", json.dumps(content).encode())
+
+    def map(self, mapping: str) -> None:
+        _replace(self.folder / "mapping.yaml", mapping.encode())
+
+    def forget(self, *names: str) -> None:
+        """Let go of what was made: something that it was made of has changed."""
+        for name in names:
+            (self.folder / name).unlink(missing_ok=True)
+
+    @property
+    def is_working(self) -> bool:
+        beat = self.folder / "working"
+        return beat.is_file() and time.time() - beat.stat().st_mtime < STALE_S
+
+    def discard(self) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def find_recording_draft(data: Path, draft_id: str) -> RecordingDraft | None:
+    if not _ID.fullmatch(draft_id):
+        return None
+    folder = data / "recordings" / draft_id
+    return RecordingDraft(draft_id, folder) if folder.is_dir() else None
+
+
+def recording_drafts(data: Path) -> list[RecordingDraft]:
+    """All there are, newest first."""
+    there = [one for one in (data / "recordings").glob("*") if _ID.fullmatch(one.name)]
+    return [RecordingDraft(one.name, one) for one in sorted(there, key=lambda one: -one.stat().st_mtime)]
+
+
+def new_recording_draft(data: Path, by: str) -> RecordingDraft:
+    """An empty one; forgotten ones go."""
+    for old in recording_drafts(data):
+        if time.time() - old.folder.stat().st_mtime > LASTS_S:
+            old.discard()
+    draft_id = secrets.token_hex(8)
+    draft = RecordingDraft(draft_id, data / "recordings" / draft_id)
+    draft.recordings.mkdir(parents=True)
+    draft.write("sent", {"by": by, "at": time.time()})
+    return draft
+
+
+# ---- in --------------------------------------------------------------------------------------------------------------
+
+
+async def take_in(draft: RecordingDraft, name: str, body: AsyncIterator[bytes], *, answers: bool = False) -> None:
+    """Write one file as it comes in, and unpack it if it is a zip. Nothing is left of what is refused.
+
+    Raises UploadError for a name that is none, more than there may be, or no room.
+    """
+    target = draft.folder / ANSWERS if answers else draft.recordings / _checked_name(name)
+    files = draft.files()
+    room = MOST_BYTES - sum(size for _, size in files)
+    if len(files) >= MOST_FILES:
+        raise UploadError("too_many", most=MOST_FILES)
+    if target.exists() and not answers:
+        raise UploadError("twice", name=name)
+    draft.forget("found.json", "made.json", "queries.npz")
+    partial = draft.folder / f".{secrets.token_hex(4)}"
+    try:
+        taken = 0
+        with partial.open("wb") as out:
+            async for chunk in body:
+                taken += len(chunk)
+                if taken > room:
+                    raise UploadError("too_large", mb=MOST_BYTES // MIB)
+                if taken % (64 * MIB) < len(chunk) and shutil.disk_usage(draft.folder).free < MIN_FREE_BYTES:
+                    raise UploadError("no_room")
+                out.write(chunk)
+        if not taken:
+            raise UploadError("empty", name=name)
+        if not answers and zipfile.is_zipfile(partial) and Path(name).suffix.lower() == ".zip":
+            _unpack(partial, draft.recordings, room, MOST_FILES - len(files))
+        else:
+            partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def _checked_name(name: str) -> str:
+    if not _PART.fullmatch(name) or name.startswith("."):
+        raise UploadError("name", name=name[:80])
+    return name
+
+
+def _unpack(archive: Path, into: Path, room: int, files: int) -> None:
+    """The plain files of a zip below `into`. Raises UploadError before anything is written, or for one that unpacks to
+    more than it says."""
+    try:
+        with zipfile.ZipFile(archive) as opened:
+            wanted = [one for one in opened.infolist() if not one.is_dir() and not _is_of_a_mac(one.filename)]
+            if len(wanted) > files:
+                raise UploadError("too_many", most=MOST_FILES)
+            if sum(one.file_size for one in wanted) > room:
+                raise UploadError("too_large", mb=MOST_BYTES // MIB)
+            for one in wanted:
+                parts = one.filename.split("/")
+                if stat.S_ISLNK(one.external_attr >> 16) or len(parts) > 12:
+                    raise UploadError("name", name=one.filename[:80])
+                target = into.joinpath(*map(_checked_name, parts))
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with opened.open(one) as packed, target.open("xb") as out:
+                    for chunk in _bounded(packed, one.file_size):
+                        out.write(chunk)
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as wrong:
+        if isinstance(wrong, UploadError) or (isinstance(wrong, OSError) and wrong.errno is not None):
+            raise
+        raise UploadError("zip", problem=str(wrong)[:200]) from None
+
+
+def _is_of_a_mac(name: str) -> bool:
+    return name.startswith("__MACOSX/") or name.rsplit("/", 1)[-1] == ".DS_Store"
+
+
+def _bounded(packed: Any, size: int) -> Iterator[bytes]:
+    left = size
+    while chunk := packed.read(MIB):
+        left -= len(chunk)
+        if left < 0:
+            raise UploadError("zip", problem="a file is larger than the zip says")
+        yield chunk
+
+
+def _replace(file: Path, content: bytes) -> None:
+    partial = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
+    try:
+        partial.write_bytes(content)
+        partial.replace(file)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+# ---- read ------------------------------------------------------------------------------------------------------------
+
+
+def begin_looking(settings: Settings, draft: RecordingDraft) -> None:
+    """Have what is in the recordings looked at."""
+    _begin(settings, draft, "found", ["queries", "look", str(draft.recordings), "--json"])
+
+
+def begin_making(settings: Settings, draft: RecordingDraft) -> None:
+    """Have a query set made of them, by the mapping and what was asked."""
+    asked = draft.read("asked")
+    command = ["queries", "import", str(draft.recordings), "--setup", asked["setup"], "--json"]
+    command += ["--out", str(draft.queries)]
+    command += ["--mapping", str(draft.folder / "mapping.yaml")] if draft.mapping_yaml else []
+    command += ["--pairs", asked["pairs"]] if asked.get("pairs") else []
+    command += ["--count", str(asked["count"])] if asked.get("count") else []
+    command += ["--answers", str(draft.answers)] if draft.answers else []
+    _begin(settings, draft, "made", command)
+
+
+def _begin(settings: Settings, draft: RecordingDraft, result: str, command: list[str]) -> None:
+    if draft.is_working:
+        return
+    draft.forget(f"{result}.json", *(("queries.npz",) if result == "made" else ("made.json", "queries.npz")))
+    (draft.folder / "working").touch()
+    threading.Thread(target=_run, args=(settings, draft, result, command), daemon=True).start()
+
+
+def _run(settings: Settings, draft: RecordingDraft, result: str, command: list[str]) -> None:
+    """Run a command until it ends, with a beat that any server process can see."""
+    beat = draft.folder / "working"
+    try:
+        with (draft.folder / f".{result}").open("w+b") as said:
+            child = subprocess.Popen(
+                [sys.executable, "-m", "desirepath.cli.ends_with_parent", *command],
+                stdin=subprocess.PIPE,  # nothing is ever written: it closes with this process
+                stdout=said,
+                stderr=subprocess.DEVNULL,
+                env=environment_of(settings) | ONE_THREAD,
+                start_new_session=True,
+            )
+            began = time.monotonic()
+            try:
+                while child.poll() is None and time.monotonic() - began < LONGEST_S and draft.folder.is_dir():
+                    beat.touch()
+                    try:
+                        child.wait(BEAT_S)
+                    except subprocess.TimeoutExpired:
+                        continue
+            finally:
+                child.kill()
+                child.wait()
+            said.seek(0)
+            answer = said.read()
+        try:
+            json.loads(answer)
+        except ValueError:
+            answer = json.dumps({"error": "the reading ended without an answer; is there memory for it?"}).encode()
+        _replace(draft.folder / f"{result}.json", answer)
+    except FileNotFoundError:
+        pass  # discarded meanwhile
+    finally:
+        beat.unlink(missing_ok=True)
+        (draft.folder / f".{result}").unlink(missing_ok=True)
+
+
+def mapping_of(text: str) -> Mapping:
+    """Raises ProtocolError with every problem, by line and field."""
+    from desirepath.grammar.error_words import parse
+    from desirepath.grammar.source import Source
+
+    return parse(Source("mapping.yaml", text), Mapping) if text.strip() else Mapping()

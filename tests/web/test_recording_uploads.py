@@ -1,0 +1,279 @@
+"""I upload what my robot did, say which column or topic is what, look at it, and have pairs that a study can show."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import time
+import zipfile
+from pathlib import Path
+
+import pytest
+from sqlalchemy import select
+
+from desirepath.simulation.trajectory import Trajectory
+from desirepath.store.models import Artefact
+from desirepath.store.snapshots import Snapshot
+from desirepath.web.analyst import recording_drafts
+from desirepath.web.core.throttle import LARGEST_BODY
+from tests.recordings.test_bags import messages, write_mcap
+from tests.recordings.test_episodes import lerobot
+from tests.recordings.walks import RUNS, csv_of, rows
+from tests.web.lab_services import csrf
+
+HALL = csv_of("run,who,time_s,x_m,y_m,yaw_rad", list(rows())).encode()
+OWN_NAMES = csv_of(
+    "Fahrt,Wer,Zeit [ms],Rechts,Hoch", [(run, who, t * 1000, x * 100, y * 100) for run, who, t, x, y, _ in rows()]
+).encode()
+
+
+def send(lab, name: str, content: bytes, draft: str = "", answers: bool = False, **headers: str):
+    asked = {"name": name, "draft": draft, "answers": str(answers).lower()}
+    sent = {"X-CSRF": csrf(lab), "Content-Type": "application/octet-stream", **headers}
+    return lab.post("/api/lab/recordings/files", params=asked, content=content, headers=sent)
+
+
+def taken(lab, *files: tuple[str, bytes], answers: bytes = b"") -> str:
+    """Address of an upload of these files."""
+    draft = ""
+    for name, content in files:
+        reply = send(lab, name, content, draft)
+        assert reply.status_code == 200, reply.text
+        draft = reply.json()["draft"]
+    if answers:
+        assert send(lab, "mine.csv", answers, draft, answers=True).status_code == 200
+    return f"/lab/recordings/{draft}"
+
+
+def read(lab, address: str) -> str:
+    """The page once the files were read."""
+    lab.get(address)
+    until = time.monotonic() + 120
+    while lab.get(f"/api{address}").json()["working"]:
+        assert time.monotonic() < until
+        time.sleep(0.1)
+    return lab.get(address).text
+
+
+def make(lab, address: str, **form: str) -> str:
+    sent = lab.post(address, data={"csrf": csrf(lab), "setup": "study_room"} | form, follow_redirects=False)
+    assert sent.status_code == 303, sent.text
+    return read(lab, address)
+
+
+def keep(lab, address: str, name: str = "Mine") -> str:
+    kept = lab.post(f"{address}/keep", data={"csrf": csrf(lab), "name": name}, follow_redirects=False)
+    assert kept.status_code == 303, kept.text
+    return kept.headers["location"]
+
+
+def chosen(page: str, name: str) -> str:
+    """What a select of the page has chosen."""
+    select_ = re.search(rf'<select id="{re.escape(name)}".*?</select>', page, re.S).group()
+    found = re.search(r'<option(?: value="([^"]*)")? selected>([^<]*)', select_)
+    return (found[1] or found[2]) if found else ""
+
+
+def test_a_table_with_usual_names_is_uploaded_looked_at_and_kept(lab, lab_services):
+    address = taken(lab, ("hall.csv", HALL))
+    page = read(lab, address)
+    assert {n: chosen(page, f"column.{n}") for n in ("time", "x", "who")} == {
+        "time": "time_s",
+        "x": "x_m",
+        "who": "who",
+    }
+    page = make(lab, address)
+    assert "3 runs in 1 places, 3 pairs" in page
+    assert "3 Fahrten an 1 Orten, 3 Paare" in lab.get(address, headers={"Accept-Language": "de"}).text
+    assert "<svg" in page
+    assert '<iframe class="replay"' in lab.get(f"{address}?stage=1&pair=1").text
+    kept = keep(lab, address)
+    assert lab.get(address).status_code == 404
+    listed = lab.get("/lab/recordings").text
+    assert "hall.csv" in listed
+    assert kept in listed
+    assert f"query_set: {kept.rsplit('/', 1)[1]}" in lab.get(kept).text
+    with lab_services.database.session() as s:
+        card = s.scalars(select(Artefact).where(Artefact.name == "Mine")).one().card
+        assert [one["file"] for one in card["imported"]["files"]] == ["hall.csv"]
+        one = Trajectory.from_bytes(lab_services.files.get(card["stored_queries"][0]["trajectory_a"]))
+        assert one.recorded.has == ("poses", "heading", "people")
+
+
+def test_columns_of_other_names_are_chosen_with_their_units(lab):
+    address = taken(lab, ("mine.csv", OWN_NAMES))
+    page = read(lab, address)
+    assert chosen(page, "column.x") == ""
+    refused = make(lab, address)
+    assert "no column for time" in refused
+    columns = {"time": "Zeit [ms]", "x": "Rechts", "y": "Hoch", "who": "Wer", "run": "Fahrt"}
+    form = {f"column.{ours}": head for ours, head in columns.items()}
+    assert "names no unit" in make(lab, address, **form)
+    page = make(lab, address, **form, **{"unit.length": "cm"})
+    assert "3 runs in 1 places, 3 pairs" in page
+    assert chosen(page, "column.x") == "Rechts"  # what was chosen is still there
+    assert chosen(page, "unit.length") == "cm"
+
+
+def test_topics_of_bags_are_shown_with_types_and_counts_and_can_be_chosen(lab, tmp_path):
+    files = []
+    for name, aside in RUNS.items():
+        said = [(t.replace("/odom", "/base/odom"), *rest) for t, *rest in messages(aside)]
+        files.append((f"{name}.mcap", write_mcap(tmp_path / "bags" / f"{name}.mcap", said).read_bytes()))
+    address = taken(lab, *files)
+    page = read(lab, address)
+    assert "nav_msgs/msg/Odometry, 81" in page
+    assert chosen(page, "topic.pose") == "/base/odom"
+    assert chosen(page, "topic.people") == "/people"
+    page = make(lab, address, **{"topic.pose": "/base/odom", "topic.people": "/people"})
+    assert "3 runs in 1 places, 3 pairs" in page
+
+
+def test_a_zip_of_a_data_set_is_unpacked_and_its_fields_are_chosen(lab, tmp_path):
+    folder, packed = lerobot(tmp_path / "mine"), io.BytesIO()
+    with zipfile.ZipFile(packed, "w") as out:
+        for file in folder.rglob("*.*"):
+            out.write(file, f"mine/{file.relative_to(folder)}")
+    address = taken(lab, ("mine.zip", packed.getvalue()))
+    page = read(lab, address)
+    assert chosen(page, "robot.field") == "observation.state"
+    form = {"robot.field": "observation.state", "robot.x": "0", "robot.y": "1", "robot.yaw": "2"}
+    more = "people: {anna: {field: observation.people, x: 0, y: 1}}"
+    page = make(lab, address, **form, more=more)
+    assert "3 runs in 1 places, 3 pairs" in page
+    assert "recorded: poses, heading, people" in re.sub(r"\s+", " ", page)
+
+
+def test_pairs_that_are_given_are_taken(lab):
+    address = taken(lab, ("hall.csv", HALL), ("pairs.csv", b"a,b\nwide,straight\n"))
+    read(lab, address)
+    page = make(lab, address, pairs="given")
+    assert "Pair 1 of 1" in page
+    assert "A: wide" in page
+
+
+def test_answers_given_elsewhere_become_a_snapshot_marked_as_imported(lab, lab_services):
+    answers = b"a,b,choice,person\nwide,straight,a,p1\nstraight,other_side,other_side,p2\nwide,straight,b,p2\n"
+    address = taken(lab, ("hall.csv", HALL), answers=answers)
+    read(lab, address)
+    assert "3 answers" in make(lab, address)
+    kept = keep(lab, address, "Elsewhere")
+    assert kept.startswith("/lab/snapshots/")
+    assert "people, imported from a file" in lab.get(kept).text
+    snapshot = Snapshot.from_bytes(lab_services.files.get(kept.rsplit("/", 1)[1]))
+    assert [(one.participant, one.choice) for one in snapshot.answers] == [("p1", "a"), ("p2", "b"), ("p2", "b")]
+    assert "3 answers of 2 people" in lab.get("/lab/recordings").text
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "why"),
+    [
+        ("cut.mcap", b"\x89MCAP0\r\n" + b"\0" * 40, "is cut or no MCAP"),
+        ("back.csv", b"time_s,x_m,y_m\n0,0,0\n1,1,0\n0.5,1,0\n", "goes back from 1 s; sort by time"),
+        ("notes.txt", b"nothing", "no recording in it"),
+    ],
+)
+def test_what_cannot_be_read_says_why_on_the_page_as_on_the_command_line(lab, name, content, why):
+    address = taken(lab, (name, content))
+    page = read(lab, address)
+    if "cannot be read" not in page:
+        page = make(lab, address)
+        assert "No pairs could be made" in page
+    assert why in page
+    assert lab.post(f"{address}/keep", data={"csrf": csrf(lab), "name": "x"}).status_code == 422
+
+
+def test_frames_and_topics_that_do_not_fit_are_named(lab, tmp_path):
+    file = write_mcap(tmp_path / "bags" / "one.mcap", messages(0.0, people_frame="map"))
+    address = taken(lab, ("one.mcap", file.read_bytes()))
+    read(lab, address)
+    page = make(lab, address, **{"topic.pose": "/odom", "topic.people": "/people"})
+    assert "must be &#39;odom&#39;" in page
+    page = make(lab, address, **{"topic.pose": "/gone"})
+    assert "topic /gone: is not in the bag" in page
+
+
+def test_uploads_are_bounded_before_they_are_read(lab, lab_services, monkeypatch):
+    monkeypatch.setattr(recording_drafts, "MOST_BYTES", 3 * LARGEST_BODY)
+    whole = send(lab, "large.csv", b"x" * (LARGEST_BODY + 1))
+    assert whole.status_code == 200  # more than any other body
+    draft = whole.json()["draft"]
+    assert "More than 6 MB" in send(lab, "more.csv", b"x" * (2 * LARGEST_BODY), draft).json()["error"]["message"]
+    assert [name for name, _ in recording_drafts.recording_drafts(lab_services.settings.data)[0].files()] == [
+        "large.csv"
+    ]
+    as_json = send(lab, "x.csv", b"x" * (LARGEST_BODY + 1), **{"Content-Type": "application/json"})
+    assert as_json.status_code == 413
+    for name in ("../x.csv", ".x", "a/b.csv", "x" * 200):
+        assert send(lab, name, b"x").status_code == 422
+    assert send(lab, "large.csv", b"x", draft).status_code == 422
+    assert send(lab, "empty.csv", b"").status_code == 422
+    assert send(lab, "x.csv", b"x", "0" * 16).status_code == 404
+
+
+def zipped(**files: bytes) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as out:
+        for name, content in files.items():
+            out.writestr(name, content)
+    return packed.getvalue()
+
+
+def test_zips_that_reach_out_or_unpack_to_too_much_are_refused(lab, lab_services, monkeypatch):
+    monkeypatch.setattr(recording_drafts, "MOST_BYTES", 1_000_000)
+    link = zipfile.ZipInfo("link.csv")
+    link.external_attr = 0o120777 << 16
+    linked = io.BytesIO()
+    with zipfile.ZipFile(linked, "w") as out:
+        out.writestr(link, "/etc/passwd")
+    lies = bytearray(zipped(**{"a.csv": b"x" * 5_000}))
+    for at in (lies.find(b"PK\x01\x02") + 24, lies.find(b"PK\x03\x04") + 22):
+        lies[at : at + 4] = (10).to_bytes(4, "little")
+    for content in (
+        zipped(**{"../out.csv": b"x"}),
+        zipped(**{"/abs.csv": b"x"}),
+        zipped(**{"bomb.csv": b"0" * 2_000_000}),
+        linked.getvalue(),
+        bytes(lies),
+        zipped(**{"a.csv": b"x" * 900})[:-30],
+    ):
+        refused = send(lab, "some.zip", content)
+        if refused.status_code == 200:  # no zip any more, and taken as the file it is
+            assert "no recording in it" in read(lab, refused.json()["href"])
+        else:
+            assert refused.status_code == 422
+    assert not list(lab_services.settings.data.rglob("out.csv"))
+    assert not list(Path("/").glob("abs.csv"))
+
+
+def test_who_may_start_no_jobs_uploads_nothing_and_sees_no_uploads(lab, colleague):
+    address = taken(lab, ("hall.csv", HALL))
+    viewer = colleague("viewer")
+    assert send(viewer, "x.csv", b"x").status_code == 403
+    assert viewer.get(address).status_code == 403
+    assert address not in viewer.get("/lab/recordings").text
+    assert address in lab.get("/lab/recordings").text
+    assert lab.post(f"{address}/discard", data={"csrf": csrf(lab)}, follow_redirects=False).status_code == 303
+    assert lab.get(address).status_code == 404
+
+
+def test_an_upload_that_nobody_kept_goes(lab, lab_services, monkeypatch):
+    address = taken(lab, ("hall.csv", HALL))
+    monkeypatch.setattr(recording_drafts, "LASTS_S", -1.0)
+    other = taken(lab, ("again.csv", HALL))
+    monkeypatch.undo()
+    assert lab.get(address).status_code == 404
+    assert lab.get(other).status_code == 200
+
+
+def test_the_command_says_what_is_in_a_file(tmp_path):
+    from typer.testing import CliRunner
+
+    from desirepath.cli.main import app
+
+    (tmp_path / "hall.csv").write_bytes(HALL)
+    said = CliRunner().invoke(app, ["queries", "look", str(tmp_path / "hall.csv"), "--json"])
+    found = json.loads(said.stdout.splitlines()[-1])
+    assert found["format"] == "csv"
+    assert {one["head"]: (one["ours"], one["unit"]) for one in found["columns"]}["yaw_rad"] == ("yaw", "rad")
