@@ -24,7 +24,7 @@ from desirepath.learning.preferences.preferences import Preference, usable
 from desirepath.learning.rewards.held_out import CHANCE, Prediction, majority_share, predictions
 from desirepath.learning.rewards.kinds import FITTINGS
 from desirepath.learning.rewards.reward_model import Fit, FitSettings, Reduction, RewardModel
-from desirepath.simulation.trajectory import Trajectory
+from desirepath.simulation.trajectory import Trajectory, require_poses
 from desirepath.store.artefacts import ArtefactError, load_trajectory
 from desirepath.store.models import Artefact
 from desirepath.store.snapshots import Answer, Snapshot, implied_choices, independent_choices, load_snapshot
@@ -52,6 +52,7 @@ def preferences_of(
     def trajectory(trajectory_id: str) -> Trajectory:
         if trajectory_id not in loaded:
             loaded[trajectory_id] = load_trajectory(context.files, trajectory_id)
+            require_poses([loaded[trajectory_id]])
         return loaded[trajectory_id]
 
     def preference(answer: Answer) -> Preference:

@@ -120,8 +120,8 @@ def require_poses(trajectories: Iterable[Trajectory]) -> None:
     for one in trajectories:
         if one.recorded is not None and "poses" not in one.recorded.has:
             raise NotRecordedError(
-                f"trajectory {one.recorded.run!r} of {one.recorded.file}: only a video was recorded; what is learned or "
-                "measured needs the robot's poses; columns poses_a and poses_b in pairs.csv bring them"
+                f"trajectory {one.recorded.run!r} of {one.recorded.file}: only a video was recorded; what is learned "
+                "or measured needs the robot's poses; columns poses_a and poses_b in pairs.csv bring them"
             )
 
 

@@ -92,6 +92,7 @@ class TrialState(Progress):
     replays: int = Field(description="how often both trajectories were watched again")
     next_side: Side = Field(description="which one Start plays: B where only B was cut short")
     playback_id: str | None = Field(description="what is playing now")
+    videos: dict[Side, str] | None = Field(None, description="addresses of what is shown in the stage's place")
 
 
 class Besides(BaseModel):

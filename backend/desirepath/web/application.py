@@ -117,6 +117,7 @@ def create_application(services: Services) -> Application:
         recording_pages,
         reward_files,
         upkeep_pages,
+        video_pages,
     )
     from desirepath.web.core import auth, published, server_routes
     from desirepath.web.core.guard import Guard, trouble
@@ -131,16 +132,8 @@ def create_application(services: Services) -> Application:
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
     lab = (sign_in_pages, openid_pages, account_pages, study_pages, learnt_pages)
     policies = (compare_pages, flow_pages, explanation_pages, live_pages, attention_pages)
-    analyst = (
-        job_curves,
-        job_pages,
-        artefact_pages,
-        *policies,
-        demonstration_pages,
-        reward_files,
-        recording_pages,
-        upkeep_pages,
-    )
+    foreign = (reward_files, recording_pages, video_pages)
+    analyst = (job_curves, job_pages, artefact_pages, *policies, demonstration_pages, *foreign, upkeep_pages)
     for module in (session_pages, *lab, *analyst, published, server_routes):
         application.include_router(module.router)
     application.include_router(openid_pages.behind)

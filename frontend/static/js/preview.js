@@ -55,6 +55,7 @@ let restarts = 0;
 
 /** @param {import("./contract.js").Seen["side"]} side */
 async function play(side) {
+  if (data.videos) return { phase: `playing_${side}`, playback_id: `${side}${restarts}`, label_s: 1 };
   const answer = await fetch(`/lab/preview-stage/${data.stage_token}/${side}`, {
     method: "POST",
     headers: { "X-CSRF": data.csrf },
@@ -96,7 +97,7 @@ if (shown || !onStage) {
     step,
     key: data.key,
     state: /** @type {any} as much of it as an example has */ (
-      data.state ?? { phase: "ready", restarts: 0, duration_a_s: data.durations[0], duration_b_s: data.durations[1] }
+      data.state ?? { phase: "ready", restarts: 0, videos: data.videos, duration_a_s: data.durations[0], duration_b_s: data.durations[1] }
     ),
     language: data.language,
     say,
@@ -106,7 +107,7 @@ if (shown || !onStage) {
     page: {
       refresh: async () => {},
       announce,
-      cover: data.stage_token ? cover : () => {},
+      cover: data.stage_token || data.videos ? cover : () => {},
       reloadStage: () => stage.reload(), greetStage: () => stage.greet(),
       moveOut: () => location.assign(data.next),
       notice: () => {}, // a preview leaves no trace in the log

@@ -132,7 +132,7 @@ async function mount(mine = arrival) {
   $("stage").hidden = !onStage;
   // Changing the language loads the page anew, which no pair may suffer.
   $("tools").querySelectorAll(".language").forEach((form) => ((/** @type {HTMLElement} */ (form)).hidden = onStage));
-  if (!onStage) stage.close();
+  if (!onStage) stage.close(); // before the step fills its place with something else
   const link = /** @type {HTMLElement | null} */ (step.querySelector("[data-own-link]"));
   if (link) link.textContent = `${location.origin}${link.dataset.ownLink || `/p/${data.token}`}`;
 
@@ -156,7 +156,8 @@ async function mount(mine = arrival) {
     });
     trial = mounted?.bar ?? null;
     wait = mounted?.job ?? null;
-    if (onStage) stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");
+    if (onStage && !current.stage_url) stage.close();
+    else if (onStage) stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");
     if (module.last) showProgress(body, true);
   }
   if (body) body.dataset.live = "";

@@ -6,6 +6,7 @@
 
 import { newRequestId } from "./send.js";
 import { StageBar } from "./stage-bar.js";
+import { VideoScreen } from "./video-screen.js";
 
 /** @typedef {import("./contract.js").TrialState} TrialState */
 /** @typedef {import("./stage-frame.js").StageMessage} StageMessage */
@@ -36,12 +37,17 @@ export class Trial extends StageBar {
     this.start.addEventListener("click", () => this.startTrajectories());
     for (const pick of this.picks) pick.addEventListener("click", () => this.choose(pick));
     this.slow = setTimeout(() => this.tellSlow(), SLOW_STAGE_MS);
+    const videos = state.videos;
+    /** Shows videos in the stage's place. @type {VideoScreen | null} */
+    this.screen = videos ? new VideoScreen(videos, (letter) => needs.say("video", { letter }), (message) => this.hear(message)) : null;
+    if (this.screen) this.setReady();
     this.begin();
   }
 
   /** Takes the trial off the page. */
   leave() {
     clearTimeout(this.slow);
+    this.screen?.clear();
     super.leave();
   }
 
@@ -55,6 +61,11 @@ export class Trial extends StageBar {
     if (this.stageReady) return;
     this.hint("preparing_slow");
     this.needs.notice("stage_slow");
+  }
+
+  watch() {
+    super.watch();
+    if (!this.over) this.screen?.follow(this.state);
   }
 
   get playing() {

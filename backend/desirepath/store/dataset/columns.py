@@ -9,12 +9,16 @@ from typing import Any
 
 import pyarrow as pa
 
+from desirepath.simulation.recorded import Video
+
 FORMAT = "desirepath-dataset-6"
 STUDY_FILE = "study.json"
 CHECKSUMS_FILE = "checksums.sha256"
 DICTIONARY_FILE = "data-dictionary.md"
 PROTOCOL_FOLDER = "protocol"
 TRAJECTORY_FOLDER = "trajectories"
+VIDEO_FOLDER = "videos"
+VIDEO_ENDINGS = {"video/mp4": "mp4", "video/webm": "webm"}
 DEMONSTRATION_FOLDER = "demonstrations"
 
 TEXT, WHOLE, NUMBER, YES_NO = pa.string(), pa.int64(), pa.float64(), pa.bool_()
@@ -79,3 +83,8 @@ class Table:
                         f"{column.name} = {unpacked[column.name][:80]!r} is no JSON that can be read"
                     ) from None
         return unpacked
+
+
+def video_name(video: Video) -> str:
+    """The file of a video in VIDEO_FOLDER."""
+    return f"{video.sha256}.{VIDEO_ENDINGS[video.media]}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import secrets
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -15,11 +16,20 @@ from zipfile import BadZipFile
 from sqlalchemy.exc import DBAPIError
 from sqlalchemy.orm import Session
 
+from desirepath.simulation.recorded import Video
 from desirepath.simulation.trajectory import Trajectory
-from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.artefacts import ArtefactStore, save_artefact
 from desirepath.store.database import Database
 from desirepath.store.dataset.coding_rows import add_codings
-from desirepath.store.dataset.columns import PROTOCOL_FOLDER, STUDY_FILE, TRAJECTORY_FOLDER, Table
+from desirepath.store.dataset.columns import (
+    PROTOCOL_FOLDER,
+    STUDY_FILE,
+    TRAJECTORY_FOLDER,
+    VIDEO_ENDINGS,
+    VIDEO_FOLDER,
+    Table,
+    video_name,
+)
 from desirepath.store.dataset.reading import (
     About,
     AboutProtocol,
@@ -169,6 +179,8 @@ def _add_trajectories(s: Session, files: ArtefactStore, folder: Path, rows: list
         except (ValueError, KeyError, TypeError, BadZipFile) as problem:
             raise DatasetError(f"{name}: is no trajectory ({problem})") from None
         contents.append(content)
+        if (shown := trajectory.recorded.video if trajectory.recorded else None) is not None:
+            _add_video(s, files, folder, trajectory.scene.setup, shown)
         if s.get(TrajectoryRow, row["trajectory"]) is None:
             s.add(
                 TrajectoryRow(
@@ -183,6 +195,18 @@ def _add_trajectories(s: Session, files: ArtefactStore, folder: Path, rows: list
                 )
             )
     files.put_all(contents)
+
+
+def _add_video(s: Session, files: ArtefactStore, folder: Path, setup: str, shown: Video) -> None:
+    name = f"{VIDEO_FOLDER}/{video_name(shown)}"
+    try:
+        content = (folder / name).read_bytes()
+    except OSError as problem:
+        raise DatasetError(f"{name}: cannot be read ({problem.strerror})") from None
+    if hashlib.sha256(content).hexdigest() != shown.sha256 or shown.media not in VIDEO_ENDINGS:
+        raise DatasetError(f"{name}: is another video than its trajectory says")
+    card = {"video": asdict(shown), "imported": {"file": name}}
+    save_artefact(s, files, kind="video", name=name, setup=setup, content=content, card=card)
 
 
 def _add_rows(s: Session, study_id: str, tables: dict[str, list[Row]]) -> None:

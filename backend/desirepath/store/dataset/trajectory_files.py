@@ -17,7 +17,7 @@ from desirepath.simulation.observation_bounds import ACTION_SIZE
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 from desirepath.store.artefacts import ArtefactStore
-from desirepath.store.dataset.columns import FLOATS, TRAJECTORY_FOLDER
+from desirepath.store.dataset.columns import FLOATS, TRAJECTORY_FOLDER, VIDEO_FOLDER, video_name
 from desirepath.store.dataset.minari_episodes import MinariWriter
 from desirepath.store.dataset.preference_pairs import prompt_of, text_of
 from desirepath.store.dataset.tables import STEPS
@@ -72,6 +72,9 @@ def write_trajectories(files: ArtefactStore, stored: Sequence[TrajectoryRow], ou
             content = files.get(row.id)
             (out / TRAJECTORY_FOLDER / f"{row.id}.npz").write_bytes(content)
             trajectory = Trajectory.from_bytes(content)
+            if (shown := trajectory.recorded.video if trajectory.recorded else None) is not None:
+                (out / VIDEO_FOLDER).mkdir(exist_ok=True)
+                (out / VIDEO_FOLDER / video_name(shown)).write_bytes(files.get(shown.sha256))
             written.rows.append(_row(row, trajectory))
             written.metrics.append(_metrics(row.id, trajectory))
             written.prompts.setdefault(row.scene_hash, prompt_of(trajectory))
@@ -105,6 +108,9 @@ def _row(row: TrajectoryRow, trajectory: Trajectory) -> Row:
 
 
 def _metrics(trajectory_id: str, trajectory: Trajectory) -> Row:
+    if trajectory.recorded is not None and "poses" not in trajectory.recorded.has:  # nobody measures a video
+        values = dict.fromkeys((*MEASURED, *SOCIAL)) | {"time_s": trajectory.duration_s}
+        return {"trajectory": trajectory_id, "outcome": Outcome(trajectory.outcome).name.lower(), **values}
     from desirepath.analysis.metrics import measure  # brings the simulator, which a start need not wait for
 
     metrics = measure([trajectory])

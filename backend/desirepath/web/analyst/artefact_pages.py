@@ -114,7 +114,9 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
             t("analyst.answer.trajectory_chosen" if found.choice == x.lower() else "analyst.answer.trajectory", name=x)
             for x in "AB"
         ]
-        drawn = svg_figures.rollouts(pair[0].scene, pair, names=names, title=t("analyst.answer.figure"))
+        known = all(one.recorded is None or "poses" in one.recorded.has for one in pair)
+        title = t("analyst.answer.figure")
+        drawn = svg_figures.rollouts(pair[0].scene, pair, names=names, title=title) if known else ""
         return lab_page(
             request,
             "analyst/answer.html",
@@ -124,6 +126,7 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
             given=s.get(Answered, response_id),
             pair=pair,
             figure=Markup(drawn),  # noqa: S704 - made by us, texts escaped
+            names=names,
         )
 
 

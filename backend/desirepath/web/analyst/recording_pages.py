@@ -16,12 +16,12 @@ from markupsafe import Markup
 from pydantic import BaseModel
 from sqlalchemy import or_, select
 from starlette.datastructures import FormData
-from starlette.responses import RedirectResponse, Response
+from starlette.responses import FileResponse, RedirectResponse, Response
 
 from desirepath.grammar.source import ProtocolError
 from desirepath.recordings.csv_tables import SYNONYMS
 from desirepath.recordings.mapping import ANGLES, LENGTHS, TIMES, Keys, Mapping, Topics
-from desirepath.recordings.videos import is_video
+from desirepath.recordings.videos import MEDIA, is_video
 from desirepath.simulation.setups import SETUPS
 from desirepath.store.artefact_upkeep import LONGEST_NAME
 from desirepath.store.imported_answers import ImportedAnswer, save_imported_answers
@@ -141,6 +141,15 @@ def draft_page(
     if not draft.read("found") and not draft.is_working and draft.files():
         begin_looking(services.settings, draft)
     return _page(request, draft, pair=pair, stage=stage)
+
+
+@router.get("/lab/recordings/{draft_id}/videos/{name}", response_class=Response)
+def draft_video(draft: TheDraft, name: str) -> Response:
+    """A video that was uploaded, to be looked at before it is kept."""
+    found = next((one for one in draft.recordings.rglob("*") if one.name == name and is_video(one)), None)
+    if found is None:
+        raise LabRefusal(404, "no_recording_draft")
+    return FileResponse(found, media_type=MEDIA[found.suffix.lower()])
 
 
 @router.post("/lab/recordings/{draft_id}", openapi_extra=form_of(FIELDS))
@@ -327,14 +336,16 @@ def _shown(
     names = [f"{letter}: {run}" for letter, run in zip("AB", runs, strict=True)]
     together = both[0].scene == both[1].scene
     plays = [Replay(both, tuple(names))] if together else [Replay((both[k],), (names[k],)) for k in (0, 1)]
-    drawn = svg_figures.rollouts(both[0].scene, both, names=names, title=t("recordings.figure"))
+    known = all(one.recorded is not None and "poses" in one.recorded.has for one in both)
+    drawn = svg_figures.rollouts(both[0].scene, both, names=names, title=t("recordings.figure")) if known else ""
     return {
         "pair": pair,
         "pair_count": len(queries),
         "shown_pair": both,
         "names": names,
         "plan": Markup(drawn),  # noqa: S704 - made by us, texts escaped
-        "stages": [services_of(request).replays.grant(one) for one in plays] if stage else [],
+        "stages": [services_of(request).replays.grant(one) for one in plays] if stage and known else [],
+        "known": known,
     }
 
 

@@ -179,6 +179,7 @@ SHOWING: dict[str, Rule] = {
     "/lab/audit": Rule(Right.MANAGE),
     "/lab/recordings/{draft_id}": Rule(Right.ANALYSE),
     "/api/lab/recordings/{draft_id}": Rule(Right.ANALYSE),
+    "/lab/recordings/{draft_id}/videos/{name}": Rule(Right.ANALYSE),
     "/lab/jobs/new": Rule(Right.ANALYSE),
     "/lab/jobs/new/{kind_name}": Rule(Right.ANALYSE),
     "/lab/artefacts/{artefact_id}/upkeep": Rule(Right.TIDY),

@@ -32,7 +32,7 @@ from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, contact, page, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language
-from desirepath.web.lab.preview import QueryPreview
+from desirepath.web.lab.preview import QueryPreview, videos_in
 from desirepath.web.lab.replay_reasons import Reasons, policies_for, reasons_of
 from desirepath.web.lab.study_tabs import the_study
 from desirepath.web.participant.session_view import leads_to, next_kind
@@ -128,6 +128,7 @@ def replay(
         plan = read_plan(session.plan)
         code = s.get_one(Participant, session.participant_id).code
     texts = services_of(request).texts.get(lab_language(request))
+    videos = videos_in(seen.shown.a, seen.shown.b) if isinstance(seen.shown, QueryPreview) else None
     at = next(i for i, step in enumerate(plan) if step.key == seen.step.key)
     return page(
         request,
@@ -154,7 +155,8 @@ def replay(
         back_text=texts("lab.replay.back", code=code),
         here="",
         lab=texts,
-        stage_token=services_of(request).replays.grant(seen.shown),
+        stage_token=None if videos else services_of(request).replays.grant(seen.shown),
+        videos=videos,
         durations=[round(seconds, 1) for seconds in seen.durations_s],
         shown_state=seen.state,
         shown_window=_window(device),

@@ -18,7 +18,7 @@ from desirepath.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from desirepath.store.models import Study
 from desirepath.store.payment_codes import REMOVED
 from desirepath.store.query_sets import query_sets_here
-from desirepath.store.sides import Side, is_side
+from desirepath.store.sides import SIDES, Side, is_side
 from desirepath.study.kind import Page, kind_of
 from desirepath.study.kinds.trial import viewing_in
 from desirepath.study.protocol.freezing import FrozenProtocol, ProtocolError
@@ -82,6 +82,11 @@ class Example:
     scores: Scores = ()
     attention: ShownAttention | None = None
 
+    @property
+    def videos(self) -> dict[Side, str] | None:
+        """Where they are, of trajectories that videos show."""
+        return videos_in(self.a, self.b)
+
     def explain(self, step: Step) -> ShownExplanation | None:
         """As much of the scores as the step shows."""
         if not self.things:
@@ -89,6 +94,12 @@ class Example:
         outline, lidar, looked = (bool(getattr(step, name, False)) for name in ("outline", "lidar", "attention"))
         outline = outline and not is_of_people(self.things)
         return ShownExplanation(self.things, self.scores, outline, lidar, attention=self.attention if looked else None)
+
+
+def videos_in(a: Trajectory, b: Trajectory) -> dict[Side, str] | None:
+    """Where signed-in people find the videos of A and B, None where the stage shows them."""
+    shown = [one.recorded.video if one.recorded else None for one in (a, b)]
+    return {side: f"/lab/videos/{one.sha256}" for side, one in zip(SIDES, shown, strict=True) if one} or None
 
 
 def preview_steps(frozen: FrozenProtocol) -> list[Step]:
@@ -221,7 +232,8 @@ def _preview_page(
         back=back,
         here=request.url.path.rsplit("/", 1)[0],
         lab=services_of(request).texts.get(lab_language(request)),
-        stage_token=_granted(request, query, step) if query else None,
+        stage_token=_granted(request, query, step) if query and not query.videos else None,
+        videos=query.videos if query else None,
         durations=_durations(step, query),
         csrf=request.state.sign_in.csrf,
     )

@@ -29,7 +29,15 @@ from desirepath.study.session.versions import protocol_of
 from desirepath.web.core.contract import reply_of
 from desirepath.web.core.dependencies import TheServices, contact, page, services_of
 from desirepath.web.core.throttle import EVENTS_PER_SESSION, PROBLEMS_PER_SESSION, count
-from desirepath.web.participant import device_check, live_requests, recruiting, stream, stroke_requests, trials
+from desirepath.web.participant import (
+    device_check,
+    live_requests,
+    recruiting,
+    shown_videos,
+    stream,
+    stroke_requests,
+    trials,
+)
 from desirepath.web.participant.replies import Answered, SessionState
 from desirepath.web.participant.requests import not_too_often, too_many
 from desirepath.web.participant.sent import Noticed, ProblemReport
@@ -215,5 +223,5 @@ def _change(
     return reply_of(SessionState, reply)
 
 
-for part in (recruiting, device_check, trials, stroke_requests, live_requests, stream):
+for part in (recruiting, device_check, trials, shown_videos, stroke_requests, live_requests, stream):
     router.include_router(part.router)

@@ -10,7 +10,9 @@ from fastapi import Request
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.grammar.texts import local
+from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Participant, Session, utc_now
+from desirepath.store.sides import SIDES, Side
 from desirepath.study.kind import KINDS, kind_of, read_plan
 from desirepath.study.refusals import Refused, log_refusal
 from desirepath.study.session import machine
@@ -19,7 +21,8 @@ from desirepath.study.session.leaving import LONGEST_PROBLEM
 from desirepath.study.session.versions import protocol_of
 from desirepath.study.simulated.known import tell_simulated
 from desirepath.study.steps import Step
-from desirepath.web.core.dependencies import Services, contact, public_url, stage_origin
+from desirepath.web.core.dependencies import Services, contact, public_url, services_of, stage_origin
+from desirepath.web.core.videos import video_of
 from desirepath.web.stage.admission import stage_token
 
 S = TypeVar("S", bound=Step)
@@ -71,9 +74,21 @@ def state_of(request: Request, s: DatabaseSession, session: Session, view: machi
     state: dict[str, Any] = {"state": session.state, "step": view.as_dict(), "language": session.language}
     if session.simulated:  # bots read no pages
         state["step"] |= tell_simulated(s, session, view)
-    if view.kind in KINDS and KINDS[view.kind].shows != "page":
+    if (videos := videos_of(services_of(request).files, s, session, request)) is not None and view.trial is not None:
+        state["step"]["trial"] = {**view.trial, "videos": videos}
+    elif view.kind in KINDS and KINDS[view.kind].shows != "page":
         state["stage_url"] = f"{stage_origin(request)}/stage/{stage_token(session)}/"
     return state
+
+
+def videos_of(files: ArtefactStore, s: DatabaseSession, session: Session, request: Request) -> dict[Side, str] | None:
+    """Where the videos of the current trial are, None where the stage shows its trajectories."""
+    step = machine.step_of(session)
+    trial = machine.trial_of(s, session) if kind_of(step).shows == "trajectories" else None
+    if trial is None or any(video_of(s, files, one) is None for one in (trial.trajectory_a, trial.trajectory_b)):
+        return None
+    here = f"/api/session/{request.path_params['token']}/trials/{step.key}/video"
+    return {side: f"{here}/{side}" for side in SIDES}
 
 
 def current_step(session: Session, key: str, kind: type[S]) -> S:

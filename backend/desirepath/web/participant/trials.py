@@ -19,7 +19,7 @@ from desirepath.web.core.contract import reply_of
 from desirepath.web.core.dependencies import TheServices, services_of
 from desirepath.web.participant.replies import SessionState, TrialData
 from desirepath.web.participant.sent import Interrupted, Seen, Start
-from desirepath.web.participant.session_view import looking, state_of
+from desirepath.web.participant.session_view import looking, state_of, videos_of
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
 changing = partial(router.post, response_model=SessionState)
@@ -30,7 +30,9 @@ def start(token: str, key: str, request: Request, body: Start) -> Response:
     """Play the first trajectory that was not seen yet."""
 
     def act(s: DatabaseSession, session: Session, now: datetime) -> machine.Playback | None:
-        if not session.simulated and not services_of(request).presenter.is_connected(session.id):
+        services = services_of(request)
+        waits = not session.simulated and not services.presenter.is_connected(session.id)
+        if waits and videos_of(services.files, s, session, request) is None:
             raise Refused(
                 409,
                 "stage_not_ready",

@@ -256,6 +256,9 @@ class Presenter:
             stage.clear()
             return
         a, b = self._trajectory(trial.trajectory_a), self._trajectory(trial.trajectory_b)
+        if a.recorded is not None and a.recorded.video is not None:  # the page itself shows it
+            stage.clear()
+            return
         assert session is not None  # noqa: S101  it has a trial
         stage.detail = "light" if session.device.get("scene_detail") == "light" else "full"
         halted = explained is not None and trial.phase == "choosing"
