@@ -142,3 +142,9 @@ def test_whatever_bytes_stand_there_it_is_read_or_refused(
     at %= len(whole)
     file.write_bytes(whole[:at] + noise + whole[at + len(noise) :])
     refusal(read_lerobot, folder)
+
+
+def test_a_data_set_is_found_in_whatever_folder_it_lies(tmp_path: Path) -> None:
+    lerobot(tmp_path / "all" / "of" / "mine")
+    found = import_recordings(tmp_path / "all", "study_room")
+    assert (found.scenes, found.trajectories) == (1, 3)

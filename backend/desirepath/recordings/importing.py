@@ -145,7 +145,10 @@ def find_files(
     if len(inside) > bounds.files:
         raise RecordingError(path.name, "files", len(inside), f"more than {bounds.files} files; import parts of it")
     pair_file = next((one for one in inside if csv_tables.is_pairs(one)), None)
-    whole = {folder: kind for folder in sorted({one.parent for one in inside}) if (kind := _folder_format(folder))}
+    whole: dict[Path, str] = {}
+    for folder in sorted({folder for one in inside for folder in one.parents if path in folder.parents}):
+        if not any(outer in whole for outer in folder.parents) and (kind := _folder_format(folder)):
+            whole[folder] = kind
     lies_in = {one: any(folder in whole for folder in one.parents) for one in inside}
     apart = {pair_file, *(one for one in inside if answers is not None and one.samefile(answers))}
     taken = [one for one in inside if one.suffix.lower() in SUFFIXES and one not in apart and not lies_in[one]]

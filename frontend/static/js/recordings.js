@@ -43,7 +43,7 @@ function uploads(form) {
  * @param {File} file
  * @param {{draft: string, answers: boolean, csrf: string}} to
  * @param {(bytes: number) => void} tell how much has been sent
- * @returns {Promise<import("./contract.js").Taken>}
+ * @returns {Promise<{draft: string, href: string}>}
  */
 function sendFile(file, { draft, answers, csrf }, tell) {
   return new Promise((resolve, reject) => {
@@ -73,7 +73,7 @@ function waits(note) {
   const look = async () => {
     try {
       const response = await fetch(note.dataset.reading ?? "");
-      /** @type {import("./contract.js").Reading} */
+      /** @type {{working: boolean}} */
       const state = await response.json();
       if (!response.ok || !state.working) location.reload();
     } catch {

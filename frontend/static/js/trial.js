@@ -37,7 +37,7 @@ export class Trial extends StageBar {
     this.start.addEventListener("click", () => this.startTrajectories());
     for (const pick of this.picks) pick.addEventListener("click", () => this.choose(pick));
     this.slow = setTimeout(() => this.tellSlow(), SLOW_STAGE_MS);
-    const videos = state.videos;
+    const videos = /** @type {{a: string, b: string} | null | undefined} */ (state.videos);
     /** Shows videos in the stage's place. @type {VideoScreen | null} */
     this.screen = videos ? new VideoScreen(videos, (letter) => needs.say("video", { letter }), (message) => this.hear(message)) : null;
     if (this.screen) this.setReady();
