@@ -109,8 +109,8 @@ def _row(row: TrajectoryRow, trajectory: Trajectory) -> Row:
 
 def _metrics(trajectory_id: str, trajectory: Trajectory) -> Row:
     if trajectory.recorded is not None and "poses" not in trajectory.recorded.has:  # nobody measures a video
-        values = dict.fromkeys((*MEASURED, *SOCIAL)) | {"time_s": trajectory.duration_s}
-        return {"trajectory": trajectory_id, "outcome": Outcome(trajectory.outcome).name.lower(), **values}
+        unknown = dict.fromkeys((*MEASURED, *SOCIAL)) | {"time_s": trajectory.duration_s}
+        return {"trajectory": trajectory_id, "outcome": Outcome(trajectory.outcome).name.lower(), **unknown}
     from desirepath.analysis.metrics import measure  # brings the simulator, which a start need not wait for
 
     metrics = measure([trajectory])

@@ -21,7 +21,7 @@ from desirepath.learning.queries.queries import Query
 from desirepath.report.simulated_cohorts import Cohort, SimulatedPerson
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.trajectory import Trajectory
-from desirepath.store.sides import Side
+from desirepath.store.sides import SIDES, Side
 from desirepath.study.kind import KINDS
 from desirepath.study.kinds.live import PERSON_SETUPS
 
@@ -184,7 +184,7 @@ class SimulatedParticipant:
     def choose(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> Side:
         """What the oracle prefers, then what the cohort makes of it."""
         if a.recorded is not None and "poses" not in a.recorded.has:
-            return "ab"[self.random.integers(2)]  # nobody can measure a video
+            return SIDES[self.random.integers(2)]  # nobody can measure a video
         condition, query, role = str(step.get("block")), str(step.get("query")), str(step.get("role"))
         preference = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
         choice = self._oracles[preference].choose(Query(a.scene, a, b, (0, 1)))
