@@ -19,7 +19,17 @@ from desirepath.recordings.bags import read_bag, to_mcap
 from desirepath.recordings.importing import import_recordings
 from desirepath.recordings.mapping import Mapping, Topics
 from desirepath.recordings.recording import BOUNDS, RecordingError
-from desirepath.recordings.ros_messages import ODOMETRY, POSE_ARRAY, SCHEMAS, encode_odometry, encode_poses
+from desirepath.recordings.ros_messages import (
+    GRID,
+    ODOMETRY,
+    POSE_ARRAY,
+    SCHEMAS,
+    TRANSFORMS,
+    encode_grid,
+    encode_odometry,
+    encode_poses,
+    encode_transform,
+)
 from desirepath.simulation.trajectory import Outcome
 from tests.recordings.walks import ANNA, RUNS, refusal, robot_at, times
 
@@ -279,3 +289,54 @@ def test_whatever_bytes_stand_there_it_is_read_or_refused(tmp_path: Path, whole:
     file = tmp_path / "any.mcap"
     file.write_bytes(whole[:at] + noise + whole[at + len(noise) :])
     assert refusal(read_bag, file) in ("", "any.mcap")
+
+
+def with_map(aside: float, *, linked: bool = True, cell_m: float = 0.05) -> list[tuple[str, str, float, bytes]]:
+    """The run with a wall 2 m to the left in a map's frame, which lies 10 m beside the odometry's and turned."""
+    cells = np.zeros((40, 220), dtype=np.int8)
+    cells[:, 0], cells[39] = -1, 100
+    grid = encode_grid("map", cells.tobytes(), 220, 40, cell_m, (9.0, 0.0, 0.0))
+    said = [("/map", GRID, START, grid)]
+    if linked:
+        said.append(("/tf_static", TRANSFORMS, START, encode_transform(START, "map", "odom", (10.0, 0.0, 0.0))))
+        said.append(("/tf", TRANSFORMS, START, encode_transform(START, "odom", "base_link", (0.0, 0.0, 0.0))))
+    return [*said, *messages(aside)]
+
+
+def test_a_map_in_a_bag_is_walls_and_transforms_bring_all_into_its_frame(tmp_path: Path) -> None:
+    for name, aside in RUNS.items():
+        write_mcap(tmp_path / "hall" / f"{name}.mcap", with_map(aside))
+    found = import_recordings(tmp_path / "hall", "study_room")
+    one = found.query_set.queries[0].trajectory_a
+    assert "obstacles" in one.recorded.has
+    assert one.poses[0, 0] == pytest.approx(10.0, abs=0.01)  # the robot starts at the odometry's origin
+    people = one.scene.people_at(one.times)
+    np.testing.assert_allclose(people[0, 0], (10.0 + ANNA[0], ANNA[1]), atol=1e-6)
+    (wall,) = one.scene.obstacles
+    assert (wall.kind, wall.length, wall.width) == ("wall", pytest.approx(10.95), pytest.approx(0.05))
+    assert (wall.pose.x, wall.pose.y) == (pytest.approx(9.0 + 0.05 + 5.475), pytest.approx(1.975))
+    assert any("were brought into 'map'" in how for how in one.recorded.how)
+
+
+def test_a_map_in_no_known_frame_is_left_out_and_one_that_was_named_refused(tmp_path: Path) -> None:
+    file = write_mcap(tmp_path / "hall" / "one.mcap", with_map(0.0, linked=False))
+    (found,) = read_bag(file, Mapping())
+    assert found.things == ()
+    assert any("the map was left out: its frame 'map'" in how for how in found.how)
+    with pytest.raises(RecordingError, match="no transforms lead there"):
+        read_bag(file, Mapping(topics=Topics(map="/map")))
+    with pytest.raises(RecordingError, match="no transforms \\(/tf\\) are in the bag"):
+        read_bag(file, Mapping(frame="map"))
+    with pytest.raises(RecordingError, match="resolution = 2"):
+        read_bag(write_mcap(tmp_path / "hall" / "two.mcap", with_map(0.0, cell_m=2.0)), Mapping())
+
+
+def test_a_map_of_many_cells_is_shown_in_larger_ones() -> None:
+    from desirepath.recordings.grids import Grid, walls_of
+
+    noise, how = np.random.default_rng(1).random((200, 200)) > 0.7, []
+    walls = walls_of(Grid(noise, 0.05, (0.0, 0.0, 0.5)), np.array([[2.0, 2.0], [3.0, 3.0]]), how)
+    assert 0 < len(walls) <= BOUNDS.things
+    assert "in cells of" in how[0]
+    assert {round(one.yaw, 3) for one in walls} == {0.5}
+    assert walls_of(Grid(np.zeros((9, 9), bool), 0.05, (0, 0, 0)), np.zeros((1, 2)), []) == ()

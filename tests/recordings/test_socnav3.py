@@ -174,3 +174,18 @@ def test_bytes_in_the_middle_are_read_or_refused(tmp_path: Path, noise: bytes, a
     file = tmp_path / "any.json"
     file.write_bytes(whole[:at] + noise + whole[at:])
     assert refusal(read_socnav3, file) in ("", "any.json")
+
+
+def test_a_grid_stands_for_walls_where_no_walls_are_named(tmp_path: Path) -> None:
+    (tmp_path / "hall").mkdir()
+    for name, aside in RUNS.items():
+        told = sequence(aside) | {"walls": []}
+        (tmp_path / "hall" / f"{name}.json").write_text(json.dumps(told))
+    one = import_recordings(tmp_path / "hall", "study_room").query_set.queries[0].trajectory_a
+    (wall,) = [thing for thing in one.scene.obstacles if thing.kind == "wall"]
+    assert (wall.pose.x, wall.pose.y, wall.length, wall.width) == (1.5, 0.5, 1.0, 1.0)
+    broken = sequence(0.0) | {"walls": []}
+    broken["grid"]["data"] = [[0, 1, 1]]
+    (tmp_path / "hall" / "wide.json").write_text(json.dumps(broken))
+    with pytest.raises(RecordingError, match="grid, data = 3: cells, 2 x 1 are 2"):
+        import_recordings(tmp_path / "hall", "study_room")

@@ -18,7 +18,10 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from desirepath.recordings.frames import Frames
+from desirepath.recordings.grids import grid_of, walls_of
 from desirepath.recordings.mapping import Mapping
 from desirepath.recordings.recording import (
     BOUNDS,
@@ -28,31 +31,41 @@ from desirepath.recordings.recording import (
     Recording,
     RecordingError,
     Source,
+    Thing,
     file_sha256,
     track,
 )
 from desirepath.recordings.resampling import body_speeds
 from desirepath.recordings.ros_messages import (
+    GRID,
     ODOMETRY,
     PEOPLE,
     POSE,
     POSE_ARRAY,
     POSE_WITH_COVARIANCE,
+    SCAN,
     SCHEMAS,
+    TRANSFORMS,
     CdrError,
+    GridMessage,
     Stamped,
     decode,
+    decode_grid,
+    decode_transforms,
     encode_odometry,
     encode_pose,
     encode_poses,
 )
 from desirepath.simulation.trajectory import Trajectory
 
+Doubles = NDArray[np.float64]
 MCAP, ROSBAG2 = "mcap", "rosbag2"
 SUFFIXES = {".mcap": MCAP, ".db3": ROSBAG2}
 METADATA = "metadata.yaml"
 POSES, GROUPS = (ODOMETRY, POSE, POSE_WITH_COVARIANCE), (POSE_ARRAY, PEOPLE)
-FITS = {"pose": POSES, "people": GROUPS, "goal": (POSE,), "scan": ("sensor_msgs/msg/LaserScan",)}
+FITS = {"pose": POSES, "people": GROUPS, "goal": (POSE,), "scan": (SCAN,), "map": (GRID,)}
+TF = {"/tf": False, "/tf_static": True}
+"""Topics of transforms: whether they hold for all times."""
 """What a topic may be, as the mapping calls it -> of which types."""
 CHUNK_BYTES = 256 * MIB
 LACKING = "MCAP needs the package mcap: pip install 'desirepath[recordings]'"
@@ -64,6 +77,9 @@ SAME_PERSON_M, FASTEST_M_S, FORGOTTEN_S = (
 MOST_AT_ONCE = 100  # poses without names in a message
 BRIEF_S = 1.0  # whom a detector saw for less is left out
 _NUMBER = re.compile(r"(\d+)")
+
+
+NOTHING = Stamped(0.0, "", ())  # of a message that is kept elsewhere
 
 
 @dataclass
@@ -79,6 +95,8 @@ class _Bag:
     name: str
     kinds: dict[str, str] = field(default_factory=dict)
     read: dict[str, _Topic] = field(default_factory=dict)
+    frames: Frames = field(default_factory=Frames)
+    grid: GridMessage | None = None
     counts: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     messages: int = 0
 
@@ -99,6 +117,15 @@ class _Bag:
                 self.name, where, None, f"at most {bounds.rows} messages of a topic are read; cut the bag"
             )
         try:
+            if kind == TRANSFORMS:
+                topic.messages.append((len(topic.messages), NOTHING))
+                for time_s, parent, child, place in decode_transforms(data):
+                    self.frames.add(time_s or logged_ns * 1e-9, parent, child, place, static=TF[name])
+                return
+            if kind == GRID:
+                self.grid = decode_grid(data)  # the newest
+                topic.messages.append((len(topic.messages), NOTHING))
+                return
             found = decode(kind, data)
         except CdrError as wrong:
             raise RecordingError(self.name, where, None, f"{wrong}; {kind} was expected") from None
@@ -111,7 +138,8 @@ def read_bag(path: Path, mapping: Mapping, bounds: Bounds = BOUNDS) -> list[Reco
     files = bag_files(path) if path.is_dir() else [path]
     if not files:
         raise RecordingError(path.name, "", None, "no .mcap or .db3 in it; compressed files need unpacking (zstd -d)")
-    wanted = {mapping.topics.pose, mapping.topics.people, mapping.topics.goal} - {None}
+    topics = mapping.topics
+    wanted = {topics.pose, topics.people, topics.goal, topics.map, *TF} - {None}
     bag, digests = _Bag(path.name), []
     for file in files:
         digests.append(_sha256(file, bounds))
@@ -292,7 +320,8 @@ def _ros2_name(kind: str) -> str:
 
 
 def _is_read(bag: _Bag, topic: str) -> bool:
-    return bag.kinds[topic] in (*POSES, *GROUPS)
+    kind = bag.kinds[topic]
+    return kind in (*POSES, *GROUPS, GRID) or (kind == TRANSFORMS and topic in TF)
 
 
 # ---- what they say ---------------------------------------------------------------------------------------------------
@@ -303,13 +332,13 @@ def _recording(source: Source, path: Path, bag: _Bag, mapping: Mapping, bounds: 
     named = topics.model_fields_set
     poses = _wanted(bag, topics.pose, POSES, "pose", needed=True)
     assert poses is not None  # noqa: S101  needed
-    frame = _frame_of(bag, topics.pose, poses, mapping)
+    frame = _frame_of(bag, poses, mapping)
     people_topic = _wanted(bag, topics.people, GROUPS, "people", needed="people" in named and topics.people is not None)
     goal_topic = _wanted(bag, topics.goal, (POSE,), "goal", needed="goal" in named and topics.goal is not None)
     if topics.scan and topics.scan in bag.kinds:
         how.append(f"lidar scans ({topics.scan}) are in the recording and were not imported")
     shift = np.array([*mapping.origin, 0.0])
-    rows = [(one.time_s, *one.bodies[0][1]) for _, one in poses.messages]
+    rows = [(one.time_s, *one.bodies[0][1]) for _, one in _brought(bag, topics.pose, poses, frame, how)]
     values = np.array(rows, dtype=np.float64).reshape(-1, 4)
     if np.isnan(values[:, 3]).any():
         values[:, 3] = np.nan
@@ -319,7 +348,7 @@ def _recording(source: Source, path: Path, bag: _Bag, mapping: Mapping, bounds: 
     )  # fmt: skip
     people = {}
     if people_topic is not None and topics.people is not None:
-        _require_frame(bag, topics.people, people_topic, frame)
+        people_topic = _Topic(people_topic.kind, _brought(bag, topics.people, people_topic, frame, how))
         ways = _named(people_topic) if people_topic.kind == PEOPLE else _told_apart(bag.name, people_topic, how)
         for who, seen in ways.items():
             if who in mapping.leave_out:
@@ -339,14 +368,17 @@ def _recording(source: Source, path: Path, bag: _Bag, mapping: Mapping, bounds: 
             raise RecordingError(bag.name, f"topic {topics.people}", len(people), problem)
     goal = None
     if goal_topic is not None and goal_topic.messages and topics.goal is not None:
-        _require_frame(bag, topics.goal, goal_topic, frame)
-        x, y, yaw = goal_topic.messages[-1][1].bodies[0][1]
+        x, y, yaw = _brought(bag, topics.goal, goal_topic, frame, how)[-1][1].bodies[0][1]
         if not (math.isfinite(x) and math.isfinite(y)):
             raise RecordingError(bag.name, f"topic {topics.goal}", [x, y], "must be finite numbers")
         goal = Goal(x - mapping.origin[0], y - mapping.origin[1], 0.0 if math.isnan(yaw) else yaw)
+    things: tuple[Thing, ...] = ()
+    if _wanted(bag, topics.map, (GRID,), "map", needed="map" in named and topics.map is not None):
+        ways = [robot.poses[:, :2], *(seen.poses[:, :2] for seen in people.values())]
+        things = _walls(bag, str(topics.map), frame, ways, mapping, how, bounds)
     return Recording(
         source=source, run=path.stem, scene=path.resolve().parent.name or path.stem, robot=robot, people=people,
-        goal=goal, how=tuple(how),
+        things=things, goal=goal, how=tuple(how),
     )  # fmt: skip
 
 
@@ -370,19 +402,51 @@ def _wanted(bag: _Bag, name: str | None, kinds: tuple[str, ...], what: str, *, n
     return found
 
 
-def _frame_of(bag: _Bag, name: str, topic: _Topic, mapping: Mapping) -> str:
-    frame = mapping.frame or topic.messages[0][1].frame
-    _require_frame(bag, name, topic, frame)
-    return frame
+def _frame_of(bag: _Bag, topic: _Topic, mapping: Mapping) -> str:
+    """The frame of all places: the one that is asked for, the map's where transforms lead there, else the robot's."""
+    own = topic.messages[0][1].frame
+    if mapping.frame is None and bag.grid is not None and bag.frames.links(own, bag.grid.frame):
+        return bag.grid.frame
+    return mapping.frame or own
 
 
-def _require_frame(bag: _Bag, name: str, topic: _Topic, frame: str) -> None:
+def _brought(bag: _Bag, name: str, topic: _Topic, frame: str, how: list[str]) -> list[tuple[int, Stamped]]:
+    """The topic's messages with places in `frame`, by the bag's transforms where theirs is another."""
+    found = []
     for number, one in topic.messages:
         if one.frame.lstrip("/") != frame.lstrip("/"):
-            problem = (
-                f"must be {frame!r}, as the robot's poses are: transforms are not read, so map a topic in that frame"
-            )
-            raise RecordingError(bag.name, f"topic {name}, message {number}, frame", one.frame, problem)
+            if not bag.frames.links(one.frame, frame):
+                known = ", ".join(bag.frames.known()[:20])
+                there = f"its transforms are between {known}" if known else "no transforms (/tf) are in the bag"
+                problem = (
+                    f"must be {frame!r}, as the robot's poses are: {there}; map a topic in that frame, or name another "
+                    "with `frame`"
+                )
+                raise RecordingError(bag.name, f"topic {name}, message {number}, frame", one.frame, problem)
+            places = [(who, bag.frames.place(place, one.frame, frame, one.time_s)) for who, place in one.bodies]
+            how.append(f"places of frame {one.frame!r} were brought into {frame!r} by the bag's transforms")
+            one = Stamped(one.time_s, frame, tuple(places))
+        found.append((number, one))
+    return found
+
+
+def _walls(
+    bag: _Bag, name: str, frame: str, ways: list[Doubles], mapping: Mapping, how: list[str], bounds: Bounds
+) -> tuple[Thing, ...]:
+    """What is occupied in the bag's map. Raises RecordingError for a map that was named and lies in no known frame."""
+    grid = bag.grid
+    assert grid is not None  # noqa: S101  it was read
+    if not bag.frames.links(grid.frame, frame):
+        problem = f"must be {frame!r}, as the robot's poses are, and no transforms lead there"
+        if "map" in mapping.topics.model_fields_set:
+            raise RecordingError(bag.name, f"topic {name}, frame", grid.frame, problem)
+        how.append(f"the map was left out: its frame {grid.frame!r} {problem}")
+        return ()
+    x, y, yaw = bag.frames.place(grid.origin, grid.frame, frame, math.inf)
+    origin = (x - mapping.origin[0], y - mapping.origin[1], 0.0 if math.isnan(yaw) else yaw)
+    cells = np.frombuffer(grid.cells, dtype=np.int8)
+    found = grid_of(bag.name, f"topic {name}", cells, grid.width, grid.height, grid.cell_m, origin)
+    return walls_of(found, np.concatenate(ways), how, bounds)
 
 
 Seen = list[tuple[int, float, tuple[float, float, float]]]

@@ -31,12 +31,13 @@ class Units(Part):
 
 class Topics(Part):
     """Of bags. pose: Odometry, PoseStamped or PoseWithCovarianceStamped of the robot; people: PoseArray or
-    people_msgs/People; goal: PoseStamped; scan: said to be there, not imported."""
+    people_msgs/People; goal: PoseStamped; scan: said to be there, not imported; map: OccupancyGrid."""
 
     pose: Name = "/odom"
     people: Name | None = "/people"
     scan: Name | None = "/scan"
     goal: Name | None = "/goal_pose"
+    map: Name | None = "/map"
 
 
 class Keys(Part):

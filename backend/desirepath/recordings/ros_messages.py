@@ -47,12 +47,21 @@ class _Cdr:
     def doubles(self, count: int) -> tuple[float, ...]:
         return self._take("d", 8, count)
 
+    def floats(self, count: int) -> tuple[float, ...]:
+        return self._take("f", 4, count)
+
     def text(self) -> str:
         length = self.whole()
         if length > LONGEST_TEXT:
             raise CdrError(f"holds a text of {length} bytes; at most {LONGEST_TEXT} are read")
         raw = bytes(self._take("B", 1, length)) if length else b""  # type: ignore[arg-type]
         return raw.rstrip(b"\0").decode("utf-8", errors="replace")
+
+    def raw(self, count: int) -> bytes:
+        begin, self._at = self._at, self._at + count
+        if self._at > len(self._data):
+            raise CdrError(f"ends after {len(self._data) + 4} bytes, {self._at + 4} are needed")
+        return self._data[begin : self._at]
 
     def count(self) -> int:
         found = self.whole()
@@ -113,6 +122,42 @@ DECODED: dict[str, Callable[[_Cdr], Stamped]] = {
 """By type."""
 
 
+TRANSFORMS, GRID = "tf2_msgs/msg/TFMessage", "nav_msgs/msg/OccupancyGrid"
+
+
+def decode_transforms(data: bytes) -> list[tuple[float, str, str, Placed]]:
+    """Time, parent, child and where the child is, of each transform. Raises CdrError."""
+    cdr, found = _Cdr(data), []
+    for _ in range(cdr.count()):
+        time_s, parent = cdr.header()
+        child = cdr.text()
+        found.append((time_s, parent, child, cdr.pose()))  # a Transform is laid out as a Pose
+    return found
+
+
+@dataclass(frozen=True)
+class GridMessage:
+    """cells: a byte each, row by row. origin: of the lower left corner."""
+
+    frame: str
+    width: int
+    height: int
+    cell_m: float
+    origin: Placed
+    cells: bytes
+
+
+def decode_grid(data: bytes) -> GridMessage:
+    """Raises CdrError."""
+    cdr = _Cdr(data)
+    _, frame = cdr.header()
+    cdr.whole(), cdr.whole()  # when it was loaded
+    cell_m = float(cdr.floats(1)[0])
+    width, height = cdr.whole(), cdr.whole()
+    origin = cdr.pose()
+    return GridMessage(frame, width, height, cell_m, origin, cdr.raw(cdr.whole()))
+
+
 def decode(kind: str, data: bytes) -> Stamped:
     """Raises CdrError; KeyError for a type that is not read."""
     return DECODED[kind](_Cdr(data))
@@ -122,8 +167,11 @@ def decode(kind: str, data: bytes) -> Stamped:
 
 
 class _Writer:
-    def __init__(self, time_s: float, frame: str) -> None:
+    def __init__(self, time_s: float, frame: str, inside: int | None = None) -> None:
+        """inside: of a message that is a list of so many, before the first."""
         self._parts = bytearray()
+        if inside is not None:
+            self.put("I", 4, inside)
         seconds = math.floor(time_s)
         self.put("i", 4, seconds)
         self.put("I", 4, min(round((time_s - seconds) * 1e9), 999_999_999))
@@ -159,6 +207,24 @@ def encode_odometry(time_s: float, frame: str, place: Placed, speeds: Sequence[f
 def encode_pose(time_s: float, frame: str, place: Placed) -> bytes:
     out = _Writer(time_s, frame)
     out.pose(*place)
+    return out.bytes()
+
+
+def encode_transform(time_s: float, parent: str, child: str, place: Placed) -> bytes:
+    out = _Writer(time_s, parent, inside=1)
+    out.text(child)
+    out.pose(*place)
+    return out.bytes()
+
+
+def encode_grid(frame: str, cells: bytes, width: int, height: int, cell_m: float, origin: Placed) -> bytes:
+    out = _Writer(0.0, frame)
+    out.put("I", 4, 0, 0)
+    out.put("f", 4, cell_m)
+    out.put("I", 4, width, height)
+    out.pose(*origin)
+    out.put("I", 4, len(cells))
+    out.put("B", 1, *cells)
     return out.bytes()
 
 

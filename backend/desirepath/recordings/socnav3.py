@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.recordings.grids import grid_of, walls_of
 from desirepath.recordings.mapping import Mapping
 from desirepath.recordings.recording import (
     BOUNDS,
@@ -93,9 +94,12 @@ def read_socnav3(path: Path, mapping: Mapping, bounds: Bounds = BOUNDS) -> list[
     ]
     if walls:
         how.append(f"walls are lines without a thickness: {WALL_M:g} m thick and 2 m high")
-    if isinstance(data.get("grid"), dict) and data["grid"].get("data"):
-        how.append("the grid is left out: walls and objects are shown")
     rows = np.array(robot, dtype=np.float64).reshape(-1, 4)
+    if isinstance(data.get("grid"), dict) and data["grid"].get("data"):
+        if walls:
+            how.append("the grid is left out: walls and objects are shown")
+        else:
+            walls = list(_grid_walls(path.name, data["grid"], rows[:, 1:3], mapping, how, bounds))
     return [
         Recording(
             source=source,
@@ -211,6 +215,24 @@ def _thing(file: str, where: str, of: Any, mapping: Mapping, how: list[str]) -> 
     if shape.get("type") == "circle":
         how.append("round objects are shown as boxes of the same width")
     return Thing(str(of.get("type", "box"))[:40], x, y, angle, length, width)
+
+
+def _grid_walls(
+    file: str, grid: dict[str, Any], ways: Doubles, mapping: Mapping, how: list[str], bounds: Bounds
+) -> tuple[Thing, ...]:
+    """What is occupied in a grid: 1, or from 65 of 100 on, row by row from its origin."""
+    try:
+        cells = np.asarray(grid["data"], dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        raise RecordingError(file, "grid.data", None, "must be numbers, row by row") from None
+    if not np.isfinite(cells).all():
+        raise RecordingError(file, "grid.data", None, "must be finite numbers")
+    scaled = np.clip(cells * (100 if cells.max() <= 1 else 1), -1, 100).astype(np.int8)
+    width, height = (int(_number(file, "grid", grid, name)) for name in ("width", "height"))
+    x, y, angle = (_number(file, "grid", {name: 0.0, **grid}, name) for name in ("x_orig", "y_orig", "angle_orig"))
+    origin = (x - mapping.origin[0], y - mapping.origin[1], angle)
+    found = grid_of(file, "grid", scaled, width, height, _number(file, "grid", grid, "cell_size"), origin)
+    return walls_of(found, ways, how, bounds)
 
 
 def _wall(file: str, where: str, of: Any, mapping: Mapping) -> Thing:
