@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -168,3 +169,36 @@ def test_a_study_of_videos_goes_to_its_end_and_its_data_hold_them(
     frozen = small_protocol(tmp_path, trains, query_set=str(tmp_path / "films.npz"))
     with pytest.raises(StudyError, match="were not recorded, train needs them"), database.transaction() as s:
         create_study(s, files, frozen, name="Trains", created_by=None)
+
+
+def test_who_is_in_recordings_goes_with_them(database: Database, files: ArtefactStore, folder: Path) -> None:
+    from desirepath.store.artefact_upkeep import delete_artefact
+    from desirepath.store.imported_answers import ImportedAnswer, save_imported_answers
+    from desirepath.store.models import TrajectoryRow
+    from desirepath.store.outbox import enqueue_job
+
+    found = import_recordings(folder, "study_room")
+    other = replace(found.query_set, queries=found.query_set.queries[1:])
+    with database.transaction() as s:
+        queries = save_query_set(s, files, found.query_set, name="Films", card={}, videos=found.videos).id
+        kept = save_query_set(s, files, other, name="One", card={}, videos=found.videos).id
+        given = [ImportedAnswer(2, 0, "a", "p1"), ImportedAnswer(3, 1, "b", "p2")]
+        source = {"file": "mine.csv", "sha256": "0" * 64}
+        snapshot = save_imported_answers(s, files, s.get_one(Artefact, queries), given, name="Mine", source=source).id
+        job = enqueue_job(s, "reward_model", {"snapshot": snapshot})
+    with pytest.raises(ArtefactError, match="1 were made from it: Mine"), database.transaction() as s:
+        delete_artefact(s, files, queries)
+    with pytest.raises(ArtefactError, match="jobs stand on it"), database.transaction() as s:
+        delete_artefact(s, files, snapshot)
+    with database.transaction() as s:
+        s.get_one(type(job), job.id).state = "succeeded"
+    with database.transaction() as s:
+        delete_artefact(s, files, snapshot)
+        delete_artefact(s, files, queries)
+    assert not files.exists(snapshot)
+    with database.session() as s:
+        assert sorted(one.name for one in s.query(Artefact)) == ["One", "three.webm", "two.webm"]
+        assert s.query(TrajectoryRow).count() == 2
+    with database.transaction() as s:
+        delete_artefact(s, files, kept)
+    assert list(files.names()) == []

@@ -13,7 +13,16 @@ from sqlalchemy import ColumnElement, and_, delete, select
 from sqlalchemy.orm import Session
 
 from desirepath.store.artefacts import ArtefactError, ArtefactStore
-from desirepath.store.models import Artefact, ArtefactAnswer, ArtefactParent, Job, ProtocolVersion, Study, Trial
+from desirepath.store.models import (
+    Artefact,
+    ArtefactAnswer,
+    ArtefactParent,
+    Job,
+    ProtocolVersion,
+    Study,
+    TrajectoryRow,
+    Trial,
+)
 from desirepath.store.outbox import ENDED
 from desirepath.store.plain_data import mentions
 
@@ -80,9 +89,10 @@ def uses_of(s: Session, artefact_id: str) -> Uses:
 
 def _jobs_on(s: Session, artefact: Artefact) -> tuple[str, ...]:
     """Those under way that name or make it. Of what holds answers all that ever named it: an erasure finds by it what
-    was learned from somebody. And the one that made it for a participant, who may still be shown it.
+    was learned from somebody, unless they were imported: then this is how they are erased. And the one that made it for
+    a participant, who may still be shown it.
     """
-    answers = artefact.kind in ("snapshot", "demonstrations")
+    answers = artefact.kind in ("snapshot", "demonstrations") and "imported" not in artefact.card
     jobs = s.execute(select(Job.id, Job.params, Job.state, Job.session_id).order_by(Job.created_at))
     return tuple(
         job
@@ -119,7 +129,8 @@ def restore_artefact(s: Session, artefact_id: str) -> Artefact:
 
 
 def delete_artefact(s: Session, files: ArtefactStore, artefact_id: str) -> Artefact:
-    """Delete it with its file and its lineage; what it was made from and its rollouts stay. Returns what it was.
+    """Delete it with its file and its lineage; what it was made from and its rollouts stay. Of recordings the
+    trajectories and videos go, too, that nothing else has: people may be in them. Returns what it was.
 
     Raises ArtefactError that says why it must stay (`Uses.against_deleting`); archiving is always possible.
     """
@@ -127,13 +138,33 @@ def delete_artefact(s: Session, files: ArtefactStore, artefact_id: str) -> Artef
     against = uses_of(s, artefact_id).against_deleting()
     if against:
         raise ArtefactError(f"{artefact.kind} {artefact.name!r} stays: {'; '.join(against)}. It can be archived")
+    recorded = _only_in(s, artefact) if artefact.kind == "query_set" and artefact.card.get("recorded") else set()
+    videos = select(ArtefactParent.parent_id).where(
+        ArtefactParent.artefact_id == artefact_id, ArtefactParent.role == "video"
+    )
+    filmed = list(s.scalars(videos))
     s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.artefact_id == artefact_id))
     s.execute(delete(ArtefactParent).where(ArtefactParent.artefact_id == artefact_id))
     s.execute(delete(Artefact).where(Artefact.id == artefact_id))
     s.flush()
     s.expunge(artefact)
-    files.delete(artefact_id)  # before the rows commit: a deletion that is cut short can be repeated
+    for video in filmed:
+        if not uses_of(s, video).against_deleting():
+            delete_artefact(s, files, video)
+    s.execute(delete(TrajectoryRow).where(TrajectoryRow.id.in_(recorded)))
+    for sha in sorted({artefact_id, *recorded}):
+        files.delete(sha)  # before the rows commit: a deletion that is cut short can be repeated
     return artefact
+
+
+def _only_in(s: Session, query_set: Artefact) -> set[str]:
+    """The trajectories of a query set that no other one lists and nobody was shown."""
+    own = {query[side] for query in query_set.card["stored_queries"] for side in ("trajectory_a", "trajectory_b")}
+    others = select(Artefact.card).where(Artefact.id != query_set.id, Artefact.setup == query_set.setup)
+    used = {sha for card in s.scalars(others) for sha in own if mentions(card, {sha})}
+    shown = select(Trial.trajectory_a, Trial.trajectory_b)
+    used |= {sha for row in s.execute(shown) for sha in row if sha in own}
+    return own - used
 
 
 def _artefact(s: Session, artefact_id: str, *, lock: bool = True) -> Artefact:
