@@ -374,8 +374,8 @@ def _recording(source: Source, path: Path, bag: _Bag, mapping: Mapping, bounds: 
         goal = Goal(x - mapping.origin[0], y - mapping.origin[1], 0.0 if math.isnan(yaw) else yaw)
     things: tuple[Thing, ...] = ()
     if _wanted(bag, topics.map, (GRID,), "map", needed="map" in named and topics.map is not None):
-        ways = [robot.poses[:, :2], *(seen.poses[:, :2] for seen in people.values())]
-        things = _walls(bag, str(topics.map), frame, ways, mapping, how, bounds)
+        around = [robot.poses[:, :2], *(seen.poses[:, :2] for seen in people.values())]
+        things = _walls(bag, str(topics.map), frame, around, mapping, how, bounds)
     return Recording(
         source=source, run=path.stem, scene=path.resolve().parent.name or path.stem, robot=robot, people=people,
         things=things, goal=goal, how=tuple(how),
