@@ -23,6 +23,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from starlette.concurrency import run_in_threadpool
+
 from desirepath.jobs.process import ONE_THREAD, environment_of
 from desirepath.recordings.mapping import Mapping
 from desirepath.recordings.recording import BOUNDS, MIB
@@ -34,6 +36,7 @@ MOST_BYTES = LARGEST_STREAM  # of an upload, all together: what is larger is imp
 MOST_FILES = BOUNDS.files
 LASTS_S = 7 * 86_400  # forgotten drafts go when the next one is made: people may be in them
 LONGEST_S = 1_800.0  # of reading
+PIECE = 4 * MIB
 BEAT_S = 1.0
 STALE_S = 15.0  # a process that nobody has heard of for so long ended with its server
 ANSWERS = "answers.csv"
@@ -148,19 +151,23 @@ async def take_in(draft: RecordingDraft, name: str, body: AsyncIterator[bytes], 
     draft.forget("found.json", "made.json", "queries.npz")
     partial = draft.folder / f".{secrets.token_hex(4)}"
     try:
-        taken = 0
+        taken, waiting = 0, bytearray()
         with partial.open("wb") as out:
             async for chunk in body:
                 taken += len(chunk)
                 if taken > room:
                     raise UploadError("too_large", mb=MOST_BYTES // MIB)
-                if taken % (64 * MIB) < len(chunk) and shutil.disk_usage(draft.folder).free < MIN_FREE_BYTES:
-                    raise UploadError("no_room")
-                out.write(chunk)
+                waiting += chunk
+                if len(waiting) >= PIECE:
+                    if shutil.disk_usage(draft.folder).free < MIN_FREE_BYTES:
+                        raise UploadError("no_room")
+                    await run_in_threadpool(out.write, waiting)  # nobody else waits for the disk
+                    waiting = bytearray()
+            out.write(waiting)
         if not taken:
             raise UploadError("empty", name=name)
-        if not answers and zipfile.is_zipfile(partial) and Path(name).suffix.lower() == ".zip":
-            _unpack(partial, draft.recordings, room, MOST_FILES - len(files))
+        if not answers and Path(name).suffix.lower() == ".zip" and zipfile.is_zipfile(partial):
+            await run_in_threadpool(_unpack, partial, draft.recordings, room, MOST_FILES - len(files))
         else:
             partial.replace(target)
     finally:

@@ -15,6 +15,7 @@ from fastapi import APIRouter, Depends, Form, Request
 from markupsafe import Markup
 from pydantic import BaseModel
 from sqlalchemy import or_, select
+from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import FormData
 from starlette.responses import FileResponse, RedirectResponse, Response
 
@@ -115,7 +116,9 @@ async def upload(
     """Take in one file, as `application/octet-stream`: a recording, a zip of a folder, pairs.csv, or answers. draft:
     of an earlier file; without one it is a new upload."""
     data = services.settings.data
-    found = find_recording_draft(data, draft) if draft else new_recording_draft(data, user.name)
+    found = find_recording_draft(data, draft)
+    if not draft:
+        found = await run_in_threadpool(new_recording_draft, data, user.name)
     if found is None:
         raise LabRefusal(404, "no_recording_draft")
     try:
@@ -188,9 +191,11 @@ def keep(
     if not name or "imported" not in made or not draft.queries.is_file():
         return _page(request, draft, problems=[_words(request)("recordings.no_name")], status=422)
     query_set = QuerySet.load(draft.queries)
+    films = [one for one in draft.recordings.rglob("*") if is_video(one)]
+    for film in films:
+        files.put(film.read_bytes())  # before anybody waits for the transaction
     card = {"imported": {**made["imported"], "by": user.name, "mapping": draft.mapping_yaml}}
     with database.transaction() as s:
-        films = [one for one in draft.recordings.rglob("*") if is_video(one)]
         stored = save_query_set(s, files, query_set, name=name, card=card, videos=films)
         leads_to = artefact_href(stored)
         details = {"artefact": stored.id, "files": len(made["imported"]["files"])}

@@ -46,6 +46,7 @@ FITTING = {
     "/lab/settings": "experimenters-guide#accounts-and-roles",
     "/lab/audit": "experimenters-guide#accounts-and-roles",
     "/lab/jobs": "analysts-guide#jobs",
+    "/lab/recordings": "experimenters-guide#your-recordings",
     "/lab/snapshots": "analysts-guide",
     "/lab/policies": "analysts-guide#what-the-numbers-mean",
     "/lab/artefacts": "analysts-guide#what-the-numbers-mean",
