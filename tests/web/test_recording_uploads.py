@@ -170,6 +170,7 @@ def test_answers_given_elsewhere_become_a_snapshot_marked_as_imported(lab, lab_s
     ("name", "content", "why"),
     [
         ("cut.mcap", b"\x89MCAP0\r\n" + b"\0" * 40, "is cut or no MCAP"),
+        ("nan.csv", b"time_s,x_m,y_m\n0,0,0\n1,nan,0\n", "line 3, column x_m"),
         ("back.csv", b"time_s,x_m,y_m\n0,0,0\n1,1,0\n0.5,1,0\n", "goes back from 1 s; sort by time"),
         ("notes.txt", b"nothing", "no recording in it"),
     ],
