@@ -20,7 +20,7 @@ from desirepath.study.session.joining import join_study
 from desirepath.study.studies import create_study
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
-from tests.running import served
+from tests.running import served, until
 from tests.study.small_protocol import small_protocol
 
 if TYPE_CHECKING:
@@ -61,8 +61,7 @@ def films(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Path:
     ending, kind = ("mp4", "video/mp4;codecs=vp9") if second else ("webm", "video/webm;codecs=vp8")
     (folder / "left.webm").write_bytes(film(page, "video/webm;codecs=vp8", "navy"))
     (folder / f"right.{ending}").write_bytes(film(page, kind, "darkred"))
-    seconds = "" if second else SECONDS
-    (folder / "pairs.csv").write_text(f"a,b,seconds_a,seconds_b\nleft.webm,right.{ending},{SECONDS},{seconds}\n")
+    (folder / "pairs.csv").write_text(f"a,b\nleft.webm,right.{ending}\n")  # this Chromium writes how long they are
     page.close()
     return folder
 
@@ -93,10 +92,15 @@ def join(services: Services) -> str:
 
 
 def to_the_pair(page: Page, address: str, token: str) -> None:
+    agreed(address, token)
     page.goto(f"{address}/p/{token}")
-    page.get_by_role("checkbox").first.check()
-    page.locator(".bottombar .main").click()
     expect(page.locator("#start")).to_have_attribute("aria-disabled", "false")
+
+
+def agreed(address: str, token: str) -> None:
+    consent = {"request_id": token[:32], "value": {"given": True, "version": "1"}, "client_time": None}
+    answered = httpx.post(f"{address}/api/session/{token}/steps/consent", json=consent)
+    assert answered.status_code == 200, answered.text
 
 
 def watched(page: Page, letter: str) -> None:
@@ -110,7 +114,7 @@ def test_both_videos_are_watched_to_their_ends_and_one_is_chosen(chromium, servi
     assert page.locator("iframe").count() == 0
     page.locator("#start").click()
     watched(page, "A")
-    page.wait_for_function("document.querySelector('video').currentTime > 0.3")
+    until(lambda: page.evaluate("document.querySelector('video').currentTime") > 0.3)
     assert page.locator("video").get_attribute("controls") is None
     page.screenshot(path=tmp_path / "video.png")
     page.locator(".pick[data-choice=a]").click(force=True)  # does not count yet
@@ -142,10 +146,8 @@ def test_who_reloads_in_the_middle_sees_the_pair_from_its_beginning(chromium, se
 
 def test_a_video_is_sent_by_ranges_while_it_is_shown_and_to_nobody_else(services, address):
     token, api = join(services), f"{address}/api/session"
-    key = "block.01"
     with httpx.Client() as client:
-        consent = {"request_id": "c" * 32, "value": {"given": True, "version": "1"}, "client_time": None}
-        assert client.post(f"{api}/{token}/steps/consent", json=consent).status_code == 200
+        agreed(address, token)
         state = client.get(f"{api}/{token}").json()
         key, videos = state["step"]["key"], state["step"]["trial"]["videos"]
         assert state.get("stage_url") is None
