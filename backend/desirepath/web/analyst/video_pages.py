@@ -10,12 +10,12 @@ from desirepath.store.models import Artefact
 from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.dependencies import Db, Files
 from desirepath.web.core.lab_frame import LabRefusal
-from desirepath.web.core.videos import video_response
+from desirepath.web.core.videos import ANSWERS, video_response
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 
 
-@router.get("/lab/videos/{artefact_id}", response_class=Response)
+@router.get("/lab/videos/{artefact_id}", response_class=Response, responses=ANSWERS)
 def video(request: Request, artefact_id: str, database: Db, files: Files) -> Response:
     """Its bytes, by ranges."""
     with database.session() as s:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from functools import lru_cache
+from typing import Any
 
 from fastapi import Request
 from sqlalchemy.orm import Session as DatabaseSession
@@ -17,6 +18,8 @@ from desirepath.simulation.recorded import Video
 from desirepath.store.artefacts import ArtefactStore, load_trajectory
 from desirepath.store.models import TrajectoryRow
 
+ANSWERS: dict[int | str, dict[str, Any]] = {200: {"content": {"video/mp4": {}, "video/webm": {}}}}
+"""`responses` of a route that sends a video."""
 PIECE = 512 * 1024  # bytes that are read at a time
 RANGE = re.compile(r"bytes=(\d{0,12})-(\d{0,12})")
 

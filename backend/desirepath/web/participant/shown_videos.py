@@ -9,13 +9,13 @@ from desirepath.store.sides import is_side, shown_on
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
 from desirepath.web.core.dependencies import TheServices
-from desirepath.web.core.videos import video_of, video_response
+from desirepath.web.core.videos import ANSWERS, video_of, video_response
 from desirepath.web.participant.session_view import looking
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
 
 
-@router.get("/api/session/{token}/trials/{key}/video/{side}", response_class=Response)
+@router.get("/api/session/{token}/trials/{key}/video/{side}", response_class=Response, responses=ANSWERS)
 def video(token: str, key: str, side: str, request: Request, services: TheServices) -> Response:
     """The video that is being shown, by ranges. Another one of the session comes when it is its turn."""
     with looking(services, token) as (s, session):
