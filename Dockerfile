@@ -1,3 +1,10 @@
+# CodeMirror's modules for the editor of protocols, as published; nothing else of Node is in the image.
+FROM node:22.12.0-bookworm-slim AS browser
+WORKDIR /desirepath
+COPY package.json ./
+COPY scripts scripts
+RUN scripts/setup_node.sh
+
 # Desire Path: pages, stage and worker share one image.
 FROM python:3.11.13-slim-bookworm
 ENV PYTHONUNBUFFERED=1
@@ -19,6 +26,7 @@ RUN apt-get update && apt-get install -y --no-install-recommends make g++ \
  && .venv/bin/python -m compileall -q app backend experiments \
  && apt-get purge -y g++ && apt-get autoremove -y && rm -rf /var/lib/apt/lists/* /root/.cache
 COPY frontend frontend
+COPY --from=browser /desirepath/frontend/static/npm frontend/static/npm
 COPY docs docs
 COPY study_protocols study_protocols
 COPY datasets datasets

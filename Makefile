@@ -37,7 +37,7 @@ $(VENV)/.ready: requirements.lock pyproject.toml experiments/pyproject.toml scri
 	PYTHON="$(PYTHON)" scripts/setup.sh
 	@touch $@
 
-node_modules/.ready: package.json scripts/setup_node.sh
+node_modules/.ready: package.json scripts/setup_node.sh scripts/browser_modules.mjs
 	scripts/setup_node.sh
 	@touch $@
 
@@ -72,4 +72,4 @@ rehearse-upgrade: setup-test
 	$(BIN)/python -m tests.composed upgrade $(if $(OLD),--old $(OLD)) --participants 4
 
 clean:
-	rm -rf $(VENV) .venv-tools node_modules .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) .venv-tools node_modules frontend/static/npm .pytest_cache .mypy_cache .ruff_cache

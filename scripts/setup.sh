@@ -29,3 +29,4 @@ echo "Installing the rest ..."
 "${pip[@]}" --no-deps --require-hashes -r requirements.lock
 "${pip[@]}" --no-deps --no-build-isolation --editable . --editable ./experiments
 .venv/bin/pip check >/dev/null || { .venv/bin/pip check; exit 1; }
+scripts/setup_node.sh --if-there

@@ -137,7 +137,7 @@ def test_an_ipv6_address(tmp_path: Path, host: str) -> None:
         page = httpx.get(f"http://[::1]:{port}/lab/sign-in")
         assert page.status_code == 200
         # Chromium takes no IPv6 address there, ignores the line and blocks the stage
-        assert f"frame-src http://*:{port + 1};" in page.headers["content-security-policy"]
+        assert f"frame-src 'self' http://*:{port + 1};" in page.headers["content-security-policy"]
         assert httpx.get(f"http://[::1]:{port + 1}/").status_code == 404  # the stage's door
         assert httpx.get(f"http://[::1]:{port}/metrics").status_code == 200  # asked from here
         assert f"port {port} on ::" in refused_to_start(tmp_path / "other", port, host)

@@ -97,14 +97,14 @@ def _in_words(error: Any, path: yaml_source.Path, model: type[BaseModel]) -> str
         case "string_type":
             return f"must be text, such as {_form(path, '...')}"
         case "list_type" | "tuple_type":
-            example = _example(_schema_at(model, error["loc"]), _schema(model))
+            example = example_in(schema_at(model, error["loc"]), schema_of(model))
             return f"must be a list, such as {_form(path, example if isinstance(given, dict) else [given])}"
         case "string_pattern_mismatch":
             return PATTERNS[context["pattern"]]
         case "value_error":
             return str(context["error"])
         case "model_type" | "dataclass_type" | "dict_type" | "model_attributes_type":
-            example = _example(_schema_at(model, error["loc"]), _schema(model), given)
+            example = example_in(schema_at(model, error["loc"]), schema_of(model), given)
             return f"must be a mapping of keys to values, such as {_form(path, example)}"
     message: str = error["msg"]
     return message[0].lower() + message[1:]
@@ -133,23 +133,23 @@ def meant(given: object, allowed: list[str]) -> str:
 
 
 @lru_cache
-def _schema(model: type[BaseModel]) -> Schema:
+def schema_of(model: type[BaseModel]) -> Schema:
     return model.model_json_schema(by_alias=True)
 
 
-def _variants(schema: Schema, whole: Schema) -> list[Schema]:
+def variants(schema: Schema, whole: Schema) -> list[Schema]:
     """What may stand there, references followed, without null."""
     if "$ref" in schema:
-        return _variants(whole["$defs"][schema["$ref"].rpartition("/")[2]], whole)
+        return variants(whole["$defs"][schema["$ref"].rpartition("/")[2]], whole)
     several = schema.get("anyOf") or schema.get("oneOf") or ([schema] if schema.get("type") != "null" else [])
-    return several if several == [schema] else [variant for inner in several for variant in _variants(inner, whole)]
+    return several if several == [schema] else [variant for inner in several for variant in variants(inner, whole)]
 
 
-def _schema_at(model: type[BaseModel], location: tuple[int | str, ...]) -> Schema:
+def schema_at(model: type[BaseModel], location: tuple[int | str, ...]) -> Schema:
     """Of the deepest part of a location that the model knows."""
-    whole = here = _schema(model)
+    whole = here = schema_of(model)
     for part in location:
-        for variant in _variants(here, whole):
+        for variant in variants(here, whole):
             inner = variant.get("items") if isinstance(part, int) else variant.get("properties", {}).get(part)
             inner = inner or (variant.get("additionalProperties") or None if isinstance(part, str) else None)
             if inner:
@@ -159,16 +159,16 @@ def _schema_at(model: type[BaseModel], location: tuple[int | str, ...]) -> Schem
 
 
 def _allowed_keys(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    variants = _variants(_schema_at(model, location), _schema(model))
-    return [key for variant in variants for key in variant.get("properties", {})]
+    known = variants(schema_at(model, location), schema_of(model))
+    return [key for variant in known for key in variant.get("properties", {})]
 
 
 _BY_PATTERN = dict(zip(PATTERNS, ("a_name", "random", "https://example.org", "en"), strict=True))
 
 
-def _example(schema: Schema, whole: Schema, given: object = None) -> Any:
+def example_in(schema: Schema, whole: Schema, given: object = None) -> Any:
     """A value that would do. given: a text that stands there; the first text that is needed is that."""
-    variant = (_variants(schema, whole) or [{}])[0]
+    variant = (variants(schema, whole) or [{}])[0]
     if isinstance(given, str) and variant.get("type") == "string" and "pattern" not in variant:
         return given
     if "examples" in variant:
@@ -179,14 +179,14 @@ def _example(schema: Schema, whole: Schema, given: object = None) -> Any:
             explicit = [key for key, of in fields.items() if of.get("default") is not None]
             needed = variant.get("required") or explicit[:1] or list(fields)[:1]
             return {
-                key: fields[key].get("default") or _example(fields[key], whole, given if key == needed[0] else None)
+                key: fields[key].get("default") or example_in(fields[key], whole, given if key == needed[0] else None)
                 for key in needed
             }
         case None, "object":
             of = variant.get("additionalProperties") or {}
-            return {"en" if of.get("type") == "string" else "a_name": _example(of, whole)}
+            return {"en" if of.get("type") == "string" else "a_name": example_in(of, whole)}
         case None, "array":
-            return [_example(variant.get("items", {}), whole)] * max(variant.get("minItems", 1), 1)
+            return [example_in(variant.get("items", {}), whole)] * max(variant.get("minItems", 1), 1)
         case None, "integer" | "number":
             return variant.get("minimum", 1)
         case None, "boolean":
@@ -199,7 +199,7 @@ def _example(schema: Schema, whole: Schema, given: object = None) -> Any:
 
 def example_of(model: type[BaseModel]) -> Any:
     """What a mapping that is this model may hold."""
-    return _example(_schema(model), _schema(model))
+    return example_in(schema_of(model), schema_of(model))
 
 
 def _form(path: yaml_source.Path, value: Any) -> str:

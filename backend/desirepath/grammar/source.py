@@ -64,7 +64,7 @@ def field_name(path: Path) -> str:
     return name
 
 
-class _Loader(yaml.CSafeLoader):
+class YamlLoader(yaml.CSafeLoader):
     """The core schema of YAML 1.2, and `<<` merges mappings: `yes`, `1:30`, `1_000` and `2026-01-01` are text, 012 is
     twelve. What is tagged as anything else is refused; numbers end."""
 
@@ -83,9 +83,11 @@ _CORE = {
     ),
     "merge": ("<<", ["<"]),
 }
-_Loader.yaml_implicit_resolvers = {}
-for _name, (_pattern, _first) in _CORE.items():
-    _Loader.add_implicit_resolver(_TAG + _name, re.compile(f"(?:{_pattern})$"), _first)
+CORE = [(_TAG + name, re.compile(f"(?:{pattern})$"), first) for name, (pattern, first) in _CORE.items()]
+"""How plain scalars are read: (tag, pattern, first characters)."""
+YamlLoader.yaml_implicit_resolvers = {}
+for _rule in CORE:
+    YamlLoader.add_implicit_resolver(*_rule)
 
 
 def _whole(written: str) -> int:
@@ -96,10 +98,10 @@ def _real(written: str) -> float:
     return float(written.lower().replace(".inf", "inf").replace(".nan", "nan"))
 
 
-def _bounded(read: Callable[[str], float]) -> Callable[[_Loader, yaml.ScalarNode], float]:
+def _bounded(read: Callable[[str], float]) -> Callable[[YamlLoader, yaml.ScalarNode], float]:
     """A number's constructor that refuses what no database holds."""
 
-    def bounded(loader: _Loader, node: yaml.ScalarNode) -> float:
+    def bounded(loader: YamlLoader, node: yaml.ScalarNode) -> float:
         value = math.inf if len(str(node.value)) > LONGEST_NUMBER else read(node.value)
         if not abs(value) <= LARGEST_NUMBER:
             raise yaml.constructor.ConstructorError(None, None, "holds a number that is too large", node.start_mark)
@@ -108,14 +110,14 @@ def _bounded(read: Callable[[str], float]) -> Callable[[_Loader, yaml.ScalarNode
     return bounded
 
 
-_Loader.yaml_constructors = {
+YamlLoader.yaml_constructors = {
     tag: how
     for tag, how in yaml.SafeLoader.yaml_constructors.items()
     if tag in (None, TEXT, f"{_TAG}null", f"{_TAG}seq", f"{_TAG}map")
 }
-_Loader.add_constructor(f"{_TAG}bool", lambda _, node: {"true": True, "false": False}[node.value.lower()])
-_Loader.add_constructor(f"{_TAG}int", _bounded(_whole))
-_Loader.add_constructor(f"{_TAG}float", _bounded(_real))
+YamlLoader.add_constructor(f"{_TAG}bool", lambda _, node: {"true": True, "false": False}[node.value.lower()])
+YamlLoader.add_constructor(f"{_TAG}int", _bounded(_whole))
+YamlLoader.add_constructor(f"{_TAG}float", _bounded(_real))
 
 
 class _TooMuch(ValueError):
@@ -181,8 +183,8 @@ class Source:
         try:
             if len(text) > LONGEST:
                 raise _TooMuch(1, f"it has more than {LONGEST:,} characters")
-            _within_limits(yaml.parse(text, Loader=_Loader))
-            loader = _Loader(text)
+            _within_limits(yaml.parse(text, Loader=YamlLoader))
+            loader = YamlLoader(text)
             try:
                 self.root = loader.get_single_node()
                 self._read_keys(self.root, ())  # before merged keys are filled in

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 from sqlalchemy import select
 
-from desirepath.grammar.parts import FileName
+from desirepath.grammar.parts import FileName, an_example
 from desirepath.store.events import log_event
 from desirepath.store.models import Session
 from desirepath.study.kind import Acting, Ending, Moment
@@ -23,6 +23,8 @@ class AppointmentStage(Stage):
     """Here one appointment ends. The next begins at the earliest `after_days` later and at the latest `within_days`,
     with a link or code that is shown, on any device.
     """
+
+    model_config = an_example({"text": "texts/drawing_appointment.md", "after_days": 1, "within_days": 14})
 
     for_everybody = True
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from desirepath.grammar.conditions import Condition
-from desirepath.grammar.parts import FileName
+from desirepath.grammar.parts import FileName, an_example
 from desirepath.study.kind import Moment, Page, seconds_left
 from desirepath.study.kinds.text_page import TextPage, TextStep
 from desirepath.study.steps import BlockPart, Pace, Planning, Stage, Step
@@ -28,6 +28,8 @@ class BlockBreak(BlockPart):
 
 class BreakStage(Stage):
     """A rest; it can be ended after `at_least_s` seconds."""
+
+    model_config = an_example({"text": "texts/interface_break.md", "at_least_s": 30})
 
     text: FileName
     at_least_s: int = Field(0, ge=0, le=1800)

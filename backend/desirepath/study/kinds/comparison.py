@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import Field, field_validator
 
+from desirepath.grammar.parts import an_example
 from desirepath.grammar.words import View
 from desirepath.store.job_results import Learned, Rollouts
 from desirepath.store.models import TrajectoryRow, Trial
@@ -36,6 +37,8 @@ class ComparisonStage(Stage):
     person's is lent, from the setup's card. `neutral`: likewise against the conditioned policy without preferences,
     which is of the own one's kind (own against base compares two kinds of policy, too).
     """
+
+    model_config = an_example({"arms": ["base", "own"], "scenes": 3})
 
     once = True
     for_everybody = True

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import Field
 from sqlalchemy import select
 
-from desirepath.grammar.parts import FileName, Slug
+from desirepath.grammar.parts import FileName, Slug, an_example
 from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.skipping import is_asked
 from desirepath.grammar.source import Path
@@ -24,6 +24,8 @@ class ComprehensionStage(Stage):
 
     text: a page of text that is shown above the questions again from the second attempt on.
     """
+
+    model_config = an_example({"use": "comprehension", "attempts": 2, "text": "texts/instruction.md"})
 
     asks = True
 

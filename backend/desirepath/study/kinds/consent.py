@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator
 
-from desirepath.grammar.parts import FileName, Localized, Version
+from desirepath.grammar.parts import FileName, Localized, Version, an_example
 from desirepath.grammar.source import Path
 from desirepath.grammar.texts import local
 from desirepath.store.models import Participant
@@ -27,6 +27,8 @@ class ConsentStage(Stage):
     purposes: what may be agreed to or not beside the study itself, each with its sentence. `training`: learning models
     from the answers; `open_data`: publishing them. Who does not agree takes part all the same.
     """
+
+    model_config = an_example({"text": "texts/consent.md", "version": "2026-11"})
 
     once = True
     for_everybody = True

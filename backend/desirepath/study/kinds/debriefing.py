@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from desirepath.grammar.parts import Address, Code, FileName
+from desirepath.grammar.parts import Address, Code, FileName, an_example
 from desirepath.study.kind import Acting, Ending, Moment, Page
 from desirepath.study.kinds.text_page import TextPage, TextStep
 from desirepath.study.links import code_and_way_back
@@ -16,6 +16,8 @@ from desirepath.study.wire import Confirmed
 
 class DebriefingStage(Stage):
     """The last page. completion_code: `random`, or one code for everybody. return_url: may hold `{code}`."""
+
+    model_config = an_example({"text": "texts/debriefing.md", "completion_code": "random"})
 
     for_everybody = True
 

@@ -13,6 +13,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 from sqlalchemy.orm import Session as DatabaseSession
 
+from desirepath.grammar.parts import an_example
 from desirepath.grammar.words import PersonMode, View
 from desirepath.simulation.scene import Scene
 from desirepath.store.models import Session
@@ -31,6 +32,8 @@ class DemonstrationsStage(Stage):
 
     Situations come in an order drawn by lot, the first `pairs` of the environment's four.
     """
+
+    model_config = an_example({"environment": "corridor", "pairs": 2, "per_pair": 2})
 
     asks = True
     teaches = "demonstrations"

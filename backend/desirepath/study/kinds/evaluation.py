@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 from desirepath.grammar.conditions import Condition
-from desirepath.grammar.parts import Slug
+from desirepath.grammar.parts import Slug, an_example
 from desirepath.grammar.source import Path
 from desirepath.grammar.words import View
 from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated, make_trial
@@ -28,6 +28,8 @@ class EvaluationStage(Stage):
     order of the assignment, and in the reverse order in the second environment, so that a participant meets each as
     late as the others on average: each drives in every situation that was drawn in, then `questionnaire` asks about it.
     """
+
+    model_config = an_example({"questionnaire": "drawing_rating"})
 
     once = True
 

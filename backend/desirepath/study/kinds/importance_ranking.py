@@ -46,7 +46,7 @@ class ImportanceRankingStage(Crossed, Stage):
     `between_at_least_s`. hold_s: how long what is shown stays after the halt.
     """
 
-    model_config = an_example({"view": "top_down"})
+    model_config = an_example({"view": "top_down", "each": {"lidar": ["lidar", "bare"]}, "trials": 6})
 
     asks = True
     measures = True

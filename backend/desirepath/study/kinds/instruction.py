@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from desirepath.grammar.conditions import Condition
-from desirepath.grammar.parts import FileName
+from desirepath.grammar.parts import FileName, an_example
 from desirepath.study.kinds.text_page import TextPage, TextStage, TextStep
 from desirepath.study.steps import BlockPart, Planning, Step
 from desirepath.study.wire import Confirmed
@@ -24,6 +24,8 @@ class BlockText(BlockPart):
 
 class InstructionStage(TextStage):
     """A page of text; `text` names a markdown file with one variant per language (`instruction.en.md`)."""
+
+    model_config = an_example({"text": "texts/instruction.md"})
 
     def plan(self, at: Planning) -> list[Step]:
         return [InstructionStep(kind="instruction", key=at.key, stage=at.key, text=self.text)]

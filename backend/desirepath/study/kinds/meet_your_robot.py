@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field
 
+from desirepath.grammar.parts import an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.events import log_event
@@ -56,6 +57,8 @@ class MeetYourRobotStage(LiveStage, Stage):
     scenes; whether that is them; the weights to correct it. Passed over where no own robot was shown: the debriefing
     says why. reasons: what each robot looks at on its way is said, too.
     """
+
+    model_config = an_example({"setup": "study_room", "scenes": 3})
 
     reasons: bool = False
 

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
+from desirepath.grammar.parts import an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.words import View
 from desirepath.store.artefacts import save_trajectories
@@ -34,6 +35,8 @@ class MethodComparisonStage(Stage):
     """After `methods`: every two of the resulting robots in `scenes` fresh scenes, the same for all pairs, blind, in an
     order and with sides drawn by lot.
     """
+
+    model_config = an_example({"scenes": 2})
 
     once = True
     for_everybody = True

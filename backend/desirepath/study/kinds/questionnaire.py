@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 from sqlalchemy import select
 
 from desirepath.grammar.conditions import Condition
-from desirepath.grammar.parts import Slug
+from desirepath.grammar.parts import Slug, an_example
 from desirepath.grammar.questionnaires import Item, Questionnaire
 from desirepath.grammar.skipping import asks_anything, is_asked, may_ask, may_ask_something
 from desirepath.grammar.source import Path
@@ -45,6 +45,8 @@ class BlockQuestionnaire(BlockPart):
 
 class QuestionnaireStage(Stage):
     """`use` names a file in `questionnaires/`. time_limit_s: what is filled in by then is stored."""
+
+    model_config = an_example({"use": "demographics"})
 
     asks = True
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from desirepath.grammar.parts import an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.texts import local
 from desirepath.store.events import log_event
@@ -41,6 +42,8 @@ class TuningStage(AskedLiveStage):
     """The participant sets the preference weights by sliders, or three of them in a triangle. start: none, or the
     triangle's middle (`neutral`), what the answers before it taught (`learned`), or drawn by lot (`random`).
     """
+
+    model_config = an_example({"setup": "study_room", "scenes": 3})
 
     start: Literal["neutral", "learned", "random"] = "neutral"
 

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from desirepath.grammar.parts import Part, Slug
+from desirepath.grammar.parts import Part, Slug, an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.words import View
 from desirepath.store.events import log_event
@@ -38,6 +38,8 @@ class TrainStage(Stage):
     of others', `earlier_participants` of those of the study, the same version and group who consented to training.
     ask_on (of `align`): further pairs where what was learned is not surely better for this very person.
     """
+
+    model_config = an_example({"job": "align", "recipe": "instant", "while": {"questionnaire": "usability"}})
 
     once = True
     for_everybody = True

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
+from desirepath.grammar.parts import an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.texts import local
 from desirepath.learning.words.lexicon import LONGEST, Language
@@ -67,6 +68,8 @@ NO_WISH = {"en": "I do not mind how it drives", "de": "Mir ist egal, wie er fäh
 
 class WordsStage(AskedLiveStage):
     """The participant writes in a sentence how the robot should drive; what was understood is shown and corrected."""
+
+    model_config = an_example({"setup": "study_room", "scenes": 3})
 
     measures = True
 

@@ -168,6 +168,15 @@ def find_shipped_protocols() -> list[Path]:
     return sorted(PROTOCOLS.glob("*.yaml"))
 
 
+def shipped_query_sets() -> list[str]:
+    """Names of the query and ranking sets that come with the product and with the lab's own setups."""
+    return sorted(
+        f"{setup}/{path.stem}"
+        for setup, of in setup_folders().items()
+        for path in (*of.glob("queries*.npz"), *of.glob("scenarios*.npz"))
+    )
+
+
 # ---- reading -------------------------------------------------------------------------------------------------------
 
 
@@ -209,11 +218,7 @@ def _frozen(text: str, file: str, read: Read, sets: Sets | None = None) -> Froze
 
 def _query_set(name: str, folder: Path, here: Mapping[str, str], source: Source) -> tuple[str, list[Problem]]:
     """Where that query set is, and why it does for no study. Only files are opened: `learning` loads slowly."""
-    shipped = sorted(
-        f"{setup}/{path.stem}"
-        for setup, of in setup_folders().items()
-        for path in (*of.glob("queries*.npz"), *of.glob("scenarios*.npz"))
-    )
+    shipped = shipped_query_sets()
     if name in shipped or name in here:
         return name, []
     beside = folder / name

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from pydantic import Field, field_validator
 
 from desirepath.grammar.conditions import Condition
-from desirepath.grammar.parts import Part
+from desirepath.grammar.parts import Part, an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.words import View
 from desirepath.simulation.setup_parts import PLACES
@@ -47,6 +47,8 @@ class MethodsStage(TaughtByMethods, PagesAround):
     neutral, in `scenes` scenes. before, after: pages of every method, whose texts may have `{method}` in their names;
     between: pages between two.
     """
+
+    model_config = an_example({"methods": ["words", "sliders"]})
 
     asks: ClassVar[bool] = True
     measures: ClassVar[bool] = True

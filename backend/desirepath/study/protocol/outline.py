@@ -13,7 +13,7 @@ from desirepath.study.protocol.freezing import FrozenProtocol
 from desirepath.study.protocol.planning import example_queries, make_plan
 from desirepath.study.protocol.schema import Protocol, fill_in
 from desirepath.study.protocol.stages import StageEntry, stage_keys
-from desirepath.study.steps import PAGE_S, Pace, Step
+from desirepath.study.steps import PAGE_S, Pace, Stage, Step
 
 SECONDS_ALONE = 35.0  # ours: a rollout of 6 m at about 0.2 m/s, and a press on the button
 
@@ -75,9 +75,14 @@ def estimate_minutes(protocol: Protocol, *, seconds_per_trajectory: float = 9.0)
 
 def seconds_by_stage(protocol: Protocol, seconds_per_trajectory: float = 9.0) -> dict[str, float]:
     """The same by stage, in seconds: a stage's key in plans -> how long it takes."""
-    pace = Pace(page_s=PAGE_S, trial_s=2 * (seconds_per_trajectory + 2.0) + 5.0, single_s=SECONDS_ALONE)
     stages = protocol.all_stages
-    return {key: stage.seconds(pace, stages) for key, stage in protocol.keyed_stages}
+    return {key: stage_seconds(stage, stages, seconds_per_trajectory) for key, stage in protocol.keyed_stages}
+
+
+def stage_seconds(stage: Stage, stages: Sequence[Stage], seconds_per_trajectory: float = 9.0) -> float:
+    """The same of one stage among all."""
+    pace = Pace(page_s=PAGE_S, trial_s=2 * (seconds_per_trajectory + 2.0) + 5.0, single_s=SECONDS_ALONE)
+    return stage.seconds(pace, stages)
 
 
 def minutes_left(protocol: Protocol, plan: Sequence[Step], ahead: Iterable[Step]) -> float:

@@ -195,7 +195,7 @@ def _finish(request: Request, start: Message, began: float) -> None:
     headers = MutableHeaders(scope=start)
     headers.setdefault(
         "Content-Security-Policy",
-        f"default-src 'self'; img-src 'self' data: blob:; frame-src {policy_source(stage_origin(request))}; "
+        f"default-src 'self'; img-src 'self' data: blob:; frame-src 'self' {policy_source(stage_origin(request))}; "
         "object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'self'",
     )
     headers.setdefault("X-Content-Type-Options", "nosniff")

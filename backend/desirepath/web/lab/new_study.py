@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, File, Form, Request, UploadFile
 from starlette.responses import RedirectResponse, Response
 
+from desirepath.grammar.editing import set_value
 from desirepath.store.query_sets import query_sets_here
 from desirepath.study.protocol.freezing import ProtocolError, find_shipped_protocols, freeze
-from desirepath.study.protocol.outline import describe_stages, estimate_minutes
+from desirepath.study.protocol.outline import estimate_minutes
 from desirepath.study.studies import StudyError, create_study
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
-from desirepath.web.core.dependencies import Db, Files, TheServices, services_of
+from desirepath.web.core.dependencies import Db, Files, TheServices
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
 from desirepath.web.lab import drafts
+from desirepath.web.lab.draft_view import draft_view
 from desirepath.web.lab.drafts import Draft, DraftError, decode_upload
-from desirepath.web.lab.preview import first_steps
 
 LONGEST_NAME = 200
+EMPTY = """\
+protocol: x
+version: 1
+title:
+  {language}: "-"
+languages: [{language}]
+minutes: 15
+query_set: study_room/queries_varied_200
+stages: []
+"""
 
 router = APIRouter(prefix="/lab/new", dependencies=[Depends(check_csrf)], tags=["new study"])
 
@@ -53,10 +66,11 @@ def make_draft(
     services: TheServices,
     source: Annotated[str, Form()] = "",
     yaml: Annotated[str, Form()] = "",
+    title: Annotated[str, Form()] = "",
     protocol: Annotated[UploadFile | None, File()] = None,
     texts: Annotated[list[UploadFile] | None, File()] = None,
 ) -> Response:
-    """`source`: shipped:NAME, upload or paste."""
+    """`source`: shipped:NAME, empty (with `title`), upload or paste."""
     data = services.settings.data
     try:
         if source.startswith("shipped:"):
@@ -66,6 +80,8 @@ def make_draft(
                 raise DraftError("no_file")
             yaml = decode_upload(protocol.filename, read_upload(protocol))
             draft = drafts.draft_from_text(data, yaml, read_texts(texts))
+        elif source == "empty":
+            draft = drafts.draft_from_text(data, empty_protocol(title, lab_language(request)))
         elif source == "paste":
             draft = drafts.draft_from_text(data, yaml)
         else:
@@ -73,6 +89,17 @@ def make_draft(
     except DraftError as problem:
         return _choose_page(request, status=422, problem=problem, yaml=yaml)
     return RedirectResponse(f"/lab/new/{draft.id}", status_code=303)
+
+
+def empty_protocol(title: str, language: str) -> str:
+    """YAML of a protocol that has no stage yet. title: as participants see it, in that language."""
+    title = " ".join(title.split())[:LONGEST_NAME]
+    if not title:
+        raise DraftError("no_name")
+    word = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode().lower()
+    name = re.sub(r"[^a-z0-9]+", "_", word).strip("_").lstrip("0123456789_")[:60] or "my_study"
+    text = set_value(EMPTY.format(language=language), ("protocol",), name)
+    return set_value(text, ("title", language), title)
 
 
 def keep_edits(draft: Draft, yaml: str, texts: list[UploadFile] | None) -> None:
@@ -125,29 +152,8 @@ def _check_page(
     pilot: bool = True,
 ) -> Response:
     """The second and third step on one page: what is wrong, or what the study will be and the button that opens it."""
-    frozen, problems = None, []
-    try:
-        with services_of(request).database.session() as s:
-            frozen = draft.freeze(query_sets_here(s))
-    except ProtocolError as wrong:
-        problems = wrong.problems
-    return lab_page(
-        request,
-        "lab/new_check.html",
-        status=status,
-        draft=draft,
-        frozen=frozen,
-        stages=describe_stages(frozen.data, frozen.files) if frozen else [],
-        minutes=estimate_minutes(frozen.protocol) if frozen else None,
-        first_steps=first_steps(frozen) if frozen else {},
-        problems=problems,
-        wrong_lines={wrong.line for wrong in problems if wrong.file == draft.file.name},
-        problem=problem,
-        veiled=None,
-        edited=edited,
-        pilot=pilot,
-        name=name if name is not None else (frozen.title(lab_language(request)) if frozen else ""),
-    )
+    shown = draft_view(request, draft) | {"pilot": pilot} | ({} if name is None else {"name": name})
+    return lab_page(request, "lab/new_check.html", status=status, problem=problem, edited=edited, **shown)
 
 
 @router.post("/{draft_id}/open")

@@ -197,6 +197,11 @@ class PowerRuns:
         with self._lock:
             return self._known.get((protocol, asked))
 
+    def newest(self, protocol: str) -> PowerRun | None:
+        """Whatever was asked last of the protocol with that hash."""
+        with self._lock:
+            return next((run for (known, _), run in reversed(self._known.items()) if known == protocol), None)
+
     def begin(self, protocol: str, asked: PowerAsked, source: str | Path) -> PowerRun:
         """The analysis of a protocol; begun where it is not known, or failed. source: a study's id, or the folder of a
         draft, which is copied: what is edited meanwhile does not matter. Raises TooManyError."""

@@ -47,6 +47,7 @@ from desirepath.web.lab import (
     people_rows,
     power_pages,
     preview,
+    protocol_editor,
     protocol_pages,
     settings_pages,
     study_rows,
@@ -67,6 +68,7 @@ router.include_router(new_study.router)
 router.include_router(payments.router)
 router.include_router(people_pages.router)
 router.include_router(power_pages.router)
+router.include_router(protocol_editor.router)
 router.include_router(preview.router)
 router.include_router(protocol_pages.router)
 router.include_router(settings_pages.router)
