@@ -12,12 +12,14 @@ import typer
 import yaml
 
 from desirepath.cli.main import app
+from desirepath.grammar.error_words import example_of
 from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.source import Source
 from desirepath.installed import PROTOCOLS, ROOT
 from desirepath.learning.people.reward_manifest import read_manifest
 from desirepath.recordings.mapping import read_mapping
 from desirepath.study.protocol.freezing import freeze_text
+from desirepath.study.protocol.stages import STAGES
 from tests import test_own_setup, test_recipes
 from tests.fences import DOCUMENTS, Fence, fences_of
 
@@ -31,6 +33,7 @@ RUN_BY = {
     ("docs/experimenters-guide.md", "Your recordings"): "here",
     ("docs/analysts-guide.md", "People whom the nine objectives cannot describe"): "here",
     (REFERENCE, "Blocks"): "here",
+    (REFERENCE, "Every stage, worked"): "here",
     (REFERENCE, "Questionnaires"): "here",
 }
 COMMANDS = fences_of(language="bash")
@@ -93,6 +96,30 @@ def test_the_block_of_the_reference_is_one_that_a_study_may_have() -> None:
     (place,) = [k for k, stage in enumerate(study["stages"]) if "block" in stage]
     (study["stages"][place],) = yaml.safe_load(fence.text)
     assert freeze_text(yaml.safe_dump(study)).hash
+
+
+WORKED = fences_of(REFERENCE, "Every stage, worked")
+AROUND = {"protocol": "worked", "version": 1, "title": {"en": "Worked", "de": "Ausgeführt"}, "languages": ["en", "de"]}
+
+
+@pytest.mark.parametrize("fence", WORKED, ids=lambda fence: fence.text.split("- ")[1].split(":")[0])
+def test_every_worked_stage_of_the_reference_makes_a_study(fence: Fence) -> None:
+    written = Source("reference.yaml", fence.text).data
+    given = [next(iter(stage)) for stage in written["stages"]]
+    before = [{kind: example_of(STAGES[kind])} for kind in ("information", "consent") if kind not in given]
+    after = [{"debriefing": example_of(STAGES["debriefing"])}] if "debriefing" not in given else []
+    asks = any(STAGES[kind].teaches or STAGES[kind].measures for kind in given)
+    block = [] if asks else [{"block": example_of(STAGES["block"])}]
+    stages = [*before, *written["stages"][: len(written["stages"]) - ("debriefing" in given)], *block]
+    stages += after or written["stages"][-1:]
+    query_set = written.get("query_set", "study_room/queries_varied_200")
+    assert freeze_text(yaml.safe_dump(AROUND | {"query_set": query_set, "stages": stages})).hash
+
+
+def test_the_reference_works_every_stage_as_the_editor_adds_it() -> None:
+    worked = [stage for fence in WORKED for stage in Source("reference.yaml", fence.text).data["stages"]]
+    for kind, stage in STAGES.items():
+        assert {kind: example_of(stage)} in [{kind: given.get(kind)} for given in worked], kind
 
 
 def test_the_questionnaire_of_the_reference_is_one() -> None:

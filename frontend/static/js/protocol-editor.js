@@ -159,7 +159,7 @@ part.addEventListener("click", (event) => {
   const chosen = kind ? /** @type {HTMLSelectElement} */ (document.getElementById(kind)).value : null;
   void send({ do: "insert", path, index: Number(index), kind: chosen }, () => {
     if (path.length > 1) return;
-    renumber((k) => (k >= Number(index) ? k + 1 : k));
+    for (const name of [...open]) if (name.startsWith("stage")) open.delete(name);
     open.add(`stage-${index}`);
   });
 });

@@ -40,7 +40,11 @@ class RatingStage(Crossed, Stage):
         {
             "view": "top_down",
             "count": 10,
-            "scale": {"question": {"en": "How close was it?"}, "low": {"en": "far"}, "high": {"en": "close"}},
+            "scale": {
+                "question": {"en": "How close was it?", "de": "Wie nah war es?"},
+                "low": {"en": "far", "de": "fern"},
+                "high": {"en": "close", "de": "nah"},
+            },
         }
     )
 

@@ -17,7 +17,7 @@ from desirepath.study.studies import StudyError, create_study
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import Db, Files, TheServices
-from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
+from desirepath.web.core.lab_frame import LANGUAGES, LabRefusal, lab_language, lab_page
 from desirepath.web.lab import drafts
 from desirepath.web.lab.draft_view import draft_view
 from desirepath.web.lab.drafts import Draft, DraftError, decode_upload
@@ -27,8 +27,9 @@ EMPTY = """\
 protocol: x
 version: 1
 title:
-  {language}: "-"
-languages: [{language}]
+  {first}: "-"
+  {second}: "-"
+languages: [{first}, {second}]
 minutes: 15
 query_set: study_room/queries_varied_200
 stages: []
@@ -92,14 +93,18 @@ def make_draft(
 
 
 def empty_protocol(title: str, language: str) -> str:
-    """YAML of a protocol that has no stage yet. title: as participants see it, in that language."""
+    """YAML of a protocol that has no stage yet, in the languages of the shipped texts. title: as participants see it,
+    in either of them until it is translated; language: the one that comes first."""
     title = " ".join(title.split())[:LONGEST_NAME]
     if not title:
         raise DraftError("no_name")
     word = unicodedata.normalize("NFKD", title).encode("ascii", "ignore").decode().lower()
     name = re.sub(r"[^a-z0-9]+", "_", word).strip("_").lstrip("0123456789_")[:60] or "my_study"
-    text = set_value(EMPTY.format(language=language), ("protocol",), name)
-    return set_value(text, ("title", language), title)
+    (other,) = set(LANGUAGES) - {language}
+    text = set_value(EMPTY.format(first=language, second=other), ("protocol",), name)
+    for code in LANGUAGES:
+        text = set_value(text, ("title", code), title)
+    return text
 
 
 def keep_edits(draft: Draft, yaml: str, texts: list[UploadFile] | None) -> None:

@@ -110,7 +110,7 @@ def edit(request: Request, services: TheServices, draft: TheDraft, user: Checked
     shown = draft_view(request, draft)
     part = None
     if shown["source"] is not None:
-        part = bytes(lab_page(request, "lab/editor_part.html", draft=draft, **shown).body).decode()
+        part = bytes(lab_page(request, "lab/editor_part.html", live=True, **shown).body).decode()
     found = [
         {"line": wrong.line if wrong.file == draft.file.name else 1, "message": _told(wrong, draft)}
         for wrong in shown["problems"]

@@ -105,11 +105,12 @@ def example_at(path: Path, kind: str | None, languages: Sequence[str]) -> Any:
             raise KeyError(part)
         here = found
     (variant,) = variants(here, whole)
-    value = (
-        {kind: example_in(variant["properties"][kind], whole)}
-        if (kinds := _one_of(variant)) and kind in kinds
-        else example_in(here, whole)
-    )
+    if kind in _one_of(variant):
+        (inner,) = variants(variant["properties"][kind], whole)
+        written = example_in(inner, whole)
+        value = {kind: {key: written[key] for key in inner["properties"] if key in written}}  # a schema sorts examples
+    else:
+        value = example_in(here, whole)
     return _in_languages(value, languages)
 
 
