@@ -33,6 +33,7 @@ from desirepath.study.simulated.participant import Character
 from desirepath.study.studies import create_study
 from desirepath_experiments.browser.client import walk_with_browser
 from tests.journeys.conftest import Installation
+from tests.web.protocol_writing import write_yaml
 
 pytestmark = pytest.mark.journey
 
@@ -125,17 +126,15 @@ def test_1_experimenter_opens_a_study(installation: Installation, open_page: Cal
     screenshots(page, "experimenter_choose_protocol")
     page.locator("input[value='shipped:quick_preference_study']").check()
     page.get_by_role("button", name="Check it").first.click()
-    editor = page.locator("textarea[name=yaml]")
-    yaml = editor.input_value()
+    yaml = page.locator("textarea[name=yaml]").input_value()
     # First a mistake: it is pointed out with its line, and nothing is opened.
-    editor.fill(yaml.replace("view: top_down", "view: from_the_moon"))
-    page.get_by_role("button", name="Check again").click()
+    write_yaml(page, yaml.replace("view: top_down", "view: from_the_moon"))
     line = next(n for n, text in enumerate(yaml.splitlines(), 1) if "view: top_down" in text)
     expect(page.get_by_role("link", name=f"Line {line}", exact=False).first).to_be_visible()
-    expect(page.get_by_role("alert").first).to_be_visible()
+    expect(page.locator("#editor-part .notice.error")).to_be_visible()
     screenshots(page, "experimenter_protocol_mistake")
     # A CI machine may need longer for the alignment than a participant would be asked to wait.
-    page.locator("textarea[name=yaml]").fill(yaml.replace("give_up_after_s: 120", "give_up_after_s: 900"))
+    write_yaml(page, yaml.replace("give_up_after_s: 120", "give_up_after_s: 900"))
     page.get_by_role("button", name="Check again").click()
     page.locator("input[name=name]").fill(STUDY)
     screenshots(page, "experimenter_check")

@@ -15,6 +15,7 @@ from desirepath.web.application import create_application
 from desirepath.web.core.dependencies import Services
 from tests.running import served
 from tests.web.lab_services import NAME, PASSWORD, Walked
+from tests.web.protocol_writing import write_yaml
 
 
 @pytest.fixture
@@ -39,13 +40,11 @@ def test_experimenter_makes_a_study_corrects_a_mistake_and_gets_the_link(chromiu
     page.get_by_role("link", name="New study").click()
     page.locator("input[value='shipped:quick_preference_study']").check()
     page.get_by_role("button", name="Check it").first.click()
-    yaml = page.get_by_label("Edit the protocol")
-    right = yaml.input_value()
-    yaml.fill(right.replace("top_down", "from_above", 1))
-    page.get_by_role("button", name="Save and check again").click()
-    expect(page.get_by_role("alert")).to_contain_text("Fix 1 error first")
+    right = page.locator("textarea[name=yaml]").input_value()
+    write_yaml(page, right.replace("top_down", "from_above", 1))
+    expect(page.locator("#editor-part .notice.error")).to_contain_text("Fix 1 error first")
     expect(page.locator(".problems")).to_contain_text("stages[4].block.view")
-    yaml.fill(right)
+    write_yaml(page, right)
     page.get_by_role("button", name="Save and check again").click()
     page.get_by_label("Name of the study").fill(NAME)
     page.get_by_role("button", name="Open the study").click()

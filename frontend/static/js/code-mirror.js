@@ -86,7 +86,6 @@ export async function codeMirror(area, known, typed) {
         if (!update.docChanged) return;
         area.value = update.state.doc.toString();
         if (update.transactions.some((one) => one.annotation(fromOutside))) return;
-        area.dispatchEvent(new Event("input", { bubbles: true })); // the form has unsaved edits
         typed();
       }),
       look,

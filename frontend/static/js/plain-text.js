@@ -3,7 +3,10 @@
 
 /** @param {HTMLTextAreaElement} area @param {() => void} typed @returns {import("./protocol-editor.js").TextEditor} */
 export function plainText(area, typed) {
-  area.addEventListener("input", typed);
+  area.addEventListener("input", (event) => {
+    event.stopPropagation(); // the form need not ask: the draft is saved as one types
+    typed();
+  });
   return {
     get text() {
       return area.value;

@@ -29,9 +29,11 @@ let turn = Promise.resolve();
 /** @type {Set<string>} which forms are open */
 const open = new Set();
 let timer = 0;
+let unsaved = false;
 
 /** Once nobody has typed for a moment. */
 function check() {
+  unsaved = true;
   clearTimeout(timer);
   timer = window.setTimeout(() => send(null), CHECKED_AFTER_MS);
 }
@@ -71,7 +73,11 @@ async function post(body) {
       body: JSON.stringify(body),
     });
     if (answer.ok) return await answer.json();
-    if (answer.status < 500 && answer.status !== 429) location.reload(); // signed out, or the draft is gone
+    if ([401, 403, 404].includes(answer.status)) location.reload(); // signed out, or the draft is gone
+    else if (answer.status < 500 && answer.status !== 429) {
+      const { error } = await answer.json();
+      return { yaml: editor.text, refused: error.message, problems: [], part: null };
+    }
   } catch {
     // no connection
   }
@@ -81,6 +87,7 @@ async function post(body) {
 
 /** @param {Edited} answer */
 function show(answer) {
+  unsaved = false;
   editor.text = answer.yaml;
   editor.show(answer.problems);
   state.textContent = answer.refused ?? kept;
@@ -110,6 +117,10 @@ function selectorOf(element) {
   const names = Object.entries({ do: does, at, to, index }).filter(([, value]) => value !== undefined);
   return names.map(([key, value]) => `[data-${key}=${CSS.escape(String(value))}]`).join("");
 }
+
+addEventListener("beforeunload", (event) => {
+  if (unsaved) event.preventDefault();
+});
 
 // ---- what the forms send
 

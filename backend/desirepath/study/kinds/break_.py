@@ -18,6 +18,8 @@ from desirepath.study.wire import Confirmed
 class BlockBreak(BlockPart):
     """A rest; it can be ended after `at_least_s` seconds."""
 
+    model_config = an_example({"text": "texts/interface_break.md", "at_least_s": 30})
+
     text: FileName
     at_least_s: int = Field(0, ge=0, le=1800)
 

@@ -15,6 +15,8 @@ from desirepath.study.wire import Confirmed
 class BlockText(BlockPart):
     """A page of text in a block; `text` may hold the block's factors in braces: `texts/instruction_{view}.md`."""
 
+    model_config = an_example({"text": "texts/instruction.md"})
+
     text: FileName
 
     def step(self, prefix: str, place: str, condition: Condition, where: Mapping[str, Any]) -> Step:

@@ -33,6 +33,8 @@ LARGEST_NUMBER = 10**12  # ours; beyond 2^53 no table holds it exactly, and beyo
 class BlockQuestionnaire(BlockPart):
     """A questionnaire in a block, asked once per condition."""
 
+    model_config = an_example({"use": "interface_items"})
+
     use: Slug
     time_limit_s: int | None = Field(None, ge=10, le=7200)
 
