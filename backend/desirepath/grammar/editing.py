@@ -184,7 +184,7 @@ class _Text:
 
     def __init__(self, text: str) -> None:
         self.text, self.data = text, Source("protocol.yaml", text).data
-        self._dashes = [
+        self._dashes: list[int] = [
             token.start_mark.index
             for token in yaml.scan(text, Loader=YamlLoader)
             if isinstance(token, yaml.BlockEntryToken)
@@ -313,7 +313,7 @@ def _read(event: Any, events: Iterator[Any]) -> _Node:
         while not isinstance(inner := next(events), yaml.CollectionEndEvent):
             key = _read(inner, events) if kind == "mapping" else None
             node.parts.append((key, _read(inner if key is None else next(events), events)))
-        node.end = inner.end_mark.index
+        node.end = inner.end_mark.index  # type: ignore[union-attr]  # a parser's own events have marks
         return node
     name = str(event.value) if isinstance(event, yaml.ScalarEvent) else "*"
     return _Node(start, event.end_mark.index, "scalar", name=name)
