@@ -181,7 +181,7 @@ def test_minutes_and_power_stand_beside_it(lab: TestClient, lab_services: Servic
 def test_the_schema_and_what_there_is_to_name_are_told(lab: TestClient):
     editor = Editor(lab, source="shipped:quick_preference_study")
     known = lab.get(f"{editor.here}/schema.json").json()
-    assert known["schema"] == json_schema()
+    assert known["protocol"] == json_schema()
     assert "texts/consent.md" in known["names"]["text"]
     assert "demographics" in known["names"]["use"]
     assert "study_room/queries_200" in known["names"]["query_set"]

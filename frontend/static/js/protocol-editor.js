@@ -9,7 +9,7 @@ import { plainText } from "./plain-text.js";
 /**
  * @typedef {{ line: number, message: string }} Problem
  * @typedef {{ yaml: string, refused: string | null, problems: Problem[], part: string | null }} Edited
- * @typedef {{ schema: any, names: Record<string, string[]> }} Known what may be written
+ * @typedef {{ protocol: any, names: Record<string, string[]> }} Known what may be written
  * @typedef {{ text: string, show(problems: Problem[]): void, goTo(line: number): void }} TextEditor
  */
 

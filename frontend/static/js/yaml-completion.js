@@ -19,18 +19,18 @@ export function suggest(before, known, after = "") {
   if (/(^|\s)#/.test(line)) return null;
   const { path, key, word } = placeOf(lines, line);
   const from = before.length - word.length;
-  const here = at(known.schema, path);
+  const here = at(known.protocol, path);
   if (key === null) {
     const keys = here.flatMap((one) => Object.entries(one.properties ?? {}));
     const there = new Set(siblings(lines, line));
     const colon = after.trimStart().startsWith(":") ? "" : ": ";
-    const options = keys.filter(([name]) => !there.has(name)).map(([name, of]) => keyOption(known.schema, name, of, colon));
+    const options = keys.filter(([name]) => !there.has(name)).map(([name, of]) => keyOption(known.protocol, name, of, colon));
     return options.length ? { from, typing: !/^\s*(- )?$/.test(line) && !/[{,]\s*$/.test(line), options } : null;
   }
-  const values = at(known.schema, [...path, key]);
+  const values = at(known.protocol, [...path, key]);
   const words = values.flatMap((one) => one.enum ?? (one.const === undefined ? [] : [one.const]));
   if (values.some((one) => one.type === "boolean")) words.push(true, false);
-  const items = values.flatMap((one) => (one.type === "array" ? follow(known.schema, one.items ?? {}) : []));
+  const items = values.flatMap((one) => (one.type === "array" ? follow(known.protocol, one.items ?? {}) : []));
   words.push(...items.flatMap((one) => one.enum ?? []));
   const names = values.some((one) => one.type === "string") ? known.names[key] ?? [] : [];
   const options = [...words, ...names].map((value) => /** @type {Option} */ ({ label: String(value), type: "enum" }));

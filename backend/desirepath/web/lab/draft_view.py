@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from typing import Any
 
 from fastapi import Request
@@ -58,7 +57,8 @@ def draft_view(request: Request, draft: Draft) -> dict[str, Any]:
     }
 
 
-def names_in(services: Services, draft: Draft) -> dict[str, Sequence[str]]:
+def names_in(services: Services, draft: Draft) -> dict[str, list[str]]:
+    """Key of a protocol -> what there is to name under it."""
     with services.database.session() as s:
         made = [*query_sets_here(s)]
     texts = sorted({f"texts/{_LANGUAGE.sub('.md', file.name)}" for file in (draft.folder / "texts").glob("*.md")})

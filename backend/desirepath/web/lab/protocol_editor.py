@@ -5,11 +5,11 @@ What a change does to the text is `grammar/editing.py`'s; how forms come about, 
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Request
 from pydantic import Field, JsonValue
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 
 from desirepath.grammar import editing
 from desirepath.grammar.editing import EditError
@@ -84,10 +84,17 @@ class Edited(Reply):
     part: str | None
 
 
-@router.get("/{draft_id}/schema.json")
+class MayBeWritten(Reply):
+    """protocol: its JSON Schema; names: key -> what there is to name under it."""
+
+    protocol: dict[str, Any]
+    names: dict[str, list[str]]
+
+
+@router.get("/{draft_id}/schema.json", response_model=MayBeWritten)
 def schema(services: TheServices, draft: TheDraft) -> Response:
-    """What a protocol may say (JSON Schema), and under `names` what there is to name."""
-    return JSONResponse({"schema": json_schema(), "names": names_in(services, draft)})
+    """What the editor completes from."""
+    return reply_of(MayBeWritten, {"protocol": json_schema(), "names": names_in(services, draft)})
 
 
 @router.post("/{draft_id}/edit", response_model=Edited)
