@@ -21,7 +21,10 @@ export function suggest(before, known, after = "") {
   const from = before.length - word.length;
   const here = at(known.protocol, path);
   if (key === null) {
-    const keys = here.flatMap((one) => Object.entries(one.properties ?? {}));
+    const keys = here.flatMap((one) => [
+      ...Object.entries(one.properties ?? {}),
+      ...(one.propertyNames?.enum ?? []).map((/** @type {string} */ name) => /** @type {[string, any]} */ ([name, one.additionalProperties])),
+    ]);
     const there = new Set(siblings(lines, line));
     const colon = after.trimStart().startsWith(":") ? "" : ": ";
     const options = keys.filter(([name]) => !there.has(name)).map(([name, of]) => keyOption(known.protocol, name, of, colon));
@@ -121,7 +124,7 @@ function siblings(lines, line) {
   const column = /^(\s*(?:- +)*)/.exec(line)?.[1].length ?? 0;
   /** @type {string[]} */
   const keys = [...line.matchAll(/([\w]+):\s/g)].map(([, key]) => key);
-  for (const above of [...lines].reverse()) {
+  for (const above of /^\s*- /.test(line) ? [] : [...lines].reverse()) {
     const match = /^(\s*(?:- +)*)([\w]+):/.exec(above);
     const indent = /^(\s*)/.exec(above)?.[1].length ?? 0;
     if (above.trim() && indent < column && (!match || match[1].length < column)) break;
