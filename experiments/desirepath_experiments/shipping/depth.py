@@ -7,7 +7,6 @@ them at once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,13 +15,12 @@ from desirepath.demonstrations.depth.depth_controller import DepthController
 from desirepath.demonstrations.depth.episodes import home_episodes
 from desirepath.demonstrations.depth.judging import depth_trajectories
 from desirepath.demonstrations.depth.training import DEPARTURES, DepthTrainingConfig, senses_of
-from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, file_sha256
-from desirepath.learning.queries.queries import QueryConfig, QuerySet, queries_of
+from desirepath.learning.queries.queries import QueryConfig, queries_of
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.perception import SHIPPED_ENCODER, SHIPPED_PREDICTOR
 from desirepath.perception.beta_vae import DepthEncoder, VaeConfig
-from desirepath.perception.predictor import PersonPredictor, PredictorConfig
+from desirepath.perception.predictor import PredictorConfig
 from desirepath_experiments.reproduction.depth.chapter import BUDGETS, make_plan
 from desirepath_experiments.reproduction.depth.computing import EXPLORED_SEED, FUNCTIONS, HELD_OUT_HOMES, RECORDED_SEED
 from desirepath_experiments.reproduction.tasks import Task, Work, in_order, results_of
@@ -30,6 +28,7 @@ from desirepath_experiments.shipping.query_sets import describe_queries
 from desirepath_experiments.shipping.storing import Request, store
 
 HOME = "home"
+BUDGET = BUDGETS["small"]
 ENCODER, PREDICTOR, QUERIES = SHIPPED_ENCODER, SHIPPED_PREDICTOR, "home/queries_depth_12"
 SHIPPED = {"VAE-HA": "home/depth", "VAE-ND": "home/depth_nd"}
 """Configuration -> name: who learned from demonstrations, and who did not."""
@@ -46,17 +45,20 @@ SHOWN = QueryConfig(count=12, max_duration_s=20.0, min_gap_m=0.3, scenes_per_rou
 def ship_depth(request: Request) -> list[Card]:
     """All of them."""
     work = request.work or request.folder / HOME / "work"
-    return [*ship_perception(work, request.folder), *ship_controllers(work, request.folder)]
+    perception = _ship_perception(work, request.folder)
+    # The controllers of the first seed, as the reproduction judges them.
+    controllers = [_ship_controller(name, work, request.folder) for name in SHIPPED]
+    return [*perception, *controllers, ship_queries(request.folder)]
 
 
 def ship_depth_perception(request: Request) -> list[Card]:
     """Encoder and predictor."""
-    return ship_perception(request.work or request.folder / HOME / "work", request.folder)
+    return _ship_perception(request.work or request.folder / HOME / "work", request.folder)
 
 
-def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") -> list[Card]:
+def _ship_perception(work: Path, folder: Path) -> list[Card]:
     """Encoder and predictor; work: the folder of finished tasks, in which what is missing is computed."""
-    task, batches = make_plan(BUDGETS[budget]).encoder, BUDGETS[budget].encoder_batches
+    task, batches = make_plan(BUDGET).encoder, BUDGET.encoder_batches
     (result,), params = results_of([task], FUNCTIONS, work), task.params
     homes = {
         "recorded": {"first_scene_seed": RECORDED_SEED, "last_scene_seed": RECORDED_SEED + params["homes"] - 1},
@@ -69,7 +71,6 @@ def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") 
         ENCODER,
         result.arrays["encoder"].tobytes(),
         folder,
-        budget,
         config=encoder,
         scenes=homes,
         results={key: result.meta[key] for key in ("reconstruction", "last_training_rms_m")}
@@ -82,7 +83,6 @@ def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") 
         PREDICTOR,
         result.arrays["predictor"].tobytes(),
         folder,
-        budget,
         config=predictor,
         scenes=homes,
         results=result.meta["prediction"],
@@ -93,14 +93,8 @@ def ship_perception(work: Path, folder: Path = DATASETS, budget: str = "small") 
     return [first, second]
 
 
-def ship_controllers(work: Path, folder: Path = DATASETS, budget: str = "small") -> list[Card]:
-    """The controllers of the first seed as the reproduction judges them, and queries; after `ship_perception`."""
-    cards = [_ship_controller(name, work, folder, budget) for name in SHIPPED]
-    return [*cards, ship_queries(folder, budget)]
-
-
-def _ship_controller(configuration: str, work: Path, folder: Path, budget: str) -> Card:
-    plan = make_plan(BUDGETS[budget])
+def _ship_controller(configuration: str, work: Path, folder: Path) -> Card:
+    plan = make_plan(BUDGET)
     seed = plan.budget.seeds[0]
     trained, judged = plan.trained[configuration, seed], plan.judged[configuration, seed]
     result, judged_result = results_of([trained, judged], FUNCTIONS, work)
@@ -110,7 +104,6 @@ def _ship_controller(configuration: str, work: Path, folder: Path, budget: str) 
         SHIPPED[configuration],
         result.arrays["policy"].tobytes(),
         folder,
-        budget,
         config=DepthTrainingConfig(seed=seed, updates=trained.params["updates"]).as_dict()
         | {"configuration": configuration},
         scenes={
@@ -123,35 +116,22 @@ def _ship_controller(configuration: str, work: Path, folder: Path, budget: str) 
     )
 
 
-def generate_depth_queries(
-    controllers: Sequence[DepthController],
-    encoder: DepthEncoder,
-    predictor: PersonPredictor | None = None,
-    config: QueryConfig = SHOWN,
-) -> QuerySet:
-    """Pairs of these controllers' trajectories. Raises LearningError as `queries_of` does, ValueError for a controller
-    that needs a predictor where none is given."""
-    drawn = scene_set(HOME, config.max_scenes, purpose=Purpose.QUERIES, seed=config.seed)
-    scenes = home_episodes(drawn, MODES, config.seed).scenes
-    roll_outs = [
-        partial(depth_trajectories, controller, senses_of(controller.configuration, encoder, predictor, config.seed))
-        for controller in controllers
-    ]
-    return queries_of(HOME, roll_outs, scenes, config)
-
-
-def ship_queries(folder: Path, budget: str = "small", config: QueryConfig = SHOWN) -> Card:
-    """Queries by the controllers in the same folder, which `budget` trained. Raises LearningError for too few."""
+def ship_queries(folder: Path, config: QueryConfig = SHOWN) -> Card:
+    """Queries by the controllers in the same folder. Raises LearningError for too few."""
     files = {configuration: folder / f"{name}.npz" for configuration, name in SHIPPED.items()}
     controllers = [DepthController.from_bytes(file.read_bytes()) for file in files.values()]
     encoder = DepthEncoder.from_bytes((folder / f"{ENCODER}.npz").read_bytes())
-    queries = generate_depth_queries(controllers, encoder, config=config)
+    drawn = scene_set(HOME, config.max_scenes, purpose=Purpose.QUERIES, seed=config.seed)
+    roll_outs = [
+        partial(depth_trajectories, controller, senses_of(controller.configuration, encoder, None, config.seed))
+        for controller in controllers
+    ]
+    queries = queries_of(HOME, roll_outs, home_episodes(drawn, MODES, config.seed).scenes, config)
     return _store(
         "query_set",
         QUERIES,
         queries.to_bytes(),
         folder,
-        budget,
         config=config.as_dict()
         | {"controllers": {controller: file_sha256(file) for controller, file in files.items()}},
         scenes={"drawn": describe(Purpose.QUERIES, queries.filtered["scenes"], config.seed)},
@@ -170,6 +150,6 @@ def _core_seconds(task: Task, work: Path) -> float:
     return sum(float(results.load(needed).meta["made"]["cpu_seconds"]) for needed in in_order([task]))
 
 
-def _store(kind: str, name: str, content: bytes, folder: Path, budget: str, **fields: Any) -> Card:
-    command = f"desirepath reproduce depth --out DIR --budget {budget} && desirepath ship depth home --work DIR/work"
+def _store(kind: str, name: str, content: bytes, folder: Path, **fields: Any) -> Card:
+    command = "desirepath reproduce depth --out DIR --budget small && desirepath ship depth home --work DIR/work"
     return store(kind, name, content, folder, **{"command": command, "departures": DEPARTURES} | fields)

@@ -15,7 +15,6 @@ import numpy as np
 import torch
 
 from desirepath.explain.in_sight import halts_in_sight
-from desirepath.explain.methods import Command, Method
 from desirepath.explain.ranking_sets import DRIVE_S, ExplainedRollout, RankingSet, ranking_set
 from desirepath.explain.shown_explanation import people_of
 from desirepath.learning.cards import Card, card_path, file_sha256
@@ -44,14 +43,14 @@ def ship_ranking_set(request: Request) -> Card:
     return _ship_attended(request) if request.setup == CROWD else _ship_explained(request)
 
 
-def _ship_explained(request: Request, method: Method = "saliency", command: Command = "speed") -> Card:
+def _ship_explained(request: Request) -> Card:
     parent = f"{request.setup}/base"
     policy = Policy.load(request.path("base"))
     ranked = ranking_set(
         actor_of(policy), policy.rollout_policy, rooms(), practice_rooms(), count=SCENARIOS, practised=PRACTICE,
-        policy=parent, method=method, command=command,
+        policy=parent,
     )  # fmt: skip
-    config = {"method": method, "command": command, "objects": list(ranked.rollouts[0].things)}
+    config = {"method": ranked.method, "command": ranked.command, "objects": list(ranked.rollouts[0].things)}
     keys = ("most_important", "objects_without_score")
     return _store(ranked, f"{request.setup}/scenarios_{SCENARIOS}", request.folder, keys, parent, config)
 

@@ -126,9 +126,9 @@ def mean_within_scenes(steps: SeenSteps, values: Doubles, scenes: int) -> Double
     return _subtract_scene(means, scenes)
 
 
-def draw_rewards(setup: str, count: int, gain: tuple[float, float], seed: int = 0) -> list[StepReward]:
+def draw_rewards(setup: str, count: int, gain: tuple[float, float]) -> list[StepReward]:
     """Rewards of a step: three of four are random networks, the others thresholds and weighed words in turn."""
-    card, random = people_card(), np.random.default_rng([seed, 88])
+    card, random = people_card(), np.random.default_rng([0, 88])
     networks, thresholds = card.family("network"), card.family("thresholds")
     assert isinstance(networks, NetworkFamily)  # noqa: S101  the card's families are of their classes
     rewards: list[StepReward] = []

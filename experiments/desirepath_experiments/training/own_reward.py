@@ -24,7 +24,6 @@ from desirepath.learning.measures.steps import reference
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.rewards.reward_model import Floats, RewardModel
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.learning.td3.replay import collect
 from desirepath.learning.td3.td3 import Batch
 from desirepath.simulation.fast import make_engine, rollout
@@ -142,20 +141,14 @@ class OwnRewardResult:
     replay_sha256: str
 
 
-def tune_to_reward(
-    base: Policy,
-    model: RewardModel,
-    config: OwnRewardConfig | None = None,
-    on_progress: OnProgress = no_progress,
-    start: Policy | None = None,
-) -> OwnRewardResult:
-    """Train on from `start` (the base policy; with critic), keep the checkpoint with the highest mean reward among
+def tune_to_reward(base: Policy, model: RewardModel, config: OwnRewardConfig | None = None) -> OwnRewardResult:
+    """Train on from the base policy (with critic), keep the checkpoint with the highest mean reward among
     those with enough success. Raises SetupError where setups differ, LearningError for a policy without critic."""
-    config, start = config or OwnRewardConfig(), start or base
-    setup = get_setup(require_same(policy=base.setup, reward_model=model.setup, start=start.setup))
-    replay = collect(start, config.replay_transitions, noise=config.replay_exploration, seed=config.seed)
+    config = config or OwnRewardConfig()
+    setup = get_setup(require_same(policy=base.setup, reward_model=model.setup))
+    replay = collect(base, config.replay_transitions, noise=config.replay_exploration, seed=config.seed)
     replay_sha256 = replay.digest()
-    reward = config.reward(model, replay.filled(), start)
+    reward = config.reward(model, replay.filled(), base)
     scenes = scene_set(setup.name, config.selection_scenes, purpose=Purpose.ALIGN_SELECT, seed=config.seed)
     usual = rollout(setup, base.rollout_policy, scenes)
     before = float(reward.means(usual).mean()) / reward.spread
@@ -166,14 +159,13 @@ def tune_to_reward(
         return {"success_rate": success_rate([trajectory.outcome for trajectory in rolled_out]), "gained": gained}
 
     learned = learn(
-        start,
+        base,
         make_engine(setup, config.online_envs, seed=config.seed + 1),
         replay,
         reward,
         config,
         judge=judge,
         base_success=success_rate([trajectory.outcome for trajectory in usual]),
-        on_progress=on_progress,
     )
     # as often as asked, or as the base policy nearly does
     enough = min(config.min_success, learned.base_success - config.max_selection_loss / 2)

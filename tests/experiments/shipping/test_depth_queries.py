@@ -54,7 +54,7 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copy(DATASETS / f"{depth.ENCODER}.npz", folder / "home")
     for (configuration, name), speed in zip(depth.SHIPPED.items(), (0.2, 0.45), strict=True):
         (folder / f"{name}.npz").write_bytes(towards_the_goal(configuration, speed).to_bytes())
-    depth.ship_queries(folder, "small", TINY)
+    depth.ship_queries(folder, TINY)
     return folder
 
 

@@ -32,7 +32,6 @@ from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.rewards.ranked_rollouts import DEMONSTRATED_HEADS
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.simulation.acting import ActFunction
 from desirepath.simulation.fast import make_engine
@@ -255,7 +254,6 @@ def train_adaptable(
     config: AdaptableConfig,
     demonstration: DemonstrationReward,
     clone: ActFunction | None = None,
-    on_progress: OnProgress = no_progress,
 ) -> AdaptableResult:
     """Train one adaptable policy. demonstration: R_hat; clone: acts as the demonstration does, to begin with.
 
@@ -267,7 +265,7 @@ def train_adaptable(
     ended: list[dict[str, float]] = []
     for attempt in range(ATTEMPTS):
         training = AdaptableTraining(config, demonstration, clone, attempt=attempt)
-        trained = _train(training, on_progress, gives_up=attempt + 1 < ATTEMPTS)
+        trained = _train(training, gives_up=attempt + 1 < ATTEMPTS)
         if trained.policy is not None:
             break
         ended.extend(trained.history)
@@ -286,7 +284,7 @@ class _Attempt:
     history: list[dict[str, float]]
 
 
-def _train(training: AdaptableTraining, on_progress: OnProgress, *, gives_up: bool) -> _Attempt:
+def _train(training: AdaptableTraining, *, gives_up: bool) -> _Attempt:
     """Train to the end and keep the best of the last quarter, or give up where it stands still."""
     config = training.config
     quarter = config.updates // 4
@@ -297,17 +295,12 @@ def _train(training: AdaptableTraining, on_progress: OnProgress, *, gives_up: bo
     history: list[dict[str, float]] = []
     best: tuple[dict[str, float], AdaptablePolicy] | None = None
 
-    def tell(updates: int) -> None:
-        if updates % (config.updates_per_step * 50) == 0:
-            on_progress(updates / config.updates, training.agent.losses)
-
-    for updates in checkpoints(training.vector_step, [*early, *marks], tell):
+    for updates in checkpoints(training.vector_step, [*early, *marks], lambda updates: None):
         policy = training.average()
         rollouts = training.roll_out(policy, preferences, config.selection_scenes)
         utility = float(scalarise(rollouts.returns, rollouts.preferences).mean())
         point = {"updates": float(updates), "success": float(rollouts.success.mean()), "utility": utility}
         history.append(point | training.agent.losses | _alone(rollouts, ways))
-        on_progress(updates / config.updates, history[-1])
         if gives_up and STANDS_STILL_AFTER <= updates < marks[0]:
             if point["success"] < STANDS_STILL:
                 return _Attempt(None, 0.0, history)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import copy
 import io
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -27,7 +26,6 @@ from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath_experiments.training.pedestrians.crowd_planners import follow
 
 Floats = NDArray[np.float32]
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -169,7 +167,6 @@ def train_crowd(
     *,
     until: int | None = None,
     state: bytes | None = None,
-    tell: Tell = lambda words: None,
 ) -> CrowdTrained:
     """Train one network. The pedestrians' number rises (2, 4, 8) once success on the selection scenes passes 70 %.
 
@@ -216,7 +213,7 @@ def train_crowd(
         done = learner.updates >= last
         if done or learner.updates // config.evaluate_every > before // config.evaluate_every:
             level = record["level"]
-            _evaluate(config, learner, record, time.perf_counter() - began, tell)
+            _evaluate(config, learner, record, time.perf_counter() - began)
             if record["level"] > level:
                 engine = _engine(config, record["level"], learner.updates)
                 seen = states(engine, given)
@@ -240,16 +237,13 @@ def _engine(config: CrowdTrainingConfig, level: int, updates: int) -> CrowdEngin
     return CrowdEngine(n_envs=config.n_envs, pool=pool, icp=config.icp)
 
 
-def _evaluate(
-    config: CrowdTrainingConfig, learner: CrowdLearner, record: dict[str, Any], seconds: float, tell: Tell
-) -> None:
+def _evaluate(config: CrowdTrainingConfig, learner: CrowdLearner, record: dict[str, Any], seconds: float) -> None:
     """Judge on the level's selection scenes, keep the best of the highest level, raise the level."""
     scenes = selection_scenes(config.evaluation_episodes, CURRICULUM[record["level"]], config.seed)
     table: CrowdTable = evaluate_crowds(learner.act, VARIANTS[config.variant].given, scenes, icp=config.icp)
     row = {"updates": learner.updates, "pedestrians": CURRICULUM[record["level"]], **table.rates(), "seconds": seconds}
     record["history"].append(row)
     record["seconds"] = seconds
-    tell(f"{config.variant} {config.learner} seed {config.seed}: {row}")
     success = row["success"] / 100
     if success >= record["best_success"]:
         record["best"] = {name: value.cpu().clone() for name, value in learner.actor.state_dict().items()}
