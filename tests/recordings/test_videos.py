@@ -66,7 +66,7 @@ def test_how_long_a_video_is_stands_in_its_container(tmp_path, name, content, se
     [
         ("cut.mp4", mp4()[:-20], "is cut: this part has 72 bytes"),
         ("no_index.mp4", mp4()[:16] + mp4()[-72:], "has no index"),
-        ("renamed.mp4", webm(), "is no MP4: it begins with 'ftyp'; was it renamed"),
+        ("renamed.mp4", webm(), "is no MP4, which begins with 'ftyp'; was it renamed"),
         ("renamed.webm", mp4(), "is no WebM"),
         ("page.webm", b"<html><script>alert(1)</script>", "is no WebM"),
         ("page.mp4", b"\0\0\0\x20<html><script>alert(1)</script>", "is no MP4"),

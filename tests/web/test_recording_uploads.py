@@ -17,6 +17,7 @@ from desirepath.store.models import Artefact
 from desirepath.store.snapshots import Snapshot
 from desirepath.web.analyst import recording_drafts
 from desirepath.web.core.throttle import LARGEST_BODY
+from tests.recordings.films import mp4, webm
 from tests.recordings.test_bags import messages, write_mcap
 from tests.recordings.test_episodes import lerobot
 from tests.recordings.walks import RUNS, csv_of, rows
@@ -164,6 +165,28 @@ def test_answers_given_elsewhere_become_a_snapshot_marked_as_imported(lab, lab_s
     snapshot = Snapshot.from_bytes(lab_services.files.get(kept.rsplit("/", 1)[1]))
     assert [(one.participant, one.choice) for one in snapshot.answers] == [("p1", "a"), ("p2", "b"), ("p2", "b")]
     assert "3 answers of 2 people" in lab.get("/lab/recordings").text
+
+
+def test_videos_are_uploaded_with_their_pairs_watched_and_kept(lab, lab_services):
+    films = ("one.mp4", mp4(2.0)), ("two.webm", webm(3.0)), ("pairs.csv", b"a,b\none.mp4,two.webm\n")
+    address = taken(lab, *films)
+    read(lab, address)
+    page = make(lab, address)
+    assert "Only videos were recorded" in page
+    assert f'src="{address}/videos/one.mp4"' in page
+    part = lab.get(f"{address}/videos/one.mp4", headers={"Range": "bytes=4-7"})
+    assert (part.status_code, part.content, part.headers["content-type"]) == (206, b"ftyp", "video/mp4")
+    assert lab.get(f"{address}/videos/pairs.csv").status_code == 404
+    kept = keep(lab, address, "Films")
+    assert "one.mp4" in lab.get(kept).text  # what it was made of
+    with lab_services.database.session() as s:
+        assert sorted(s.scalars(select(Artefact.name).where(Artefact.kind == "video"))) == ["one.mp4", "two.webm"]
+
+
+def test_a_video_that_was_renamed_or_cut_is_refused_with_a_sentence(lab):
+    address = taken(lab, ("one.mp4", webm()), ("two.mp4", mp4()[:-9]), ("pairs.csv", b"a,b\none.mp4,two.mp4\n"))
+    read(lab, address)
+    assert "is no MP4, which begins with" in make(lab, address)
 
 
 @pytest.mark.parametrize(

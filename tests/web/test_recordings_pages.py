@@ -4,10 +4,55 @@ from __future__ import annotations
 
 import re
 
+import pytest
+from sqlalchemy import select
+
 from desirepath.recordings.importing import import_recordings
 from desirepath.store.imported_answers import ImportedAnswer, save_imported_answers
+from desirepath.store.models import Artefact, Response, Session
 from desirepath.store.query_sets import save_query_set
+from desirepath.study.simulated.in_process import walk_in_process
+from desirepath.study.simulated.participant import Character
+from desirepath.study.studies import create_study
+from tests.recordings.films import mp4, webm
 from tests.recordings.walks import csv_of, robot_at, times
+from tests.study.small_protocol import small_protocol
+
+
+@pytest.fixture
+def filmed(lab_services, tmp_path):
+    """A study of two videos that a bot has answered."""
+    films = tmp_path / "films"
+    films.mkdir()
+    (films / "one.mp4").write_bytes(mp4(2.0))
+    (films / "two.webm").write_bytes(webm(3.0))
+    (films / "pairs.csv").write_text("a,b\none.mp4,two.webm\n")
+    found = import_recordings(films, "study_room")
+    found.query_set.save(tmp_path / "films.npz")
+    block = {"block": {"view": "top_down", "trials": [{"queries": {"count": 1}}]}}
+    frozen = small_protocol(tmp_path, [block], query_set=str(tmp_path / "films.npz"))
+    with lab_services.database.transaction() as s:
+        save_query_set(s, lab_services.files, found.query_set, name="Films", card={}, videos=found.videos)
+        study = create_study(s, lab_services.files, frozen, name="Films", created_by=None)
+    walk_in_process(lab_services.database, lab_services.files, study, 1, Character("random"))
+    return study
+
+
+def test_a_preview_and_an_answer_show_the_videos_that_were_shown(lab, lab_services, filmed):
+    preview = lab.get(f"/lab/studies/{filmed.id}/preview/2").text
+    (one, two) = re.findall(r"/lab/videos/[0-9a-f]{64}", preview)
+    whole = lab.get(one)
+    assert whole.headers["content-type"] in ("video/mp4", "video/webm")
+    assert lab.get(two, headers={"Range": "bytes=4-7"}).status_code == 206
+    with lab_services.database.session() as s:
+        given = s.scalars(select(Response.id).where(Response.kind == "preference")).one()
+        assert s.scalars(select(Session)).one().state == "completed"
+        policy = s.scalars(select(Artefact.id).where(Artefact.kind == "query_set")).one()
+    shown = lab.get(f"/lab/studies/{filmed.id}/answers/{given}")
+    assert shown.status_code == 200
+    assert set(re.findall(r"/lab/videos/[0-9a-f]{64}", shown.text)) == {one, two}
+    assert lab.get(f"/lab/videos/{policy}").status_code == 404
+    assert lab.get(f"/lab/artefacts/{one.rsplit('/', 1)[1]}").status_code == 200
 
 
 def test_recordings_and_answers_from_elsewhere_have_pages_and_say_so(lab, lab_services, tmp_path):

@@ -118,7 +118,7 @@ def _boxes(file: str, opened: IO[bytes], begin: int, end: int, first: bytes | No
             content = at + 16
         if first is not None and name != first:
             raise RecordingError(
-                file, "bytes 4 to 8", name, f"is no MP4: it begins with {first.decode()!r}; was it renamed?"
+                file, "bytes 4 to 8", name, f"is no MP4, which begins with {first.decode()!r}; was it renamed?"
             )
         first = None
         length = length or end - at
