@@ -85,8 +85,8 @@ def test_a_table_with_usual_names_is_uploaded_looked_at_and_kept(lab, lab_servic
         "who": "who",
     }
     page = make(lab, address)
-    assert "3 runs in 1 places, 3 pairs" in page
-    assert "3 Fahrten an 1 Orten, 3 Paare" in lab.get(address, headers={"Accept-Language": "de"}).text
+    assert "Runs: 3, places: 1, pairs: 3" in page
+    assert "Fahrten: 3, Orte: 1, Paare: 3" in lab.get(address, headers={"Accept-Language": "de"}).text
     assert "<svg" in page
     assert '<iframe class="replay"' in lab.get(f"{address}?stage=1&pair=1").text
     kept = keep(lab, address)
@@ -112,7 +112,7 @@ def test_columns_of_other_names_are_chosen_with_their_units(lab):
     form = {f"column.{ours}": head for ours, head in columns.items()}
     assert "names no unit" in make(lab, address, **form)
     page = make(lab, address, **form, **{"unit.length": "cm"})
-    assert "3 runs in 1 places, 3 pairs" in page
+    assert "Runs: 3, places: 1, pairs: 3" in page
     assert chosen(page, "column.x") == "Rechts"  # what was chosen is still there
     assert chosen(page, "unit.length") == "cm"
 
@@ -128,7 +128,7 @@ def test_topics_of_bags_are_shown_with_types_and_counts_and_can_be_chosen(lab, t
     assert chosen(page, "topic.pose") == "/base/odom"
     assert chosen(page, "topic.people") == "/people"
     page = make(lab, address, **{"topic.pose": "/base/odom", "topic.people": "/people"})
-    assert "3 runs in 1 places, 3 pairs" in page
+    assert "Runs: 3, places: 1, pairs: 3" in page
 
 
 def test_a_zip_of_a_data_set_is_unpacked_and_its_fields_are_chosen(lab, tmp_path):
@@ -142,7 +142,7 @@ def test_a_zip_of_a_data_set_is_unpacked_and_its_fields_are_chosen(lab, tmp_path
     form = {"robot.field": "observation.state", "robot.x": "0", "robot.y": "1", "robot.yaw": "2"}
     more = "people: {anna: {field: observation.people, x: 0, y: 1}}"
     page = make(lab, address, **form, more=more)
-    assert "3 runs in 1 places, 3 pairs" in page
+    assert "Runs: 3, places: 1, pairs: 3" in page
     assert "recorded: poses, heading, people" in re.sub(r"\s+", " ", page)
 
 

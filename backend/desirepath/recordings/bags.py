@@ -230,7 +230,7 @@ def _read_mcap(file: Path, bag: _Bag, wanted: set[str], bounds: Bounds) -> None:
     except RecordingError:
         raise
     except (McapError, EOFError, struct.error, ValueError, KeyError, OverflowError, MemoryError) as wrong:
-        problem = f"is cut or no MCAP ({wrong or type(wrong).__name__}); `mcap recover` saves what is whole"
+        problem = f"is cut or no MCAP ({str(wrong) or type(wrong).__name__}); `mcap recover` saves what is whole"
         raise RecordingError(file.name, f"after message {bag.messages}", None, problem) from None
 
 

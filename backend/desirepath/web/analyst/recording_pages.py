@@ -7,6 +7,7 @@ The files and the reading are `recording_drafts.py`'s; the same by command is `d
 from __future__ import annotations
 
 from collections.abc import Mapping as AnyMapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -339,8 +340,10 @@ def _shown(
     t = _words(request)
     runs = [one.recorded.run if one.recorded else "" for one in both]
     names = [f"{letter}: {run}" for letter, run in zip("AB", runs, strict=True)]
-    together = both[0].scene == both[1].scene
-    plays = [Replay(both, tuple(names))] if together else [Replay((both[k],), (names[k],)) for k in (0, 1)]
+    here = both[0].scene
+    together = replace(both[1].scene, start=here.start, goal=here.goal) == here  # two runs never begin exactly alike
+    at_once = (both[0], replace(both[1], scene=here)) if together else both
+    plays = [Replay(at_once, tuple(names))] if together else [Replay((both[k],), (names[k],)) for k in (0, 1)]
     known = all(one.recorded is not None and "poses" in one.recorded.has for one in both)
     drawn = svg_figures.rollouts(both[0].scene, both, names=names, title=t("recordings.figure")) if known else ""
     return {
