@@ -29,6 +29,7 @@ Detail = Literal["full", "light"]
 """`light` is for slow machines: a plain floor with the 1 m grid instead of a material with shadows."""
 
 SHADOWS_M = 6.0  # ours: walls of a map farther from what happens cast none
+BEYOND_M = 3.0  # ours: of a building around what must be in sight from above, as windows show more
 GRID_LINE_M = 0.025  # width of a line of the plain floor
 TRAIL_PIECES = 60  # as in client/trail.js
 FIELD_SOLID_M = 12.0  # open ground is fully there up to here, from the middle of the scene
@@ -203,9 +204,12 @@ def place_file(scene: Scene, bounds: Bounds, detail: Detail, *, cut: bool) -> by
 
 
 def floor_bounds(scene: Scene, camera: Camera) -> Bounds:
-    """How far the floor reaches: to the walls; in the open, as far as the view from above shows."""
+    """How far the floor reaches: to the walls; in the open, as far as the view from above shows; in a building, with
+    shadows of walls, a little farther."""
     if scene.room is None:
-        return camera.frame
+        x_min, y_min, x_max, y_max = camera.frame
+        more = BEYOND_M if _material(scene) == "linoleum" else 0.0
+        return x_min - more, y_min - more, x_max + more, y_max + more
     half_x, half_y = scene.room.length / 2, scene.room.width / 2
     return -half_x, -half_y, half_x, half_y
 

@@ -143,12 +143,14 @@ def _light_left(solids: Sequence[Obstacle], bounds: tuple[float, float, float, f
     x, y = np.meshgrid(
         np.linspace(x_min, x_max, columns, dtype=np.float32), np.linspace(y_max, y_min, rows, dtype=np.float32)
     )
-    light_left = np.ones_like(x)
+    light_left, at_walls = np.ones_like(x), np.ones_like(x)
     for solid in solids:
         near = _rows_and_columns_near(solid, x, y)
         here_x, here_y = x[near], y[near]
         left = 1.0 - 0.40 * np.exp(-solid.distance_m(here_x, here_y) / 0.10)
-        if solid.kind != "wall":  # walls stand around everything: theirs would only dim one side of the room
+        if solid.kind == "wall":  # they stand around everything, often in pieces: theirs is only the dark edge, once
+            at_walls[near] = np.minimum(at_walls[near], left)
+        else:
             reach = min(0.55 * solid.height, 0.6)
             cast = np.zeros_like(here_x)
             for step in (0.25, 0.5, 0.75, 1.0):
@@ -156,8 +158,9 @@ def _light_left(solids: Sequence[Obstacle], bounds: tuple[float, float, float, f
                 distance = solid.distance_m(here_x - np.float32(0.78 * gone), here_y - np.float32(0.63 * gone))
                 cast += np.exp(-((distance / (0.05 + 0.10 * step)) ** 2)) * (1.1 - step)
             left *= 1.0 - 0.16 * np.minimum(cast, 1.5)
-        light_left[near] *= left
-    return np.clip(light_left, 0.3, 1.0).astype(np.float32)
+            light_left[near] *= left
+    light: Image2D = np.clip(light_left * at_walls, 0.3, 1.0).astype(np.float32)
+    return light
 
 
 def _rows_and_columns_near(solid: Obstacle, x: Image2D, y: Image2D) -> tuple[slice, slice]:

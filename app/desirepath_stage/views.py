@@ -27,6 +27,7 @@ TRACKED_HEIGHT_M = 0.30  # the camera follows this point of the robot
 _MARGIN_M = 0.35  # around the outermost thing that must be in sight
 CLOSE_MARGIN_M = 0.55  # ours: a way is seen with what it passes
 BARE_MARGIN_M = 0.25  # ours: where nothing stands, with no more than the ring around the robot
+BUILDING_MARGIN_M = 1.2  # ours: with so much of the walls around
 WALL_SEEN_M = 0.1  # ours: so much of a wall's thickness tells that it is one
 NEAR_M = 1.5  # ours: from the robot, people belong to what is seen
 CLOSEST_M = 3.6  # ours: no frame is smaller, or nobody knows where in the room they are
@@ -87,7 +88,7 @@ def frame_of(
         points += [(person.x + d, person.y + d) for d in (-around, around)]
     whole = _room_frame(scene)
     if close:
-        margin = CLOSE_MARGIN_M if scene.obstacles else BARE_MARGIN_M
+        margin = CLOSE_MARGIN_M if scene.obstacles or scene.ground else BARE_MARGIN_M
         if goal:
             points += [(scene.goal.x + d, scene.goal.y + d) for d in (-scene.goal_radius, scene.goal_radius)]
         points += [corner for trajectory in trajectories for corner in _met(trajectory)]
@@ -99,7 +100,7 @@ def frame_of(
         for obstacle in scene.obstacles:
             reach = math.hypot(obstacle.length, obstacle.width) / 2
             points += [(obstacle.pose.x + d, obstacle.pose.y + d) for d in (-reach, reach)]
-        margin = _MARGIN_M
+        margin = _MARGIN_M if scene.ground is None else BUILDING_MARGIN_M
     for trajectory in trajectories:
         low, high = _reach(trajectory)
         points += [low, high]

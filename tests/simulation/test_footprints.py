@@ -145,6 +145,64 @@ def test_a_lidar_that_is_mounted_ahead_measures_from_there():
     assert back[0] == pytest.approx(5.0)
 
 
+def scans(setup: Setup, scenes: list[Scene], steps: int = 12) -> np.ndarray:
+    """(steps + 1, n, sectors) what robots that drive straight on see, m."""
+    engine = FastEngine(setup, len(scenes), auto_reset=False, scenes=scenes)
+    seen = [engine.observations[:, setup.polar_size :].copy()]
+    for _ in range(steps):
+        engine.step(np.full((len(scenes), 2), (-0.9, 0.0), dtype=np.float32))
+        seen.append(engine.observations[:, setup.polar_size :].copy())
+    return np.stack(seen) * setup.robot.lidar.range_m
+
+
+def test_a_lidar_s_noise_and_drop_outs_are_as_large_as_said_and_the_same_again():
+    """Beam by beam: each its own sector."""
+    one_by_one = {"beams": 360, "sectors": 360}
+    scenes = draw_scenes("study_room", range(40))
+    exact, noisy = scans(shaped(**one_by_one), scenes), scans(shaped(**one_by_one, noise_m=0.03), scenes)
+    off = (noisy - exact)[exact < 5.5]
+    assert off.std() == pytest.approx(0.03, rel=0.03)
+    assert abs(off.mean()) < 0.001
+    assert (noisy[exact >= 6.0 - 1e-6] == 6.0).all()
+    assert (noisy == scans(shaped(**one_by_one, noise_m=0.03), scenes)).all()
+    apart = [
+        np.corrcoef(off_of[:-1].ravel(), off_of[1:].ravel())[0, 1] for off_of in (noisy - exact, (noisy - exact).T)
+    ]
+    assert max(map(abs, apart)) < 0.02  # steps and beams tell nothing of each other
+    gone = scans(shaped(**one_by_one, drop_out=0.1), scenes)
+    seen = exact < 5.9
+    assert (gone[seen] == 6.0).mean() == pytest.approx(0.1, abs=0.005)
+    assert (gone[gone < 6.0] == exact[gone < 6.0]).all()
+
+
+def test_errors_come_before_pooling_and_what_is_too_near_is_not_seen():
+    scenes = draw_scenes("study_room", range(10))
+    whole, pooled = (scans(shaped(beams=360, sectors=n, noise_m=0.05), scenes) for n in (360, 36))
+    assert pooled == pytest.approx(whole.reshape(*whole.shape[:2], 36, 10).min(axis=-1), abs=1e-6)
+    blind = scans(shaped(beams=360, sectors=360, min_range_m=1.0), scenes)
+    exact = scans(shaped(beams=360, sectors=360), scenes)
+    assert (blind == np.where(exact < 1.0, np.float32(6.0), exact)).all()
+
+
+def test_between_two_scans_the_last_one_is_seen_also_of_a_new_episode():
+    slow = shaped(rate_hz=2.0)
+    assert slow.robot.lidar.steps_per_scan == 2.5
+    seen, exact = scans(slow, draw_scenes("study_room", range(5))), scans(shaped(), draw_scenes("study_room", range(5)))
+    new = [0, 3, 5, 8, 10]  # 0, 0.6, 1.0, 1.6, 2.0 s
+    for step in range(13):
+        assert seen[step] == pytest.approx(exact[max(one for one in new if one <= step)], abs=1e-6)
+    engine = FastEngine(slow, 4, seed=3)
+    for _ in range(400):
+        engine.step(np.tile(np.array([1.0, 0.0], np.float32), (4, 1)))
+        begun = np.flatnonzero(engine.dones)
+        first = engine.observations[begun, slow.polar_size :].copy()
+        if len(begun):
+            break
+    engine.step(np.tile(np.array([-1.0, 0.3], np.float32), (4, 1)))
+    assert len(begun)
+    assert (engine.observations[begun, slow.polar_size :] == first).all()
+
+
 def test_speeds_change_no_faster_than_the_robot_can():
     limits = replace(PLAIN.robot.limits, v_change=0.5, w_change=1.0)
     slow = replace(PLAIN, robot=replace(PLAIN.robot, limits=limits))
@@ -165,10 +223,20 @@ def test_tables_and_measures_use_the_body():
         table_of([])
 
 
-def test_pybullet_refuses_what_it_does_not_know():
+@pytest.mark.parametrize(
+    ("setup", "what"),
+    [
+        (shaped(BOX), "footprint"),
+        *(
+            (shaped(**{key: 0.1}), "lidar.noise_m, drop_out")
+            for key in ("noise_m", "drop_out", "min_range_m", "rate_hz")
+        ),
+    ],
+)
+def test_pybullet_refuses_what_it_does_not_know(setup, what):
     pytest.importorskip("pybullet")
-    with pytest.raises(SetupError, match="PyBullet cannot do with `footprint`"):
-        ReferenceEngine(shaped(BOX))
+    with pytest.raises(SetupError, match=f"PyBullet cannot do with `{what}"):
+        ReferenceEngine(setup)
 
 
 @pytest.mark.parametrize(
@@ -187,6 +255,10 @@ def test_outlines_that_are_none_are_refused(footprint, problem):
 def test_a_robot_is_round_or_has_corners():
     with pytest.raises(SetupError, match="give it for a round robot, or else `footprint`"):
         Robot("x", 0.3, Limits(0.0, 1.0, 1.0), Lidar(360, 36, 6.0, 0.2))
+    with pytest.raises(SetupError, match=r"min_range_m = 6: must be below range_m, 6 m"):
+        Lidar(100, 20, 6.0, 0.2, min_range_m=6.0)
+    long = Robot("x", 0.3, Limits(0.0, 1.0, 1.0), Lidar(360, 36, 6.0, 0.2), footprint=BOX)
+    assert replace(long, height_m=0.5).radius_m == long.radius_m
     with pytest.raises(SetupError, match="must be even, and of a size"):
         Lidar(100, 25, 6.0, 0.2, field_of_view_rad=3.0)
 
@@ -198,3 +270,7 @@ def test_every_shipped_robot_is_read_with_its_source():
     assert robots["husky_a200"].radius_m == pytest.approx(math.hypot(0.495, 0.335))
     assert robots["husky_a200"].inscribed_m == pytest.approx(0.335)
     assert robots["turtlebot3_burger"].limits.v_max == 0.22
+    # husky_description: wheels, top plate, laser mount, bracket; turtlebot3_burger.urdf: base_footprint, base_link
+    assert robots["husky_a200"].lidar.height_m == pytest.approx(0.13228 + 0.245 + 0.00635 + 0.0566, abs=0.001)
+    assert robots["husky_a200"].lidar.x_m == pytest.approx(0.0812 + 0.2206 + 0.0352, abs=0.001)
+    assert robots["turtlebot3_burger"].lidar.height_m == pytest.approx(0.010 + 0.172)

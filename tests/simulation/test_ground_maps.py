@@ -24,6 +24,7 @@ from desirepath.simulation.scene import Obstacle, Pose, Scene, SceneError
 from desirepath.simulation.scenes import check_scene, draw_scenes, ground_of, scene_to_row, solids_near
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.trajectory import Outcome
+from desirepath_experiments.benchmarks.map_lidar import LidarConfig, benchmark_lidar
 from desirepath_stage import furniture
 from desirepath_stage.scene_nodes import place_file
 from tests.fences import fences_of
@@ -211,6 +212,13 @@ def test_of_a_map_the_walls_near_a_scene_stop_what_the_page_draws(own):
     )
 
 
+def test_the_benchmark_counts_scans_that_are_those_of_boxes():
+    told = benchmark_lidar(LidarConfig(side_m=6.0, beams=120, sectors=12))
+    assert told["scans_per_s"] >= told["median_scans_per_s"] > 0
+    assert told["map"]["walls"] > 10
+    assert told["off_m"]["p99"] <= 0.05
+
+
 def test_a_scene_of_another_map_is_refused(own):
     setup = own("{map: map.yaml}")
     scene = draw_scenes(setup, [1])[0]
@@ -315,7 +323,7 @@ def test_the_building_of_the_guide_is_checked_and_driven_in(tmp_path):
     assert told["errors"][0]["line"] == 1
     for was, instead, problem in (
         ("way_m: [1.5, 6.0]", "way_m: [6.0, 1.5]", "the shorter one first"),
-        ("height: 0.75", "height: 0.1", "must exceed the lidar's 0.172 m"),
+        ("height: 0.75", "height: 0.1", "must exceed the lidar's 0.182 m"),
         ("x: 2, y: 3", "x: 0.2, y: 3", "overlaps obstacles"),
         ("[8, 0, 8, 6]", "[8, 0, 900, 6]", "at most 500 m are plausible"),
     ):

@@ -79,6 +79,15 @@ def beams_of(setup: Setup, *, pooled: bool = True) -> k.Beams:
     )
 
 
+def errors_of(setup: Setup) -> k.Errors | None:
+    """What the setup's lidar gets wrong; None of one that gets nothing wrong."""
+    lidar = setup.robot.lidar
+    if lidar.exact:
+        return None
+    beams = beams_of(setup, pooled=False)
+    return k.Errors(beams, lidar.noise_m, lidar.drop_out, lidar.min_range_m, lidar.steps_per_scan)
+
+
 def outline_of(setup: Setup) -> NDArray[np.float64] | None:
     """(corners, 2) of a robot that is a polygon, metres in its frame; None of a round one."""
     return None if setup.robot.footprint is None else np.array(setup.robot.footprint, dtype=np.float64)
@@ -96,7 +105,7 @@ def clearance_m(scene: Scene, poses: NDArray[np.floating[Any]]) -> float:
 
 
 def raw_ranges(setup: Setup, scene: Scene, pose: Pose) -> NDArray[np.float64]:
-    """Every lidar beam from that pose: (beams,) metres, in the order of `Lidar.bearings`."""
+    """Every lidar beam from that pose, without errors: (beams,) metres, in the order of `Lidar.bearings`."""
     beams = beams_of(setup, pooled=False)
     return k.seen_ranges(scene_to_row(scene), pose.x, pose.y, pose.yaw, beams, ground_of(scene))
 
@@ -180,7 +189,7 @@ class FastEngine:
         self.setup, self.n_envs, self.auto_reset = setup, n_envs, auto_reset
         self._rules, self._beams = rules_of(setup, progress_weight), beams_of(setup)
         here = map_of(setup)
-        self._ground, self._outline = here.ground if here else None, outline_of(setup)
+        self._ground, self._outline, self._errors = here.ground if here else None, outline_of(setup), errors_of(setup)
         self._step_all = k.step_all_parallel if parallel else k.step_all
         self._pool: StartPool = pool if pool is not None else ScenePool(setup, seed)
         self._scenes = list(scenes) if scenes is not None else None
@@ -323,7 +332,8 @@ class FastEngine:
         walking = which[self._walking[which]]
         if len(walking):
             self._state.rows[walking, k.PERSON_X : k.PERSON_YAW + 1] = self._walks[walking, 0]
-        k.start_episodes(which, self._state, self.observations, self._rules, self._beams, self._ground, self._outline)
+        given = self._rules, self._beams, self._ground, self._outline, self._errors
+        k.start_episodes(which, self._state, self.observations, *given)
 
     def step(self, actions: Floats) -> None:
         """One control step (0.2 s) of every environment with `actions` (n, 2) in [-1, 1], clipped.
@@ -338,7 +348,10 @@ class FastEngine:
             worst = int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])
             raise ActionError(f"actions[{worst}] = {actions[worst].tolist()}: must be finite, in [-1, 1]")
         walking, apart = self._advance_people()
-        self._step_all(self._state, self._results, actions, self._rules, self._beams, self._ground, self._outline)
+        if self._errors is not None:  # a scan that is not new is the one that was seen
+            self.next_observations[:] = self.observations
+        given = self._rules, self._beams, self._ground, self._outline, self._errors
+        self._step_all(self._state, self._results, actions, *given)
         first = walking[self.steps[walking] == 1]
         self.min_human_distance[first] = np.minimum(apart[first], self.human_distance[first])
         self.observations[:] = self.next_observations

@@ -870,6 +870,67 @@ def seen_ranges(
     return np.concatenate((ranges[:half], ranges[beams.sectors - (beams.seen - half) :]))
 
 
+class Errors(NamedTuple):
+    """What a lidar gets wrong, see `setups.Lidar`: beams, each of them a sector; noise and least, metres; drop_out, a
+    share; steps_per_scan, at least 1. Functions take None of one that gets nothing wrong, as of a map."""
+
+    beams: Beams
+    noise: float
+    drop_out: float
+    least: float
+    steps_per_scan: float
+
+
+@compiled_exactly
+def _mixed(value: np.uint64) -> np.uint64:
+    """64 bits that look drawn at random, from a counter (SplitMix64, Steele et al. 2014)."""
+    value += np.uint64(0x9E3779B97F4A7C15)
+    value = (value ^ (value >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    value = (value ^ (value >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return value ^ (value >> np.uint64(31))
+
+
+@compiled_exactly
+def _uniform(bits: np.uint64) -> float:
+    """A number in (0, 1] of random bits."""
+    return (float(bits >> np.uint64(11)) + 1.0) / 9007199254740992.0
+
+
+@compiled
+def scan_with_errors(
+    row: Row,
+    x: float,
+    y: float,
+    yaw: float,
+    beams: Beams,
+    errors: Errors,
+    step: int,
+    out: NDArray[np.float64],
+    ground: Ground | None = None,
+) -> None:
+    """`scan_mounted` as a lidar measures that gets some wrong: the same in the same step of the same scene."""
+    ranges = np.empty(errors.beams.sectors)
+    scan_mounted(row, x, y, yaw, errors.beams, ranges, ground)
+    seed = _mixed(np.uint64(step))
+    for column in (START_X, START_Y, START_YAW, GOAL_X, GOAL_Y):
+        seed = _mixed(seed ^ np.uint64(np.int64(math.floor(row[column] * 1e6))))
+    per_sector = beams.number // beams.sectors
+    for sector in range(beams.sectors):
+        nearest = beams.range_m
+        for beam in range(sector * per_sector, (sector + 1) * per_sector):
+            measured = ranges[beam]
+            bits = _mixed(seed + np.uint64(4 * beam))
+            if measured >= beams.range_m or _uniform(bits) <= errors.drop_out:
+                continue
+            if errors.noise > 0.0:  # Box-Muller
+                radial = math.sqrt(-2 * math.log(_uniform(_mixed(seed + np.uint64(4 * beam + 1)))))
+                angle = 2 * math.pi * _uniform(_mixed(seed + np.uint64(4 * beam + 2)))
+                measured = max(measured + errors.noise * radial * math.cos(angle), 0.0)
+            if measured >= errors.least:
+                nearest = min(nearest, measured)
+        out[sector] = nearest
+
+
 @compiled
 def scan_knowing(
     row: Row,
@@ -1209,8 +1270,11 @@ def observe(
     scratch: NDArray[np.float64],
     out: NDArray[np.float32],
     ground: Ground | None = None,
+    errors: Errors | None = None,
+    step: int = 0,
 ) -> None:
-    """Write the observation of a pose, in the order and scale of the setup's layout."""
+    """Write the observation of a pose, in the order and scale of the setup's layout. errors, step: where a scan has
+    some, and is not a new one in every step; else `out` keeps the one it has."""
     if rules.solids > 0:
         observe_solids(row, pose, rules.distance_scale, out)
         return
@@ -1229,7 +1293,11 @@ def observe(
         out[first] = v / rules.v_max
         out[first + 1] = w / rules.w_max
         first += 2
-    if beams.x != 0.0 or beams.y != 0.0 or beams.yaw != 0.0:
+    if errors is not None:
+        if step > 0 and math.floor(step / errors.steps_per_scan) == math.floor((step - 1) / errors.steps_per_scan):
+            return
+        scan_with_errors(row, x, y, yaw, beams, errors, step, scratch, ground)
+    elif beams.x != 0.0 or beams.y != 0.0 or beams.yaw != 0.0:
         scan_mounted(row, x, y, yaw, beams, scratch, ground)
     else:
         scan_knowing(row, x, y, yaw, person, bearing, beams, scratch, ground)
@@ -1267,6 +1335,7 @@ def _step_one(
     scratch: NDArray[np.float64],
     ground: Ground | None,
     outline: NDArray[np.float64] | None,
+    errors: Errors | None,
 ) -> None:
     """One control step of environment i, which has not finished."""
     row, pose = state.rows[i], state.poses[i]
@@ -1341,7 +1410,7 @@ def _step_one(
         results.accumulated_angle[i] += turned
     if crossed:
         results.self_intersections[i] += 1
-    observe(row, pose, v, w, rules, beams, scratch, results.next_observations[i], ground)
+    observe(row, pose, v, w, rules, beams, scratch, results.next_observations[i], ground, errors, steps)
 
 
 @compiled
@@ -1353,6 +1422,7 @@ def step_all(
     beams: Beams,
     ground: Ground | None = None,
     outline: NDArray[np.float64] | None = None,
+    errors: Errors | None = None,
 ) -> None:
     """One control step of every environment, on one thread."""
     scratch = np.empty(beams.sectors)
@@ -1360,7 +1430,7 @@ def step_all(
         if state.finished[i]:
             results.rewards[i] = 0.0
         else:
-            _step_one(i, state, results, actions, rules, beams, scratch, ground, outline)
+            _step_one(i, state, results, actions, rules, beams, scratch, ground, outline, errors)
 
 
 @compiled
@@ -1373,11 +1443,12 @@ def _step_unless_finished(
     beams: Beams,
     ground: Ground | None,
     outline: NDArray[np.float64] | None,
+    errors: Errors | None,
 ) -> None:
     if state.finished[i]:
         results.rewards[i] = 0.0
     else:
-        _step_one(i, state, results, actions, rules, beams, np.empty(beams.sectors), ground, outline)
+        _step_one(i, state, results, actions, rules, beams, np.empty(beams.sectors), ground, outline, errors)
 
 
 @compiled_parallel
@@ -1389,11 +1460,12 @@ def step_all_parallel(
     beams: Beams,
     ground: Ground | None = None,
     outline: NDArray[np.float64] | None = None,
+    errors: Errors | None = None,
 ) -> None:
     """One control step of every environment, on all of Numba's threads."""
     for i in numba.prange(state.poses.shape[0]):
         # Everything in a called function: Numba 0.68 loses a parallel loop's own writes to arrays inside tuples.
-        _step_unless_finished(i, state, results, actions, rules, beams, ground, outline)
+        _step_unless_finished(i, state, results, actions, rules, beams, ground, outline, errors)
 
 
 @compiled
@@ -1405,6 +1477,7 @@ def start_episodes(
     beams: Beams,
     ground: Ground | None = None,
     outline: NDArray[np.float64] | None = None,
+    errors: Errors | None = None,
 ) -> None:
     """Put the named environments at the start of the scenes in their rows and observe them."""
     scratch = np.empty(beams.sectors)
@@ -1423,7 +1496,7 @@ def start_episodes(
         else:
             state.obstacle_clearance[i] = surface_distance(row, row[START_X], row[START_Y], ground) - rules.robot_radius
         state.human_distance[i] = person_distance(row, row[START_X], row[START_Y])
-        observe(row, state.poses[i], 0.0, 0.0, rules, beams, scratch, observations[i], ground)
+        observe(row, state.poses[i], 0.0, 0.0, rules, beams, scratch, observations[i], ground, errors)
 
 
 @compiled

@@ -66,7 +66,11 @@ class Limits:
 @dataclass(frozen=True)
 class Lidar:
     """`beams` rays in the order of `bearings`, pooled by minimum into `sectors`. field_of_view_rad: all round, or half
-    to either side of straight ahead; x_m, y_m, yaw_rad: where it is mounted, in the robot's frame."""
+    to either side of straight ahead; x_m, y_m, yaw_rad: where it is mounted, in the robot's frame.
+
+    What it gets wrong, beam by beam, before pooling: noise_m: standard deviation of a range; drop_out: share of beams
+    that see nothing; min_range_m: what is nearer is not seen. rate_hz: scans a second, where they are fewer than
+    commands: those between two scans are given by the last one."""
 
     beams: Annotated[int, Field(ge=1, le=7_200)]
     sectors: Annotated[int, Field(ge=1, le=7_200)]
@@ -76,12 +80,18 @@ class Lidar:
     x_m: Offset = 0.0
     y_m: Offset = 0.0
     yaw_rad: Annotated[float, Field(ge=-math.pi, le=math.pi)] = 0.0
+    noise_m: Annotated[float, Field(ge=0, le=1)] = 0.0
+    drop_out: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    min_range_m: Annotated[float, Field(ge=0, le=10)] = 0.0
+    rate_hz: Annotated[float, Field(ge=0.1, le=1_000)] | None = None
 
     __pydantic_config__ = _STRICT
 
     def __post_init__(self) -> None:
         if self.beams % self.sectors:
             raise SetupError(f"sectors = {self.sectors}: must divide the {self.beams} beams")
+        if self.min_range_m >= self.range_m:
+            raise SetupError(f"min_range_m = {self.min_range_m:g}: must be below range_m, {self.range_m:g} m")
         if self.all_round:
             return
         whole = self.sectors * 2 * math.pi / self.field_of_view_rad
@@ -95,6 +105,16 @@ class Lidar:
     @property
     def all_round(self) -> bool:
         return self.field_of_view_rad > 2 * math.pi - 1e-3
+
+    @property
+    def steps_per_scan(self) -> float:
+        """How many commands are given by one scan, 1 where it is as quick as they are."""
+        return max(1.0, 1 / (CONTROL_DT_S * self.rate_hz)) if self.rate_hz else 1.0
+
+    @property
+    def exact(self) -> bool:
+        """Whether every command has a scan without errors."""
+        return self.noise_m == self.drop_out == self.min_range_m == 0.0 and self.steps_per_scan == 1.0
 
     @property
     def sectors_of_a_turn(self) -> int:
@@ -456,6 +476,7 @@ def require_plain(setup: Setup, where: str) -> None:
         "limits.v_change or w_change": limits.v_change is not None or limits.w_change is not None,
         "lidar.x_m, y_m or yaw_rad": (lidar.x_m, lidar.y_m, lidar.yaw_rad) != (0, 0, 0),
         "lidar.field_of_view_rad": not lidar.all_round,
+        "lidar.noise_m, drop_out, min_range_m or rate_hz": not lidar.exact,
         "map": setup.plan is not None and setup.plan.map is not None,
     }
     for what, given in special.items():

@@ -16,6 +16,10 @@ from desirepath_experiments.cli.options import make_command
 
 BENCHMARKS = {
     "simulate": ("benchmarks.engines", "Steps per second of the fast engine against PyBullet, one thread each."),
+    "lidar": (
+        "benchmarks.map_lidar",
+        "Scans per second in a map, one thread, and how far they are from those of boxes.",
+    ),
     "train": (
         "benchmarks.base_training",
         "Seconds until a base policy reaches 94 % success, ours against Stable-Baselines3.",
