@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,10 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from desirepath.cli.main import app
+from desirepath.demonstrations.cost_map import free_grid
+from desirepath.demonstrations.demonstrators import STYLES, draw_stroke
+from desirepath.demonstrations.social_cost import SocialCost
+from desirepath.demonstrations.stroke import StrokeProblem, check_stroke
 from desirepath.explain.sight import BUILDING, sight_of
 from desirepath.grammar.source import ProtocolError
 from desirepath.installed import DATASETS
@@ -21,9 +26,10 @@ from desirepath.simulation import setups
 from desirepath.simulation.fast import beams_of, evaluate, make_engine, raw_ranges, rollout
 from desirepath.simulation.ground_maps import GroundMap, read_map
 from desirepath.simulation.scene import Obstacle, Pose, Scene, SceneError
-from desirepath.simulation.scenes import check_scene, draw_scenes, ground_of, scene_to_row, solids_near
+from desirepath.simulation.scenes import check_scene, draw_scenes, extent_m, ground_of, scene_to_row, solids_near
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.trajectory import Outcome
+from desirepath.study.personalising.live_rollouts import path_of, roll_out
 from desirepath_experiments.benchmarks.map_lidar import LidarConfig, benchmark_lidar
 from desirepath_stage import furniture
 from desirepath_stage.scene_nodes import place_file
@@ -210,6 +216,36 @@ def test_of_a_map_the_walls_near_a_scene_stop_what_the_page_draws(own):
     assert sum(solid.length * solid.width for solid in solids_near(scene, 9.0)) == pytest.approx(
         48 - 7.6 * 5.6 + 1.2 + 0.9
     )
+
+
+WALLS = "{walls: [[0,0,8,0],[8,0,8,6],[8,6,0,6],[0,6,0,0],[4,0,4,2.5],[4,3.8,4,6]], way_m: [3, 8]}"
+
+
+@pytest.mark.parametrize("building", ["{map: map.yaml, way_m: [3, 8]}", WALLS])
+def test_ways_are_planned_drawn_and_driven_anew_in_a_building(own, building):
+    setup = own(building)
+    scene = draw_scenes(setup, [4])[0]
+    low, high = extent_m(scene)
+    assert (high - low).tolist() == pytest.approx([8.1, 6.1], abs=0.05)
+    grid = free_grid(scene, spare_m=0.05)
+    row, ground = scene_to_row(scene), ground_of(scene)
+    for x, y in grid.places()[grid.free][::97]:
+        assert k.surface_distance(row, x, y, ground) >= setup.robot.radius_m + 0.05
+    for style in STYLES:
+        stroke = draw_stroke(style, scene, 1)
+        check_stroke(stroke, scene)
+    social = SocialCost(scene)
+    steered = social.steer(scene.start, scene.person.pose)
+    assert np.isfinite(steered).all()
+    policy = SimpleNamespace(rollout_policy=towards_goal(setup))
+    again = roll_out(policy, scene, (scene.start.x + 0.01, scene.start.y, 0.0))
+    assert len(path_of(again).track) > 1
+    with pytest.raises(SceneError, match="lies outside the room"):
+        roll_out(policy, scene, (float(high[0]) + 0.5, 0.0, 0.0))
+    points = stroke.points.copy()
+    points[len(points) // 2] = high + 1.0
+    with pytest.raises(StrokeProblem, match="leaves the room"):
+        check_stroke(replace(stroke, points=points), scene)
 
 
 def test_the_benchmark_counts_scans_that_are_those_of_boxes():

@@ -16,11 +16,12 @@ from scipy.ndimage import gaussian_filter1d
 
 from desirepath.simulation import kernels as k
 from desirepath.simulation.scene import Pose, Scene, SceneError
-from desirepath.simulation.scenes import scene_to_row
+from desirepath.simulation.scenes import extent_m, ground_of, scene_to_row
 from desirepath.simulation.setups import get_setup
 
 Doubles = NDArray[np.float64]
 CELL_M = 0.05
+AROUND_M = 10.0  # ours: ways that lead farther away are none that people draw
 SMOOTHED_OVER_M = 0.3  # standard deviation along a path: nobody draws or walks in a grid's directions
 EVERY_M = 0.02  # spacing of smoothed paths
 # Sixteen directions: eight to the neighbours, eight knight's moves between them.
@@ -52,19 +53,26 @@ class Grid:
 
 
 def free_grid(scene: Scene, *, spare_m: float, around_person: bool = True) -> Grid:
-    """Where the robot fits with `spare_m` to spare; `around_person` False: as if nobody stood there.
+    """Where the robot fits with `spare_m` to spare; `around_person` False: as if nobody stood there. Of a building no
+    more than AROUND_M from start, goal and person.
 
-    Raises SceneError for a scene without a room.
+    Raises SceneError for a scene without walls around it.
     """
-    if scene.room is None:
+    extent = extent_m(scene)
+    if extent is None:
         raise SceneError("room", None, "a cost map needs walls around it")
-    half_x, half_y = scene.room.length / 2, scene.room.width / 2
-    origin = (-half_x + CELL_M / 2, -half_y + CELL_M / 2)
-    grid = Grid(origin, np.zeros((round(2 * half_x / CELL_M), round(2 * half_y / CELL_M)), dtype=np.bool_))
+    low, high = extent
+    if scene.room is None:
+        places = [(place.x, place.y) for place in (scene.start, scene.goal, scene.person.pose)]
+        low = np.maximum(low, np.floor(np.min(places, axis=0) - AROUND_M))
+        high = np.minimum(high, np.ceil(np.max(places, axis=0) + AROUND_M))
+    columns, lines = (round(side / CELL_M) for side in (high - low).tolist())
+    grid = Grid((float(low[0] + CELL_M / 2), float(low[1] + CELL_M / 2)), np.zeros((columns, lines), dtype=np.bool_))
     row = scene_to_row(scene)
     if not around_person:
         row[k.PERSON_X] = math.inf
-    k.mark_free(row, grid.places(), get_setup(scene.setup).robot.radius_m + spare_m, grid.free)
+    radius_m = get_setup(scene.setup).robot.radius_m + spare_m
+    k.mark_free(row, grid.places(), radius_m, grid.free, ground_of(scene))
     return grid
 
 

@@ -17,6 +17,7 @@ from desirepath.demonstrations.cost_map import cheapest_path, cost_to_go, free_g
 from desirepath.demonstrations.demonstration import Demonstration, demonstration_from
 from desirepath.demonstrations.stroke import Stroke, StrokeProblem
 from desirepath.simulation.scene import Scene, SceneError
+from desirepath.simulation.scenes import own_map
 
 Doubles = NDArray[np.float64]
 SPARE_M = 0.08  # that a drawn path leaves between robot and things
@@ -43,10 +44,19 @@ def _to_person(places: Doubles, scene: Scene) -> tuple[Doubles, Doubles]:
 
 
 def _to_walls(places: Doubles, scene: Scene) -> Doubles:
-    """Distance (m) from the nearest wall of places (n, 2) in a room."""
-    if scene.room is None:
+    """Distance (m) from the nearest wall of places (n, 2) in a room or a building."""
+    if scene.room is not None:
+        return np.asarray((np.array([scene.room.length, scene.room.width]) / 2 - np.abs(places)).min(axis=1))
+    walls = [one for one in scene.obstacles if one.kind == "wall"]
+    apart = [wall.distance_m(places[:, 0], places[:, 1]) for wall in walls]
+    here = own_map(scene)
+    if here is not None:
+        cells = ((places - here.origin) / here.cell_m).astype(np.int64)
+        inside = np.clip(cells, 0, np.array(here.occupied.shape) - 1)
+        apart.append(here.apart_m[inside[:, 0], inside[:, 1]])
+    if not apart:
         raise SceneError("room", None, "without walls there is nothing to follow")
-    return np.asarray((np.array([scene.room.length, scene.room.width]) / 2 - np.abs(places)).min(axis=1))
+    return np.asarray(np.min(apart, axis=0), dtype=np.float64)
 
 
 def _near(distances: Doubles, personal_m: float, weight: float) -> Doubles:

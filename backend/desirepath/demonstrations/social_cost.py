@@ -39,16 +39,15 @@ class SocialCostConfig:
 
 
 class SocialCost:
-    """The controller for one scene: its observations in, actions out. It knows the map and where its goal lies.
+    """The controller for one scene with walls around it: its observations in, actions out. It knows the map and where
+    its goal lies.
 
     Where walls are not observed it has to be told where it is: `steer`, not `act`.
     """
 
     def __init__(self, scene: Scene) -> None:
-        if scene.room is None:
-            raise SceneError("room", None, "the social-cost controller plans in rooms")
         self._setup = get_setup(scene.setup)
-        self._scene, self._room, self._config = scene, scene.room, SocialCostConfig()
+        self._scene, self._config = scene, SocialCostConfig()
         self._plan(scene.person.pose)
 
     def _plan(self, person: Pose) -> None:
@@ -95,10 +94,12 @@ class SocialCost:
 
     def located(self, seen: Doubles) -> Pose:
         """The robot's pose from the closest points of the walls +x and +y."""
-        scale = self._setup.distance_scale_m
+        scale, room = self._setup.distance_scale_m, self._scene.room
+        if room is None:
+            raise SceneError("room", None, "only in a room do its walls say where the robot is")
         to_x, to_y = seen[FIRST_WALL] * scale, seen[FIRST_WALL + 6] * scale
         yaw = math.atan2(-seen[FIRST_WALL + 2], seen[FIRST_WALL + 1])
-        return Pose(self._room.length / 2 - to_x, self._room.width / 2 - to_y, yaw)
+        return Pose(room.length / 2 - to_x, room.width / 2 - to_y, yaw)
 
     def _person_seen(self, seen: Doubles, robot: Pose) -> Pose:
         distance = seen[0] * self._setup.distance_scale_m

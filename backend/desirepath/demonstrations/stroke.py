@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.simulation.scene import Pose, Scene
+from desirepath.simulation.scenes import extent_m
 from desirepath.simulation.setups import Limits, get_setup
 
 Doubles = NDArray[np.float64]
@@ -190,8 +191,9 @@ def check_stroke(stroke: Stroke, scene: Scene) -> None:
             verb = code.split("_")[0]
             words = f"the path {verb} {away:.2f} m from the {what}, at most {limit} m are fine"
             raise StrokeProblem(code, words, point, distance_m=away, limit_m=limit)
-    if scene.room is not None:
-        outside = (np.abs(points) > np.array([scene.room.length, scene.room.width]) / 2).any(axis=1)
+    extent = extent_m(scene)
+    if extent is not None:
+        outside = ((points < extent[0]) | (points > extent[1])).any(axis=1)
         if outside.any():
             where = points[int(np.argmax(outside))]
             raise StrokeProblem("leaves_room", f"the path leaves the room at {where[0]:.2f}, {where[1]:.2f} m", where)

@@ -82,6 +82,19 @@ def solids_near(scene: Scene, within_m: float) -> tuple[Obstacle, ...]:
     )
 
 
+def extent_m(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Smallest and largest x and y (m) of where a scene's robot may be: within its room, its map or the walls of its
+    building; None in the open."""
+    if scene.room is not None:
+        half = np.array([scene.room.length, scene.room.width]) / 2
+        return -half, half
+    here = own_map(scene)
+    if here is not None:
+        return np.array(here.origin), np.array(here.origin) + here.size_m
+    corners = [corner for obstacle in scene.obstacles if obstacle.kind == "wall" for corner in obstacle.corners()]
+    return (np.min(corners, axis=0), np.max(corners, axis=0)) if corners else None
+
+
 @lru_cache(maxsize=2 * MOST_SLOW)
 def _drawn(world: SceneWorld, setup: Setup, seed: int) -> Scene:
     """One of its scenes, of which a row does not tell everything."""

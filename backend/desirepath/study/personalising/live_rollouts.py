@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # numba and the simulator come with these; a server that star
     from desirepath.simulation.scene import Scene
     from desirepath.simulation.trajectory import Trajectory
 
+FARTHEST_M = 100.0  # from the middle of open ground
 LOOKED_AT, LEAST_LOOKED = 2, 0.1  # ours: things that are named, and the mean score below which none is
 
 
@@ -90,12 +91,13 @@ def roll_out(policy: Policy, scene: Scene, pose: Sequence[float] | None = None, 
     to. Raises SceneError for a pose outside the room."""
     from desirepath.simulation.fast import rollout
     from desirepath.simulation.scene import Pose, SceneError
+    from desirepath.simulation.scenes import extent_m
     from desirepath.simulation.setups import get_setup
 
     if pose is not None:
         x, y, yaw = pose
-        reach = scene.room and (scene.room.length / 2, scene.room.width / 2)
-        if (reach and (abs(x) > reach[0] or abs(y) > reach[1])) or max(abs(x), abs(y)) > 100:
+        low, high = extent_m(scene) or ((-FARTHEST_M, -FARTHEST_M), (FARTHEST_M, FARTHEST_M))
+        if not (low[0] <= x <= high[0] and low[1] <= y <= high[1]):
             raise SceneError("start", (x, y), "lies outside the room")
         crowd = scene.crowd.later(seconds) if scene.crowd else None
         scene = replace(scene, start=Pose(x, y, math.remainder(yaw, 2 * math.pi)), crowd=crowd)
