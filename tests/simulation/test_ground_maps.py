@@ -381,3 +381,32 @@ def test_robots_are_checked_by_name_and_by_file(tmp_path):
     told = run("robot", "check", str(tmp_path / "robot.yaml"))
     assert told["exit_code"] == 1
     assert [error["field"] for error in told["errors"]] == ["robot.lidar"]
+
+
+def test_a_robot_s_urdf_is_checked_shown_and_drawn(tmp_path):
+    """As ROBOTIS publishes one: its meshes are not beside it."""
+    mesh = '<mesh filename="package://own/meshes/base.stl"/>'
+    text = '<robot name="r"><link name="l"><visual><geometry>SHAPE</geometry></visual></link></robot>'
+    described = (
+        "name: own\n  height_m: 0.3\n  radius_m: 0.3\n  urdf: own.urdf\n  limits: {v_min: 0, v_max: 1, w_max: 1}\n"
+        "  lidar: {beams: 10, sectors: 5, range_m: 5, height_m: 0.2}\n"
+    )
+    (tmp_path / "robot.yaml").write_text(f"robot:\n  {described}")
+    (tmp_path / "own.urdf").write_text(text.replace("SHAPE", mesh))
+    picture = tmp_path / "robot.png"
+    told = run("robot", "check", str(tmp_path / "robot.yaml"), "--picture", str(picture))
+    assert (told["valid"], told["exit_code"]) == (False, 1)
+    assert "is missing: put it beside own.urdf, as meshes/base.stl or as base.stl" in told["errors"][0]["message"]
+    without = picture.read_bytes()
+    (tmp_path / "own.urdf").write_text(text.replace("SHAPE", '<box size="0.4 0.3 0.2"/>'))
+    told = run("robot", "check", str(tmp_path / "robot.yaml"), "--picture", str(picture))
+    assert told["urdf"] == {"parts": 1, "triangles": 12, "size_m": [0.4, 0.3, 0.2]}
+    assert picture.read_bytes() != without
+    (fence,) = fences_of("docs/extending.md", "A building", "yaml")
+    folder = tmp_path / "our_flat"
+    folder.mkdir()
+    (folder / "setup.yaml").write_text(fence.text.replace("robot: turtlebot3_burger", f"robot:\n  {described}"))
+    (folder / "own.urdf").write_text(text.replace("SHAPE", mesh))
+    told = run("setup", "check", str(folder))
+    assert told["valid"]
+    assert "base.stl" in told["not_shown"][0]

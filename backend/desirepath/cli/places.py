@@ -96,6 +96,7 @@ def _described(setup: Setup, folder: Path) -> dict[str, Any]:
     from desirepath.simulation.scene import SceneError
     from desirepath.simulation.scenes import check_scene, draw_scenes, map_of
     from desirepath.simulation.setups import SETUP_FILE
+    from desirepath.simulation.urdf import describe, read_looks
 
     told: dict[str, Any] = {}
     here = map_of(setup)
@@ -107,6 +108,11 @@ def _described(setup: Setup, folder: Path) -> dict[str, Any]:
             "in_reach_m2": round(float(here.roomy(setup.robot.radius_m).sum()) * cells, 1),
             "unknown_share": round(float(here.unknown.mean()), 3),
         }
+    if setup.robot.urdf is not None:  # of which driving needs nothing
+        try:
+            told["urdf"] = describe(read_looks(setup.robot.urdf))
+        except ProtocolError as wrong:
+            told["not_shown"] = [str(problem) for problem in wrong.problems]
     try:
         scenes = draw_scenes(setup, range(SCENES))
         for scene in scenes:

@@ -79,8 +79,8 @@ class GroundMap:
         blocked = self.blocked
         nearest = ndimage.distance_transform_edt(~blocked, return_distances=False, return_indices=True)
         around = ndimage.binary_dilation(blocked, np.ones((3, 3)))
-        leaps = ndimage.distance_transform_edt(~around).astype(np.float32)
-        leaps[blocked] = -1.0
+        leaps = np.minimum(ndimage.distance_transform_edt(~around), k.LONGEST_LEAP).astype(np.int8)  # rounded down
+        leaps[blocked] = -1
         return k.Ground(
             np.ascontiguousarray(np.moveaxis(nearest, 0, -1), dtype=np.int16), leaps, *self.origin, self.cell_m
         )

@@ -34,6 +34,7 @@ RUNNING, SUCCESS, COLLISION, TIMEOUT = 0, 1, 2, 3  # trajectory.Outcome
 SMALLEST_ADVANCE_M = 5e-4  # collision search: the robot moves by its clearance, but at least this far per sub-step
 TOUCH_M = 1e-9  # rounding: a robot that moved exactly up to a surface has not hit it
 OVERLAP_M = 1e-3  # what a polygon that overlaps something is said to be inside it
+LONGEST_LEAP = 127  # cells, in a table of int8
 GRID_M = 0.05  # cell of the reachability search
 
 
@@ -104,14 +105,14 @@ class Ground(NamedTuple):
     """The cells of a map (`ground_maps.py`), whose outermost ones are all occupied; its lower left corner lies at x, y.
 
     nearest (columns, lines, 2) int16: of each cell the nearest occupied one, by their centres. leaps (columns, lines)
-    float32: how far any point of a cell may move without reaching an occupied one, in cells; -1 where it is occupied
-    itself. cell: side, metres.
+    int8, as small as caches are: how far any point of a cell may move without reaching an occupied one, in whole cells;
+    -1 where it is occupied itself. cell: side, metres.
 
     Functions take None where a scene has no map: Numba compiles them without a map then, as fast as if there were none.
     """
 
     nearest: NDArray[np.int16]
-    leaps: NDArray[np.float32]
+    leaps: NDArray[np.int8]
     x: float
     y: float
     cell: float
@@ -125,7 +126,7 @@ def ground_distance(ground: Ground, x: float, y: float) -> float:
     if across < 0.0 or up < 0.0 or across >= columns or up >= lines:
         return -ground.cell / 2
     i, j = int(across), int(up)
-    if ground.leaps[i, j] < 0.0:
+    if ground.leaps[i, j] < 0:
         return -ground.cell / 2
     # Of the four cells around the point, each one's nearest: no other is nearer by more than a hair.
     beside = 1 if across - i > 0.5 else -1
