@@ -13,6 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
 from desirepath_stage.bodies import PERSON_DISC_RADIUS_M
 from desirepath_stage.orders import CameraOrder
@@ -123,7 +124,8 @@ def holds(frame: Frame, trajectory: Trajectory) -> bool:
 def _reach(trajectory: Trajectory) -> tuple[tuple[float, float], tuple[float, float]]:
     """The lower left and the upper right corner of where the robot comes, its body with it."""
     xy = np.asarray(trajectory.poses, np.float64)[:, :2]
-    (a, b), (c, d) = xy.min(0) - 0.2, xy.max(0) + 0.2
+    body = max(0.2, get_setup(trajectory.scene.setup).robot.radius_m + 0.02)
+    (a, b), (c, d) = xy.min(0) - body, xy.max(0) + body
     return (float(a), float(b)), (float(c), float(d))
 
 

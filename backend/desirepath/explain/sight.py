@@ -102,12 +102,10 @@ def sight_of(trajectory: Trajectory) -> Sight:
     things = tuple(thing_names(scene))
     ranges = np.empty((steps, len(things), setup.robot.lidar.sectors))
     for number, solid in enumerate(solids):
-        row = scene_to_row(_only(scene, [solid], NOBODY))
-        for step, (x, y, yaw) in enumerate(poses):
-            ranges[step, number] = k.seen_ranges(row, x, y, yaw, beams)
+        ranges[:, number] = k.seen_along(scene_to_row(_only(scene, [solid], NOBODY)), poses, beams)
     ground, nothing = ground_of(scene), scene_to_row(_only(scene, [], NOBODY))
-    for step, (x, y, yaw) in enumerate(poses if ground is not None else ()):
-        ranges[step, things.index(BUILDING)] = k.seen_ranges(nothing, x, y, yaw, beams, ground)
+    if ground is not None:
+        ranges[:, things.index(BUILDING)] = k.seen_along(nothing, poses, beams, ground)
     row = scene_to_row(_only(scene, [], scene.person))
     for step, (x, y, yaw) in enumerate(poses):
         row[k.PERSON_X], row[k.PERSON_Y] = people[step, :2]

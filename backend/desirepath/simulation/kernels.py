@@ -871,6 +871,15 @@ def seen_ranges(
     return np.concatenate((ranges[:half], ranges[beams.sectors - (beams.seen - half) :]))
 
 
+@compiled
+def seen_along(row: Row, poses: NDArray[np.float64], beams: Beams, ground: Ground | None = None) -> NDArray[np.float64]:
+    """(n, seen) metres: `seen_ranges` from each of the poses (n, 3)."""
+    seen = np.empty((poses.shape[0], beams.seen))
+    for p in range(poses.shape[0]):
+        seen[p] = seen_ranges(row, poses[p, 0], poses[p, 1], poses[p, 2], beams, ground)
+    return seen
+
+
 class Errors(NamedTuple):
     """What a lidar gets wrong, see `setups.Lidar`: beams, each of them a sector; noise and least, metres; drop_out, a
     share; steps_per_scan, at least 1. Functions take None of one that gets nothing wrong, as of a map."""

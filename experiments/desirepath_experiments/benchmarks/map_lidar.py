@@ -68,15 +68,6 @@ def poses_in(here: GroundMap, config: LidarConfig) -> NDArray[np.float64]:
     return np.column_stack([(cells + 0.5) * here.cell_m + here.origin, random.uniform(-np.pi, np.pi, POSES)])
 
 
-@k.compiled
-def scan_all(
-    row: k.Row, poses: NDArray[np.float64], beams: k.Beams, out: NDArray[np.float64], ground: k.Ground
-) -> None:
-    """One scan from each pose, the last one in `out`."""
-    for i in range(poses.shape[0]):
-        k.scan(row, poses[i, 0], poses[i, 1], poses[i, 2], beams, out, ground)
-
-
 def benchmark_lidar(config: LidarConfig, progress: Progress | None = None) -> dict[str, Any]:
     """Scans per second of one thread, the best and the median of some rounds of the same scans; processor time.
 
@@ -88,12 +79,11 @@ def benchmark_lidar(config: LidarConfig, progress: Progress | None = None) -> di
     lidar = replace(plain.robot.lidar, beams=config.beams, sectors=config.sectors, range_m=config.range_m)
     setup = replace(plain, robot=replace(plain.robot, lidar=lidar))
     poses, row, pooled = poses_in(here, config), _row(), beams_of(setup)
-    out = np.empty(pooled.sectors)
-    scan_all(row, poses[:10], pooled, out, here.ground)  # compiles
+    k.seen_along(row, poses[:10], pooled, here.ground)  # compiles
     rates = []
     for _ in range(ROUNDS):
         begun = time.process_time()
-        scan_all(row, poses, pooled, out, here.ground)
+        k.seen_along(row, poses, pooled, here.ground)
         rates.append(POSES / (time.process_time() - begun))
     off = _off_m(here, setup, poses[:COMPARED])
     return {
