@@ -861,23 +861,25 @@ def scan_mounted(
 
 
 @compiled
-def seen_ranges(
-    row: Row, x: float, y: float, yaw: float, beams: Beams, ground: Ground | None = None
-) -> NDArray[np.float64]:
-    """(seen,) metres: what the lidar of a robot at that pose sees, in the order of its observation."""
-    ranges = np.empty(beams.sectors)
-    scan_mounted(row, x, y, yaw, beams, ranges, ground)
-    half = (beams.seen + 1) // 2
-    return np.concatenate((ranges[:half], ranges[beams.sectors - (beams.seen - half) :]))
+def seen_along(row: Row, poses: NDArray[np.float64], beams: Beams, ground: Ground | None = None) -> NDArray[np.float64]:
+    """(n, seen) metres: what the lidar of a robot sees at each of the poses (n, 3), in the order of its observation."""
+    seen, ranges = np.empty((poses.shape[0], beams.seen)), np.empty(beams.sectors)
+    left = (beams.seen + 1) // 2
+    for p in range(poses.shape[0]):
+        scan_mounted(row, poses[p, 0], poses[p, 1], poses[p, 2], beams, ranges, ground)
+        seen[p, :left] = ranges[:left]
+        seen[p, left:] = ranges[beams.sectors - (beams.seen - left) :]
+    return seen
 
 
 @compiled
-def seen_along(row: Row, poses: NDArray[np.float64], beams: Beams, ground: Ground | None = None) -> NDArray[np.float64]:
-    """(n, seen) metres: `seen_ranges` from each of the poses (n, 3)."""
-    seen = np.empty((poses.shape[0], beams.seen))
-    for p in range(poses.shape[0]):
-        seen[p] = seen_ranges(row, poses[p, 0], poses[p, 1], poses[p, 2], beams, ground)
-    return seen
+def seen_ranges(
+    row: Row, x: float, y: float, yaw: float, beams: Beams, ground: Ground | None = None
+) -> NDArray[np.float64]:
+    """(seen,) metres: the same at one pose."""
+    pose = np.empty((1, 3))
+    pose[0, 0], pose[0, 1], pose[0, 2] = x, y, yaw
+    return seen_along(row, pose, beams, ground)[0]
 
 
 class Errors(NamedTuple):
