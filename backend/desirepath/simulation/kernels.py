@@ -879,7 +879,8 @@ def seen_ranges(
     """(seen,) metres: the same at one pose."""
     pose = np.empty((1, 3))
     pose[0, 0], pose[0, 1], pose[0, 2] = x, y, yaw
-    return seen_along(row, pose, beams, ground)[0]
+    seen: NDArray[np.float64] = seen_along(row, pose, beams, ground)[0]
+    return seen
 
 
 class Errors(NamedTuple):
