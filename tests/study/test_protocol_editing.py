@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from desirepath.grammar.editing import EditError, insert, move, remove, set_value
@@ -51,6 +51,8 @@ WORDS = st.one_of(
 )
 VALUES = st.one_of(st.integers(-(10**6), 10**6), st.booleans(), st.floats(-1e6, 1e6).map(lambda n: round(n, 3)), WORDS)
 
+patient = settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])  # on a busy machine
+
 
 def places(data: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
     """Everything below, with where it is."""
@@ -67,6 +69,7 @@ def comments(text: str) -> Counter[str]:
     return Counter(line[line.rindex("# ") :].strip() for line in text.splitlines() if "# " in line)
 
 
+@patient
 @given(text=st.sampled_from(TEXTS), value=VALUES, draw=st.data())
 def test_a_changed_value_changes_its_line_alone(text: str, value: Any, draw: st.DataObject):
     paths = [path for path, there in places(data_of(text)) if not isinstance(there, dict | list)]
@@ -80,6 +83,7 @@ def test_a_changed_value_changes_its_line_alone(text: str, value: Any, draw: st.
     assert comments(after) >= comments(text)
 
 
+@patient
 @given(text=st.sampled_from(TEXTS), value=VALUES, draw=st.data())
 def test_a_new_key_and_its_removal_leave_the_text_as_it_was(text: str, value: Any, draw: st.DataObject):
     mappings = [(), *(path for path, there in places(data_of(text)) if isinstance(there, dict))]
@@ -89,6 +93,7 @@ def test_a_new_key_and_its_removal_leave_the_text_as_it_was(text: str, value: An
     assert remove(after, path) == text
 
 
+@patient
 @given(text=st.sampled_from(TEXTS), draw=st.data())
 def test_a_stage_that_is_added_and_removed_leaves_the_text_as_it_was(text: str, draw: st.DataObject):
     index = draw.draw(st.integers(0, len(data_of(text)["stages"])))
@@ -101,6 +106,7 @@ def test_a_stage_that_is_added_and_removed_leaves_the_text_as_it_was(text: str, 
     assert remove(after, ("stages", index)) == text
 
 
+@patient
 @given(text=st.sampled_from(TEXTS), draw=st.data())
 def test_a_moved_stage_takes_its_comments_along_and_comes_back(text: str, draw: st.DataObject):
     places_of = st.integers(0, len(data_of(text)["stages"]) - 1)
@@ -112,6 +118,7 @@ def test_a_moved_stage_takes_its_comments_along_and_comes_back(text: str, draw: 
         assert move(after, ("stages",), to, index) == text
 
 
+@patient
 @given(text=st.sampled_from(TEXTS), draw=st.data())
 def test_what_is_removed_takes_no_other_line_along(text: str, draw: st.DataObject):
     path, _ = draw.draw(st.sampled_from([*places(data_of(text))]))
