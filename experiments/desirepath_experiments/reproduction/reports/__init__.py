@@ -36,9 +36,9 @@ def formatted(value: float | str | None, spec: str = ".3g", missing: str = "-") 
     return missing if value is None or math.isnan(value) else format(value, spec)
 
 
-def beside(reproduced: float | None, printed: float | str | None) -> str:
+def beside(reproduced: float | None, printed: float | str | None, spec: str = ".3g") -> str:
     """Ours with what was printed in brackets."""
-    return f"{formatted(reproduced)} ({formatted(printed, '')})"
+    return f"{formatted(reproduced, spec)} ({formatted(printed, '')})"
 
 
 def with_spread(measure: Values, spec: str) -> str:
