@@ -47,8 +47,7 @@ from tests.study.small_protocol import small_protocol
 SECTIONS = ("A robot and its setup", "A world")
 TINY = "updates=100 --set n_envs=32 --set selection_scenes=50"
 CACHES = (
-    *(setups.setup_folders, setups.get_setup, setups.preference_setups, setups.trainable_setups),
-    *(setups.demonstration_setups, measures._typical_differences, setup_settings.scene_bounds),
+    *(setups._find, setups._read, measures._typical_differences, setup_settings.scene_bounds),
     *(getattr(setup_settings, name) for name in ("far_enough_m", "closeness", "middle", "longest_shown_s")),
 )
 

@@ -172,5 +172,8 @@ def _password(file: Path, setting: str = "database_password_file") -> str:
 
 @lru_cache
 def get_settings() -> Settings:
-    """The settings of this process, read once."""
-    return Settings()
+    """The settings of this process, read once. A data folder that `.env` names is put where `setups.py` looks."""
+    settings = Settings()
+    if settings.data != Path("data"):
+        os.environ.setdefault("DESIREPATH_DATA", str(settings.data))
+    return settings

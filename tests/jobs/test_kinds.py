@@ -28,12 +28,22 @@ from desirepath.web.core.catalogues import Texts
 
 LOCALES = Path(__file__).resolve().parents[2] / "frontend" / "locales"
 REQUIRED = {
+    "setup": "our_room",
     "snapshot": "a" * 64,
     "reward": "c" * 64,
     "policy": "study_room/base",
     "policy_a": "study_room/base",
     "policy_b": "b" * 64,
 }
+
+
+@pytest.fixture
+def own_setup(tmp_path, monkeypatch):
+    """One that a lab brought: only such are made ready by a job."""
+    folder = tmp_path / "setups" / "our_room"
+    folder.mkdir(parents=True)
+    (folder / "setup.yaml").write_text("robot: turtlebot2\nworld: {name: study_room}\n")
+    monkeypatch.setenv("DESIREPATH_DATA", str(tmp_path))
 
 
 def valid_params(kind: str) -> dict[str, object]:
@@ -131,6 +141,7 @@ def test_unknown_kind_lists_the_known_ones():
     ("kind", "more"),
     [(kind, {}) for kind in KINDS] + [("align", {"recipe": recipe}) for recipe in ALIGNMENTS],
 )
+@pytest.mark.usefixtures("own_setup")
 def test_command_on_a_card_starts_the_same_job(kind, more):
     params = KINDS[kind].parse(
         {**valid_params(kind), **({"seed": 7} if kind != "queries" else {"members": ["a", "b"]}), **more}

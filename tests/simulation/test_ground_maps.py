@@ -97,7 +97,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[s
 
 
 def forget() -> None:
-    for cached in (setups.setup_folders, setups.get_setup, setups.preference_setups, setups.trainable_setups):
+    for cached in (setups._find, setups._read):
         cached.cache_clear()
 
 

@@ -17,6 +17,7 @@ from desirepath.explain.ranking_sets import RankingSet
 from desirepath.learning.errors import LearningError
 from desirepath.learning.pedestrians.crowd_networks import Actor, actor_to_arrays
 from desirepath.learning.policies.attention import AttentionPolicy
+from desirepath.learning.shipping.storing import Request
 from desirepath.report.study_report import write_study_report
 from desirepath.report.tidy_tables import read_folder
 from desirepath.store.dataset.writing import export_study
@@ -28,7 +29,6 @@ from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.simulated.participant import Character
 from desirepath.study.studies import StudyError, create_study
 from desirepath_experiments.shipping.ranking_sets import find_attended, ship_ranking_set
-from desirepath_experiments.shipping.storing import Request
 from tests.explain.ranking_rooms import small_ranking_set
 from tests.study.small_protocol import small_protocol
 from tests.study.walking import Walker

@@ -15,7 +15,7 @@ from desirepath.store.models import Job
 
 JOB_KINDS = (  # as backend/desirepath/jobs/kinds.py has them; not imported, so that --help is quick
     *("align", "reward_model", "compare", "evaluate", "train_base", "ensemble", "queries", "train_demonstrations"),
-    "ask_person",
+    *("ask_person", "train_setup"),
 )
 commands = typer.Typer(help="Background jobs.", no_args_is_help=True)
 

@@ -1,25 +1,25 @@
-"""`desirepath robot check` and `desirepath setup check`: what a lab brings, looked at before it is used."""
+"""`desirepath robot check`, `desirepath setup check` and `desirepath setup train`: what a lab brings, looked at before
+it is used, and made ready for studies."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from desirepath.cli.output import JsonFlag, plain_errors, say
+from desirepath.cli.output import JsonFlag, plain_errors, say, working
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from desirepath.simulation.setups import Robot, Setup
+    from desirepath.simulation.setups import Robot
     from desirepath.simulation.urdf import Look
 
 robots = typer.Typer(help="Robots.", no_args_is_help=True)
 setups = typer.Typer(help="Setups: a robot, a building and a task.", no_args_is_help=True)
 T = TypeVar("T")
-SCENES = 20  # drawn to see whether a setup gives any
 
 
 @robots.command("check")
@@ -58,10 +58,64 @@ def check_setup_folder(
 ) -> None:
     """Check a setup and draw scenes in it; exit code 1 if it is not valid."""
     from desirepath.simulation.setup_files import check_setup
+    from desirepath.simulation.setup_intake import describe
 
     setup = _checked(lambda: check_setup(folder.resolve()), as_json)
-    told = _checked(lambda: _described(setup, folder), as_json)
+    told = _checked(lambda: describe(setup, folder), as_json)
     say({"valid": True, "errors": [], "setup": setup.name, **told}, as_json)
+
+
+@setups.command("train")
+@plain_errors
+def train_setup_folder(
+    folder: Annotated[Path, typer.Argument(help="A folder with a setup.yaml, whose name is the setup's.")],
+    seed: Annotated[int, typer.Option(min=0, max=9_999, help="Seed of everything random.")] = 0,
+    queries: Annotated[int, typer.Option(min=10, max=2_000, help="Pairs in each query set.")] = 200,
+    effort: Annotated[
+        float, typer.Option(min=0.001, max=10, help="Part of the usual training; little only shows that all runs.")
+    ] = 1.0,
+    as_json: JsonFlag = False,
+) -> None:
+    """Make a setup's base policy, conditioned policy, ensemble and query sets, into its folder. What is there already
+    stays; stopped and asked again, it goes on."""
+    from desirepath.simulation.setup_files import check_setup
+    from desirepath.simulation.setup_intake import describe
+
+    setup = _checked(lambda: check_setup(folder.resolve()), as_json)
+    _checked(lambda: describe(setup, folder), as_json)
+    from desirepath.learning.shipping.own_setup import SetupTrainingConfig, in_words, train_setup
+    from desirepath.simulation.setups import include
+
+    said: set[tuple[str, float]] = set()
+    with working(f"{setup.name}: looking how fast this machine learns there") as update:
+
+        def told(stage: str, fraction: float, metrics: dict[str, float], left_s: float) -> None:
+            update(f"{stage.replace('_', ' ')} {fraction:.0%}, {in_words(left_s)} left")
+            restart = (stage, metrics.get("begun_anew", 0.0))
+            if restart[1] and restart not in said:
+                said.add(restart)
+                typer.echo(
+                    f"{stage}: stood still after {metrics['updates']:.0f} updates "
+                    f"({metrics['success_rate']:.0%} arrive); begun anew with another seed and a guide",
+                    err=True,
+                )
+            if fraction == 0.0 and not metrics:
+                typer.echo(f"{stage.replace('_', ' ')}: {in_words(left_s)} left", err=True)
+
+        made = train_setup(include(folder), SetupTrainingConfig(seed, queries, effort), told)
+    say(
+        {
+            "setup": setup.name,
+            "success_rate": made.success_rate,
+            "success_interval": [round(bound, 4) for bound in made.interval],
+            "begun_anew": made.begun_anew,
+            "seconds": round(sum(made.seconds.values()), 1),
+            "seconds_by_stage": made.seconds,
+            "policies": made.policies,
+            "query_sets": made.query_sets,
+        },
+        as_json,
+    )
 
 
 def _checked(read: Callable[[], T], as_json: bool) -> T:
@@ -87,41 +141,6 @@ def left_out(robot: Robot) -> list[str]:
         "source: nobody can look its numbers up": not robot.source,
     }
     return [what for what, missing in assumed.items() if missing]
-
-
-def _described(setup: Setup, folder: Path) -> dict[str, Any]:
-    """What a setup's building has, and what scenes drawn in it are like. Raises ProtocolError for scenes that cannot be
-    drawn, or not be driven in."""
-    from desirepath.grammar.source import Problem, ProtocolError
-    from desirepath.simulation.scene import SceneError
-    from desirepath.simulation.scenes import check_scene, draw_scenes, map_of
-    from desirepath.simulation.setups import SETUP_FILE
-    from desirepath.simulation.urdf import describe, read_looks
-
-    told: dict[str, Any] = {}
-    here = map_of(setup)
-    if here is not None:
-        cells = here.cell_m**2
-        told["map"] = {
-            "size_m": [round(side, 2) for side in here.size_m],
-            "free_m2": round(float((~here.blocked).sum()) * cells, 1),
-            "in_reach_m2": round(float(here.roomy(setup.robot.radius_m).sum()) * cells, 1),
-            "unknown_share": round(float(here.unknown.mean()), 3),
-        }
-    if setup.robot.urdf is not None:  # of which driving needs nothing
-        try:
-            told["urdf"] = describe(read_looks(setup.robot.urdf))
-        except ProtocolError as wrong:
-            told["not_shown"] = [str(problem) for problem in wrong.problems]
-    try:
-        scenes = draw_scenes(setup, range(SCENES))
-        for scene in scenes:
-            check_scene(scene, setup)
-    except SceneError as wrong:
-        raise ProtocolError([Problem(str(folder / SETUP_FILE), 1, f"scene.{wrong.field}", None, str(wrong))]) from None
-    ways = sorted(math.dist((one.start.x, one.start.y), (one.goal.x, one.goal.y)) for one in scenes)
-    told["scenes"] = {"drawn": len(ways), "shortest_m": round(ways[0], 2), "longest_m": round(ways[-1], 2)}
-    return told
 
 
 def draw_robot(robot: Robot, looks: Sequence[Look], picture: Path) -> None:

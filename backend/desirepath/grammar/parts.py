@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable, Iterable
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic.config import JsonDict
+from pydantic_core import CoreSchema, PydanticKnownError, core_schema
 
 Localized = Annotated[dict[str, str], Field(min_length=1)]
 """A text in each of the protocol's languages: {en: ..., de: ...}."""
@@ -25,6 +27,28 @@ Address = Annotated[str, Field(pattern=_ADDRESS, max_length=400)]
 Language = Annotated[str, Field(pattern=_LANGUAGE)]
 Value = Annotated[str, Field(min_length=1, max_length=60)]
 """What is stored of a chosen answer."""
+
+
+class OneOf:
+    """Of an annotated string: it is one of what `names` gives when it is asked; more come while a server runs. Errors
+    and the published schema say them as a Literal's."""
+
+    def __init__(self, names: Callable[[], Iterable[str]]) -> None:
+        self.names = names
+
+    def _check(self, given: str) -> str:
+        known = list(self.names())
+        if given not in known:
+            quoted = [repr(name) for name in known]
+            listed = " or ".join([", ".join(quoted[:-1]), quoted[-1]] if len(quoted) > 1 else quoted)
+            raise PydanticKnownError("literal_error", {"expected": listed})
+        return given
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {**handler(schema), "enum": list(self.names())}
 
 
 class Part(BaseModel):

@@ -20,6 +20,7 @@ from desirepath.jobs.params import (
     LARGEST_SEED,
     MOST_SCENES,
     ModelName,
+    OwnSetup,
     Params,
     TrainedSetup,
     artefact,
@@ -117,6 +118,15 @@ class TrainBaseParams(Params):
     learning_rate: float = from_source("design_speed", 5e-4, gt=0, le=0.1, advanced=True)
     batch_size: int = from_source("design_speed", 128, ge=8, le=4_096, advanced=True)
     selection_scenes: int = from_source("ours", 2_000, ge=50, le=MOST_SCENES, advanced=True)
+
+
+class TrainSetupParams(Params):
+    """Make everything that studies need in a lab's own setup: policies and query sets."""
+
+    setup: OwnSetup = from_source("yours")
+    seed: int = from_source("ours", 0, ge=0, le=LARGEST_SEED)
+    queries: int = from_source("ours_different_queries", 200, ge=10, le=2_000)
+    effort: float = from_source("ours", 1.0, ge=0.001, le=10, advanced=True)
 
 
 class EnsembleParams(Params):
@@ -264,6 +274,7 @@ KINDS = {
         _one("compare", CompareParams),
         _one("evaluate", EvaluateParams),
         _one("train_base", TrainBaseParams),
+        _one("train_setup", TrainSetupParams),
         _one("ensemble", EnsembleParams),
         _one("queries", QueriesParams),
         _one("train_demonstrations", TrainDemonstrationsParams),

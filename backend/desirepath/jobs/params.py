@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import PydanticUndefined
 
+from desirepath.grammar.parts import OneOf
 from desirepath.learning.rewards.kinds import FITTINGS
-from desirepath.simulation.setups import setups_with, trainable_setups
+from desirepath.simulation.setups import own_setups, setups_with, trainable_setups
 
-if TYPE_CHECKING:
-    SetupName = str
-    TrainedSetup = str
-else:  # one of these names, as errors, forms and the published schema say
-    SetupName, TrainedSetup = Literal[setups_with("conditioned")], Literal[trainable_setups()]
+SetupName = Annotated[str, OneOf(lambda: setups_with("conditioned"))]
+TrainedSetup = Annotated[str, OneOf(trainable_setups)]
+OwnSetup = Annotated[str, OneOf(own_setups)]
 # backend/desirepath/learning/scene_sets.py: a set has so many scenes, and a purpose more sets than anybody will count
 MOST_SCENES = 10_000
 LARGEST_SEED = 9_999

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from desirepath.jobs import aligning, comparing, demonstrating, kinds, policy_training
+from desirepath.jobs import aligning, comparing, demonstrating, kinds, policy_training, setup_training
 from desirepath.jobs.alignment import AlignParams
 from desirepath.jobs.answers import (
     describe_model,
@@ -45,6 +45,8 @@ def run_kind(context: JobContext, params: Params) -> dict[str, Any]:
             return comparing.compare_two(context, params)
         case kinds.TrainBaseParams():
             return policy_training.train_base(context, params)
+        case kinds.TrainSetupParams():
+            return setup_training.make_setup_ready(context, params)
         case kinds.EnsembleParams():
             return policy_training.train_ensemble(context, params)
         case kinds.QueriesParams():

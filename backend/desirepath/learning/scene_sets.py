@@ -33,13 +33,14 @@ def first_seed(purpose: Purpose, seed: int) -> int:
     return (int(purpose) * SEEDS_PER_PURPOSE + seed) * SCENES_PER_SEED
 
 
-def scene_set(setup: str, n: int, *, purpose: Purpose, seed: int) -> list[Scene]:
-    """The n scenes of that purpose and seed, always the same. Raises ValueError if n or seed leaves the set's range."""
-    if not 0 < n <= SCENES_PER_SEED:
+def scene_set(setup: str, n: int, *, purpose: Purpose, seed: int, first: int = 0) -> list[Scene]:
+    """The n scenes of that purpose and seed, always the same, from number `first` on. Raises ValueError if they or the
+    seed leave the set's range."""
+    if not 0 < n <= SCENES_PER_SEED - first:
         raise ValueError(f"scenes = {n}: a set has between 1 and {SCENES_PER_SEED} scenes")
     if not 0 <= seed < SEEDS_PER_PURPOSE:
         raise ValueError(f"seed = {seed}: must be between 0 and {SEEDS_PER_PURPOSE - 1}")
-    start = first_seed(purpose, seed)
+    start = first_seed(purpose, seed) + first
     return draw_scenes(setup, range(start, start + n))
 
 

@@ -18,6 +18,7 @@ from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath.simulation.scene import OBSTACLE_KINDS, Obstacle, Pose
 from desirepath.simulation.setup_parts import ConditioningSettings, DemonstrationSettings, PreferenceSettings
 from desirepath.simulation.setups import (
+    CONTROL_DT_S,
     SETUP_FILE,
     CoreReward,
     FloorPlan,
@@ -31,6 +32,8 @@ from desirepath.simulation.worlds import WORLDS
 
 Metres = Annotated[float, Field(ge=-1_000, le=1_000)]
 Side = Annotated[float, Field(gt=0, le=1_000)]
+WATCHED_S = 14.0  # of a straight way: with people in it, twenty seconds to watch
+FORESEEN_M = 5.0  # the open field's
 
 
 class Place(Part):
@@ -65,16 +68,24 @@ class Building(Part):
     starts: list[Place] = Field([], max_length=1_000)
     goals: list[Place] = Field([], max_length=1_000)
     people: list[Place] = Field([], max_length=1_000)
-    way_m: Annotated[list[Side], Field(min_length=2, max_length=2)] = [1.5, 8.0]
+    way_m: Annotated[list[Side], Field(min_length=2, max_length=2)] | None = None
 
-    def plan(self, folder: Path) -> FloorPlan:
+    def plan(self, folder: Path, robot: Robot) -> FloorPlan:
         walls = [_wall(wall, self.wall_thickness_m, self.wall_height_m) for wall in self.walls]
         pieces = [Obstacle(one.kind, one.pose(), one.length, one.width, one.height) for one in self.furniture]
         starts, goals, people = (
             tuple(place.pose() for place in named) for named in (self.starts, self.goals, self.people)
         )
         place = (folder / self.map.replace("\0", "/")).resolve() if self.map else None
-        return FloorPlan(place, (*walls, *pieces), starts, goals, people, (self.way_m[0], self.way_m[1]))
+        way_m = (self.way_m[0], self.way_m[1]) if self.way_m else usual_way_m(robot)
+        return FloorPlan(place, (*walls, *pieces), starts, goals, people, way_m)
+
+
+def usual_way_m(robot: Robot) -> tuple[float, float]:
+    """How far goals are from starts where nobody says it: what the robot does while somebody watches, and in any case
+    far enough for a person to stand between."""
+    longest = min(max(WATCHED_S * robot.limits.v_max, 3.0), 8.0) + 2 * robot.radius_m
+    return 1.5 + robot.radius_m, round(longest, 2)
 
 
 def _wall(line: Sequence[float], thickness_m: float, height_m: float) -> Obstacle:
@@ -115,14 +126,30 @@ class Observation(Part):
 
 
 class Task(Part):
-    """What the robot is for: its reward, when a goal is reached, how many steps of 0.2 s it has, its discount."""
+    """What the robot is for: its reward, when a goal is reached, how many steps of 0.2 s it has, its discount. What is
+    not said is the study room's, sized to how fast and large the robot is."""
 
-    reward: CoreReward
+    reward: CoreReward = CoreReward(20.0, -20.0, -1.0, -2.0, -0.001)
     near: NearPenalty | None = None
-    goal_radius_m: Annotated[float, Field(gt=0, le=10)]
-    max_steps: Annotated[int, Field(ge=1, le=10_000)]
-    gamma: Annotated[float, Field(gt=0, le=1)]
-    observation: Observation
+    goal_radius_m: Annotated[float, Field(gt=0, le=10)] | None = None
+    max_steps: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    gamma: Annotated[float, Field(gt=0, le=1)] | None = None
+    observation: Observation = Observation(person=True, velocity=True)
+
+    def goal_of(self, robot: Robot) -> float:
+        """Radius (m) of the goal."""
+        return self.goal_radius_m or max(0.3, round(1.2 * robot.radius_m, 2))
+
+    def steps_of(self, robot: Robot, plan: FloorPlan | None) -> int:
+        """The most steps: thrice the longest way at full speed, with the detour that it may have."""
+        longest_m = 1.3 * (plan.way_m[1] if plan else 8.0)
+        usual = round(3 * longest_m / robot.limits.v_max / CONTROL_DT_S)
+        return self.max_steps or min(max(usual, 300), 3_000)
+
+    def discount_of(self, robot: Robot) -> float:
+        """The discount whose horizon is FORESEEN_M of driving."""
+        usual = round(1 - robot.limits.v_max * CONTROL_DT_S / FORESEEN_M, 4)
+        return self.gamma or min(max(usual, 0.98), 0.997)
 
 
 class SetupFile(Part):
@@ -132,9 +159,9 @@ class SetupFile(Part):
 
     robot: Robot
     world: World
-    task: Task
+    task: Task = Task()
     preferences: PreferenceSettings = PreferenceSettings()
-    conditioning: ConditioningSettings = ConditioningSettings()
+    conditioning: ConditioningSettings | None = None
     demonstrations: DemonstrationSettings | None = None
 
 
@@ -202,8 +229,8 @@ def check_setup(folder: Path) -> Setup:
     if (found.world.name == "building") != (building is not None):
         problem = "must be there for the world `building`, and for no other"
         problems.append(source.problem(("world", "building"), problem))
-    plan = building.plan(folder) if building else None
-    if building and not building.way_m[0] < building.way_m[1]:
+    plan = building.plan(folder, found.robot) if building else None
+    if plan and not plan.way_m[0] < plan.way_m[1]:
         problems.append(source.problem(("world", "building", "way_m"), "must be two lengths, the shorter one first"))
     if plan and (size := _extent_m(plan)) > LARGEST_M:
         problem = f"reaches over {size:,.0f} m; at most {LARGEST_M:g} m are plausible"
@@ -226,9 +253,9 @@ def check_setup(folder: Path) -> Setup:
         plan=plan,
         reward=task.reward,
         near=task.near,
-        goal_radius_m=task.goal_radius_m,
-        max_steps=task.max_steps,
-        gamma=task.gamma,
+        goal_radius_m=task.goal_of(found.robot),
+        max_steps=task.steps_of(found.robot, plan),
+        gamma=task.discount_of(found.robot),
         with_person=observed.person,
         with_velocity=observed.velocity,
         solids=observed.solids,
@@ -237,7 +264,7 @@ def check_setup(folder: Path) -> Setup:
         distance_scale_m=observed.distance_scale_m,
         extractors=observed.extractors,
         preferences=found.preferences,
-        conditioning=found.conditioning,
+        conditioning=found.conditioning or ConditioningSettings(recovery=plan is not None),
         demonstrations=found.demonstrations,
     )
     if setup.crowded:

@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
@@ -26,13 +26,16 @@ from desirepath.simulation.setup_parts import ConditioningSettings, Demonstratio
 CONTROL_DT_S = 0.2  # 5 Hz everywhere
 SETUP_FILE = "setup.yaml"
 FOLDERS_VARIABLE = "DESIREPATH_SETUPS"
+DATA_VARIABLE = "DESIREPATH_DATA"
+UPLOADED = "setups"
+"""Folder in an installation's data of the setups that somebody brought to it."""
 """Environment variable: folders, separated as in PATH, whose folders are setups."""
 ENTRY_POINTS = "desirepath.setups"
 """Group of entry points of other packages. Each is the folder of one setup, or a function that returns it."""
 
 MOST_BEAMS = 28_800  # of a turn
 _STRICT = ConfigDict(extra="forbid")
-_NAME = re.compile("[a-z][a-z0-9_]{0,59}")
+NAME = re.compile("[a-z][a-z0-9_]{0,59}")
 Length = Annotated[float, Field(gt=0, le=1_000)]  # m
 Speed = Annotated[float, Field(ge=0, le=100)]  # m/s or rad/s
 Offset = Annotated[float, Field(ge=-5, le=5)]  # m
@@ -364,13 +367,59 @@ class Setup:
         return layout
 
 
-@cache
 def setup_folders() -> Mapping[str, Path]:
-    """Name -> folder of every setup: the shipped ones, those in the folders of `DESIREPATH_SETUPS`, those that other
-    packages name by entry points. Looked for once. Raises SetupError for a name that two have, or that is none."""
+    """Name -> folder of every setup: the shipped ones, those in the folders of `DESIREPATH_SETUPS`, those of this
+    installation (`uploaded_setups`), those that other packages name by entry points, those that were `include`d. Looked
+    for again where another was uploaded. Raises SetupError for a name that two have, or that is none."""
+    return _find(*_places())
+
+
+def uploaded_setups() -> Path:
+    """The folder of the setups that somebody brought to this installation: in its data, as `settings.py` has it."""
+    return Path(os.environ.get(DATA_VARIABLE, "data")) / UPLOADED
+
+
+def include(folder: Path) -> str:
+    """Make the setup in that folder known to this process; its name. Raises SetupError."""
+    folder = folder.resolve()
+    if not (folder / SETUP_FILE).is_file():
+        raise SetupError(f"{folder}: has no {SETUP_FILE}; name a setup's folder")
+    if folder not in setup_folders().values():
+        _included.append(folder)
+        try:
+            setup_folders()
+        except SetupError:
+            _included.remove(folder)
+            raise
+    return folder.name
+
+
+_included: list[Path] = []
+
+
+def _places() -> tuple[str, str, int, tuple[Path, ...]]:
+    """What the answer of `_find` depends on."""
+    return os.environ.get(FOLDERS_VARIABLE, ""), os.environ.get(DATA_VARIABLE, "data"), version(), tuple(_included)
+
+
+def version() -> int:
+    """Of the setups of this installation and of what lies in their folders: what was remembered of another is old."""
+    try:
+        return uploaded_setups().stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def tell_changed() -> None:
+    """Let every process know that something in a setup's folder changed. Raises OSError."""
+    os.utime(uploaded_setups())
+
+
+@lru_cache(maxsize=8)
+def _find(named: str, data: str, changed: int, included: tuple[Path, ...]) -> Mapping[str, Path]:
     found: dict[str, Path] = {}
-    for folder in (one.resolve() for one in _folders()):
-        if not _NAME.fullmatch(folder.name):
+    for folder in (one.resolve() for one in (*_folders(named, Path(data) / UPLOADED), *included)):
+        if not NAME.fullmatch(folder.name):
             wanted = "lower-case letters, digits and _, beginning with a letter"
             raise SetupError(f"setup {folder.name!r} in {folder.parent}: its folder's name must be {wanted}")
         first = found.setdefault(folder.name, folder)
@@ -379,17 +428,17 @@ def setup_folders() -> Mapping[str, Path]:
     return found
 
 
-def _folders() -> Iterator[Path]:
-    further = [Path(one) for one in os.environ.get(FOLDERS_VARIABLE, "").split(os.pathsep) if one]
+def _folders(named: str, uploaded: Path) -> Iterator[Path]:
+    further = [Path(one) for one in named.split(os.pathsep) if one]
     for parent in further:
         if not parent.is_dir():
             raise SetupError(f"{FOLDERS_VARIABLE}: {parent} is no folder; name folders whose folders are setups")
-    for parent in (DATASETS, *further):
+    for parent in (DATASETS, *further, uploaded):
         yield from sorted(file.parent for file in parent.glob(f"*/{SETUP_FILE}"))
     for entry in entry_points(group=ENTRY_POINTS):
         try:
-            named = entry.load()
-            folder = Path(named() if callable(named) else named)
+            named_there = entry.load()
+            folder = Path(named_there() if callable(named_there) else named_there)
         except Exception as wrong:
             raise SetupError(f"entry point {entry.name} = {entry.value}: cannot be loaded: {wrong}") from wrong
         if not (folder / SETUP_FILE).is_file():
@@ -397,14 +446,19 @@ def _folders() -> Iterator[Path]:
         yield folder
 
 
-@cache
 def get_setup(name: str) -> Setup:
     """The setup of that name. Raises SetupError listing the known ones, or saying what is wrong in its file."""
+    folders = setup_folders()
+    if name not in folders:
+        raise SetupError(f"unknown setup {name!r}; known: {', '.join(folders)}")
+    return _read(folders[name], _places()[2])
+
+
+@lru_cache(maxsize=256)
+def _read(folder: Path, changed: int) -> Setup:
     from desirepath.simulation.setup_files import read_setup
 
-    if name not in setup_folders():
-        raise SetupError(f"unknown setup {name!r}; known: {', '.join(setup_folders())}")
-    return read_setup(setup_folders()[name])
+    return read_setup(folder)
 
 
 class _Setups(Mapping[str, Setup]):
@@ -430,21 +484,24 @@ def setups_with(artefact: str) -> tuple[str, ...]:
     return tuple(setup for setup, folder in setup_folders().items() if (folder / f"{artefact}.npz").is_file())
 
 
-@cache
 def preference_setups() -> tuple[str, ...]:
     """The setups in which a person who stands is asked how the robot should drive: they have a conditioned policy, and
     nobody walks."""
     return tuple(name for name in setups_with("conditioned") if not get_setup(name).crowded)
 
 
-@cache
 def trainable_setups() -> tuple[str, ...]:
     """The setups in which a base policy can be trained: the robot has a lidar, and reaching the goal is rewarded."""
     setups = map(get_setup, setup_folders())
     return tuple(setup.name for setup in setups if not setup.solids and setup.reward.goal > 0)
 
 
-@cache
+def own_setups() -> tuple[str, ...]:
+    """Those of them that a lab brought, in whose folders what is trained may be put: none of the shipped ones."""
+    folders = setup_folders()
+    return tuple(name for name in trainable_setups() if folders[name].parent != DATASETS.resolve())
+
+
 def demonstration_setups() -> tuple[str, ...]:
     """The setups in which paths are drawn that a controller of known places learns from (ch. 2)."""
     setups = map(get_setup, setup_folders())

@@ -117,6 +117,20 @@ class TrainBaseResult(JobResult):
     transitions: int
 
 
+class TrainSetupResult(JobResult):
+    """success_rate: of the base policy. begun_anew: how often its training stood still."""
+
+    success_rate: float
+    begun_anew: int
+    seconds: dict[str, float]
+    policies: list[str]
+    query_sets: list[str]
+
+    @property
+    def made(self) -> list[str]:
+        return [*self.policies, *self.query_sets]
+
+
 class EnsembleResult(JobResult):
     policies: list[str]
     success_rates: list[float]
@@ -146,6 +160,7 @@ RESULTS: dict[str, type[JobResult]] = {
     "evaluate": EvaluateResult,
     "compare": CompareResult,
     "train_base": TrainBaseResult,
+    "train_setup": TrainSetupResult,
     "ensemble": EnsembleResult,
     "queries": QueriesResult,
     "ask_person": AskPersonResult,

@@ -6,12 +6,13 @@ Finding the shipped files lives in `learning/shipped_files.py`, checking them in
 from __future__ import annotations
 
 from dataclasses import asdict
-from functools import cache
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from desirepath.simulation.setups import version
 from desirepath.store.artefacts import ARTEFACT_KINDS, ArtefactError, ArtefactStore, save_artefact
 from desirepath.store.models import Artefact
 
@@ -26,7 +27,7 @@ def register_shipped(s: Session, files: ArtefactStore) -> list[Artefact]:
     from desirepath.learning.shipped_files import load_card, shipped_names
 
     names = [name for name in shipped_names() if load_card(name).kind in REGISTERED]
-    return [_register(s, files, name) for name in names]
+    return [register(s, files, name) for name in names]
 
 
 def policy_artefact(s: Session, name: str) -> Artefact:
@@ -49,16 +50,19 @@ def find_artefact(s: Session, called: str) -> Artefact | None:
     return artefact
 
 
-@cache
 def _shipped_ids() -> dict[str, str]:
     """Name -> id of every shipped policy."""
+    return _look(version())
+
+
+@lru_cache(maxsize=2)
+def _look(version_of_setups: int) -> dict[str, str]:
     from desirepath.learning.shipped_files import load_card, shipped_names
 
     cards = ((name, load_card(name)) for name in shipped_names())
     return {name: card.sha256 for name, card in cards if card.kind in REGISTERED}
 
 
-@cache
 def shipped_name(artefact_id: str) -> str | None:
     """The name under which it was shipped, by which commands know it however it is called here; None: it was not."""
     return next((name for name, sha in _shipped_ids().items() if sha == artefact_id), None)
@@ -77,13 +81,15 @@ def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple
         if s.get(Artefact, sha) is None and name in shipped_names():
             shipped = load_card(name)
             if shipped.sha256 == sha and shipped.kind in ARTEFACT_KINDS:
-                _register(s, files, name)
+                register(s, files, name)
         if s.get(Artefact, sha) is not None:
             registered.append((sha, name.partition("/")[2] or name))  # the role: `base`, `ensemble/0`
     return registered
 
 
-def _register(s: Session, files: ArtefactStore, name: str) -> Artefact:
+def register(s: Session, files: ArtefactStore, name: str, job_id: str | None = None) -> Artefact:
+    """Store that artefact of a setup's folder, unless it is stored. job_id: what made it here. Raises LearningError for
+    a damaged file."""
     from desirepath.learning.shipped_files import load_card, resolve
 
     card = load_card(name)
@@ -102,4 +108,5 @@ def _register(s: Session, files: ArtefactStore, name: str) -> Artefact:
         content=resolve(name).read_bytes(),
         card=asdict(card),
         parents=register_parents(s, files, card),
+        job_id=job_id,
     )

@@ -121,7 +121,7 @@ def create_application(services: Services) -> Application:
     )
     from desirepath.web.core import auth, published, server_routes
     from desirepath.web.core.guard import Guard, trouble
-    from desirepath.web.lab import account_pages, learnt_pages, openid_pages, sign_in_pages, study_pages
+    from desirepath.web.lab import account_pages, learnt_pages, openid_pages, setup_pages, sign_in_pages, study_pages
     from desirepath.web.participant import session_pages
 
     application = Application(
@@ -130,7 +130,7 @@ def create_application(services: Services) -> Application:
     for kind, script in plug_ins.scripts().items():
         application.router.routes.append(Route(f"/static/js/kinds/{kind}.js", _serving(script)))
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
-    lab = (sign_in_pages, openid_pages, account_pages, study_pages, learnt_pages)
+    lab = (sign_in_pages, openid_pages, account_pages, setup_pages, study_pages, learnt_pages)
     policies = (compare_pages, flow_pages, explanation_pages, live_pages, attention_pages)
     foreign = (reward_files, recording_pages, video_pages)
     analyst = (job_curves, job_pages, artefact_pages, *policies, demonstration_pages, *foreign, upkeep_pages)

@@ -35,6 +35,7 @@ MODULES = {
     "second_reader": ("words-veto",),
 }
 """Of `shipping`, with what each makes by `ship_WHAT(request)`."""
+OF_THE_PRODUCT = ("query_sets",)
 ONLY_OF = {"adaptable": "adaptable", "attention": "crowd_corridor", "depth": "home", "depth-perception": "home"}
 
 
@@ -48,8 +49,8 @@ def ship(
     work: Annotated[Path | None, typer.Option(help="Folder where trainings are kept, to go on with.")] = None,
 ) -> None:
     """Make a shipped artefact with its card."""
+    from desirepath.learning.shipping.storing import Request
     from desirepath.simulation.setups import SETUPS
-    from desirepath_experiments.shipping.storing import Request
 
     if setup not in SETUPS and what != "words-veto":
         raise typer.BadParameter(f"setup = {setup}: one of {', '.join(SETUPS)}")
@@ -61,5 +62,6 @@ def ship(
         typer.echo(f"{fraction:4.0%} {numbers}", err=True)
 
     (module,) = (module for module, things in MODULES.items() if what in things)
-    makes = getattr(import_module(f"desirepath_experiments.shipping.{module}"), f"ship_{what.replace('-', '_')}")
+    room = "desirepath.learning" if module in OF_THE_PRODUCT else "desirepath_experiments"
+    makes = getattr(import_module(f"{room}.shipping.{module}"), f"ship_{what.replace('-', '_')}")
     makes(Request(setup, seed, out, count, work, show))

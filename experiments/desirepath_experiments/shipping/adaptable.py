@@ -10,12 +10,12 @@ from typing import Any
 
 from desirepath.learning.cards import Card
 from desirepath.learning.scene_sets import Purpose, describe
+from desirepath.learning.shipping.storing import Request
 from desirepath_experiments.reproduction.adaptable.chapter import row_of
 from desirepath_experiments.reproduction.adaptable.computing import FUNCTIONS
 from desirepath_experiments.reproduction.adaptable.plan import BUDGETS, OURS, PROGRAMMED, make_plan
 from desirepath_experiments.reproduction.reports import report_of
 from desirepath_experiments.reproduction.tasks import results_of
-from desirepath_experiments.shipping.storing import Request
 
 
 def ship_adaptable(request: Request) -> list[Card]:

@@ -12,12 +12,12 @@ from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, ev
 from desirepath.learning.pedestrians.crowd_networks import VARIANTS, actor_acts
 from desirepath.learning.policies.attention import VARIANT, AttentionPolicy
 from desirepath.learning.scene_sets import Purpose, describe
+from desirepath.learning.shipping.storing import Request
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from desirepath_experiments.reproduction.pedestrians.computing import FUNCTIONS, Floats, actor_of
 from desirepath_experiments.reproduction.pedestrians.plan import BUDGETS, imitated
 from desirepath_experiments.reproduction.tasks import results_of
-from desirepath_experiments.shipping.storing import Request
 from desirepath_experiments.training.pedestrians.crowd_planners import PLANNERS
 from desirepath_experiments.training.pedestrians.imitation import ImitationConfig
 

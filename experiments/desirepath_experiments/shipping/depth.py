@@ -18,14 +18,14 @@ from desirepath.demonstrations.depth.training import DEPARTURES, DepthTrainingCo
 from desirepath.learning.cards import Card, file_sha256
 from desirepath.learning.queries.queries import QueryConfig, queries_of
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
+from desirepath.learning.shipping.query_sets import describe_queries
+from desirepath.learning.shipping.storing import Request, store
 from desirepath.perception import SHIPPED_ENCODER, SHIPPED_PREDICTOR
 from desirepath.perception.beta_vae import DepthEncoder, VaeConfig
 from desirepath.perception.predictor import PredictorConfig
 from desirepath_experiments.reproduction.depth.chapter import BUDGETS, make_plan
 from desirepath_experiments.reproduction.depth.computing import EXPLORED_SEED, FUNCTIONS, HELD_OUT_HOMES, RECORDED_SEED
 from desirepath_experiments.reproduction.tasks import Task, Work, in_order, results_of
-from desirepath_experiments.shipping.query_sets import describe_queries
-from desirepath_experiments.shipping.storing import Request, store
 
 HOME = "home"
 BUDGET = BUDGETS["small"]
@@ -126,7 +126,9 @@ def ship_queries(folder: Path, config: QueryConfig = SHOWN) -> Card:
         partial(depth_trajectories, controller, senses_of(controller.configuration, encoder, None, config.seed))
         for controller in controllers
     ]
-    queries = queries_of(HOME, roll_outs, home_episodes(drawn, MODES, config.seed).scenes, config)
+    scenes, size = home_episodes(drawn, MODES, config.seed).scenes, config.scenes_per_round
+    rounds = (scenes[first : first + size] for first in range(0, len(scenes), size))
+    queries = queries_of(HOME, roll_outs, rounds, config)
     return _store(
         "query_set",
         QUERIES,

@@ -11,11 +11,11 @@ from desirepath.learning.policies.shipped import load_conditioned
 from desirepath.learning.preferences.from_paths import NOISE, WeightsOfPaths
 from desirepath.learning.preferences.measures import measures
 from desirepath.learning.preferences.posterior import Posterior, weights_of_shares
+from desirepath.learning.shipping.storing import Request
 from desirepath.simulation.demonstration_scenes import demonstration_scenes
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
-from desirepath_experiments.shipping.storing import Request
 
 CANDIDATES = 600  # as in the comparison of ways of telling (docs/numbers.md)
 

@@ -23,11 +23,11 @@ from desirepath.learning.queries.varied_queries import draw_weights
 from desirepath.learning.rewards.step_weights import StepWeightsRewardModel
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.learning.shipped_files import resolve
+from desirepath.learning.shipping.storing import Request
 from desirepath.learning.td3.base import OnProgress
 from desirepath.simulation.fast import evaluate
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
-from desirepath_experiments.shipping.storing import Request
 from desirepath_experiments.training.own_reward import OwnRewardConfig, tune_to_reward
 
 SCENES_SEED = 7_100  # of no other card and no benchmark

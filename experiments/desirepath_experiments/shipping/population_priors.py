@@ -14,7 +14,7 @@ from desirepath.learning.preferences.setup_settings import longest_shown_s
 from desirepath.learning.queries.manner_queries import MannerConfig, manner_pairs
 from desirepath.learning.queries.queries import QueryConfig
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath_experiments.shipping.storing import Request
+from desirepath.learning.shipping.storing import Request
 
 FAMILIES = ("network", "mixture", "thresholds", "lexicographic")  # `changing` is people of `network`, one after another
 FIRST_MEMBER = 2_000  # numbers below are for measuring

@@ -25,12 +25,12 @@ from desirepath.learning.policies.attention import AttentionPolicy
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.torch_actor import actor_of
 from desirepath.learning.scene_sets import Purpose, first_seed
+from desirepath.learning.shipping.storing import Request, store
 from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
 from desirepath.simulation.pedestrians import CrowdConditions
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CONTROL_DT_S
 from desirepath_experiments.reproduction.explanations.scenarios import PRACTICE, SCENARIOS, practice_rooms, rooms
-from desirepath_experiments.shipping.storing import Request, store
 
 CROWD = "crowd_corridor"
 CROWD_SCENARIOS, CROWD_PRACTICE = 24, 2  # ours: half of chapter 8's

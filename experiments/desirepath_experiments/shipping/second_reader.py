@@ -12,6 +12,7 @@ from sklearn.linear_model import LogisticRegression
 
 from desirepath.installed import ROOT
 from desirepath.learning.cards import Card, file_sha256
+from desirepath.learning.shipping.storing import Request, store
 from desirepath.learning.words.lexicon import LANGUAGES, Language
 from desirepath.learning.words.second_reader import (
     BUCKETS,
@@ -24,7 +25,6 @@ from desirepath.learning.words.second_reader import (
 )
 from desirepath.learning.words.understanding import WordsReader
 from desirepath_experiments.benchmarks.labelled_wishes import Case, judge, read_cases
-from desirepath_experiments.shipping.storing import Request, store
 
 SENTENCES = ROOT / "tests" / "learning" / "words"
 PENALTY = 10.0  # scikit-learn's C

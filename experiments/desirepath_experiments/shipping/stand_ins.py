@@ -17,7 +17,7 @@ from desirepath.learning.preferences.objectives import NAMES
 from desirepath.learning.preferences.posterior import Posterior
 from desirepath.learning.preferences.spans import seen_in
 from desirepath.learning.queries.queries import QuerySet
-from desirepath_experiments.shipping.storing import Request
+from desirepath.learning.shipping.storing import Request
 
 PEOPLE = 24  # as many can finish together before anybody's policy is ready
 ANSWERS = 15  # as in study_protocols/personalisation_study.yaml

@@ -21,10 +21,10 @@ from desirepath.learning.people.families.network import NetworkFamily
 from desirepath.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
 from desirepath.learning.queries.varied_queries import draw_weights
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
+from desirepath.learning.shipping.storing import Request
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
-from desirepath_experiments.shipping.storing import Request
 
 StepReward = Callable[[SeenSteps], Doubles]
 FIRST_SEED = 7_000  # of the scenes, of no card and no benchmark

@@ -7,7 +7,7 @@ Here live making, filtering and storing them, and the segment baseline of Christ
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations, permutations
@@ -204,25 +204,30 @@ def generate_queries(
             f"members = {len(members)}: {config.trajectories} trajectories need as many ensemble members"
         )
     setup = get_setup(require_same(**{f"member {k}": member.setup for k, member in enumerate(members)}))
-    scenes = scene_set(setup.name, config.max_scenes, purpose=Purpose.QUERIES, seed=config.seed)
     roll_outs = [partial(rollout, setup, member.rollout_policy) for member in members]
-    return queries_of(setup.name, roll_outs, scenes, config, on_progress)
+    return queries_of(setup.name, roll_outs, scene_rounds(setup.name, config), config, on_progress)
+
+
+def scene_rounds(setup: str, config: QueryConfig) -> Iterator[list[Scene]]:
+    """The scenes that queries may be made in, a round at a time: in a building each takes milliseconds to draw."""
+    for first in range(0, config.max_scenes, config.scenes_per_round):
+        number = min(config.scenes_per_round, config.max_scenes - first)
+        yield scene_set(setup, number, purpose=Purpose.QUERIES, seed=config.seed, first=first)
 
 
 def queries_of(
     setup: str,
     roll_outs: Sequence[Callable[[Sequence[Scene]], list[Trajectory]]],
-    scenes: Sequence[Scene],
+    rounds: Iterable[Sequence[Scene]],
     config: QueryConfig,
     on_progress: Callable[[float, dict[str, float]], None] | None = None,
 ) -> QuerySet:
-    """`generate_queries` of whatever rolls out in scenes of that setup, in these scenes."""
+    """`generate_queries` of whatever rolls out in scenes of that setup, in these scenes, so many at a time."""
     random = np.random.default_rng([config.seed, 6])
     reasons = ("collision", "timeout", "self_intersection", "too_long", "too_short", "look_alike", "one_drive_left")
     filtered = dict.fromkeys(reasons, 0) | {"drives": 0, "scenes": 0}
     of_scenes: list[list[Query]] = []
-    for first in range(0, len(scenes), config.scenes_per_round):
-        round_scenes = scenes[first : first + config.scenes_per_round]
+    for round_scenes in rounds:
         trajectories = [roll_out(round_scenes) for roll_out in roll_outs]
         for row in range(len(round_scenes)):
             filtered["scenes"] += 1
@@ -235,7 +240,7 @@ def queries_of(
         if on_progress:
             on_progress(len(of_scenes) / config.count, {"queries": len(of_scenes), "scenes": filtered["scenes"]})
     raise LearningError(
-        f"count = {config.count}: {len(scenes)} scenes gave queries in only {len(of_scenes)}; dropped: "
+        f"count = {config.count}: {filtered['scenes']} scenes gave queries in only {len(of_scenes)}; dropped: "
         f"{filtered}. Ask for fewer, allow longer trajectories (max_duration_s) or train a better ensemble."
     )
 

@@ -20,8 +20,15 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.preferences.measures import measures, table_of
 from desirepath.learning.preferences.objectives import OPPOSITES, SIZE, names_of, preference_weights
-from desirepath.learning.queries.queries import Query, QueryConfig, QuerySet, flaw, look_alike, round_observations
-from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.learning.queries.queries import (
+    Query,
+    QueryConfig,
+    QuerySet,
+    flaw,
+    look_alike,
+    round_observations,
+    scene_rounds,
+)
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 
@@ -78,10 +85,9 @@ def generate_varied_queries(
     filtered = dict.fromkeys(reasons, 0) | {"drives": 0, "scenes": 0}
     candidates: list[Query] = []
     places: list[int] = []
-    scenes = scene_set(setup.name, asked.max_scenes, purpose=Purpose.QUERIES, seed=asked.seed)
     needed = asked.count * config.scenes_per_query
-    for first in range(0, asked.max_scenes, asked.scenes_per_round):
-        round_scenes = scenes[first : first + asked.scenes_per_round]
+    first = 0
+    for round_scenes in scene_rounds(setup.name, asked):
         trajectories = [rollout(setup, policy.rollout_policy, round_scenes) for policy in policies]
         for row in range(len(round_scenes)):
             if len(set(places)) == needed:
@@ -110,6 +116,7 @@ def generate_varied_queries(
                 found += 1
                 if found == config.pairs_per_scene:
                     break
+        first += len(round_scenes)
         scenes_found = len(set(places))
         if on_progress:
             on_progress(0.9 * min(1.0, scenes_found / needed), {"scenes": scenes_found})

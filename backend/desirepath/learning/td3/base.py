@@ -8,8 +8,8 @@ enters an alignment reward.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -22,12 +22,18 @@ from desirepath.learning.policies.shape import EXPLAINED_HEADS, FAST_HEADS, Netw
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.backprop import Floats
 from desirepath.learning.td3.checkpoints import checkpoints
+from desirepath.learning.td3.goal_seeker import GoalSeeker
+from desirepath.learning.td3.interrupted import REFILLED, Kept, TrainingFile
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
-from desirepath.learning.td3.td3 import Td3Agent, Td3Config
+from desirepath.learning.td3.td3 import ActorTerm, Td3Agent, Td3Config
 from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.setups import get_setup
 
 TURNING = 1  # which of the two actions is the turn rate
+SEEKING_SHARE = 0.5
+GUIDANCE = 4.0
+MOST_RESTARTS = 3
+LOOKING_SCENES = 100
 
 OnProgress = Callable[[float, dict[str, float]], None]
 """(fraction done in [0, 1], metrics by name); called from the training loop, must return quickly."""
@@ -44,6 +50,18 @@ def smoothness_penalty_gradient(actions: Floats, weight: float) -> Floats:
     gradient = np.zeros_like(actions)
     gradient[:, TURNING] = 2 * np.float32(weight) / len(actions) * actions[:, TURNING]
     return gradient
+
+
+class Look(NamedTuple):
+    """Of a look at a training: how often a policy that learns arrives by then, at least. Ours."""
+
+    updates: int
+    least_success: float
+
+
+LOOKS = (Look(1_500, 0.02), Look(2_500, 0.02), Look(5_000, 0.10), Look(10_000, 0.25))
+"""A training of a setup that can be driven is far above these; one that stands still is at 0 for tens of thousands. The
+first is of guided ones: without a guide some that drive in the end stand for 2,000."""
 
 
 def no_progress(fraction: float, metrics: dict[str, float]) -> None:
@@ -74,17 +92,26 @@ class BaseConfig:
     average_decay: float = 0.9995  # running average of the actor's weights, per update
     checkpoints: int = 6  # spread over the second half of the smoothing updates; the best on the selection scenes stays
     selection_scenes: int = 2_000
+    seeking_share: float = 0.0  # ours: of the environments, in which a goal-seeker drives instead of chance at first
+    guidance: float = 0.0  # ours: weight of the squared distance from its actions in the actor's loss, to begin with
+    guided_updates: int = 10_000  # ours: over which that weight falls to 0
 
     def as_dict(self) -> dict[str, Any]:
-        return stored_config(self)
+        """As `stored_config`; without the goal-seeker where it has no part, as before there was one."""
+        stored = stored_config(self)
+        of_seeker = () if self.seeking_share else ("seeking_share", "guidance", "guided_updates")
+        return {name: value for name, value in stored.items() if name not in of_seeker}
 
 
 def base_config(setup: str, seed: int = 0) -> BaseConfig:
-    """How the shipped base policy of that setup is trained."""
+    """How a base policy of that setup is trained today."""
     of = get_setup(setup)
+    usual = BaseConfig(setup, seed, FAST_HEADS if of.extractors else EXPLAINED_HEADS)
+    if not of.solids:
+        usual = replace(usual, seeking_share=SEEKING_SHARE, guidance=GUIDANCE)
     if of.crowded:  # half as long: a step among pedestrians takes five times as long
-        return BaseConfig(setup, seed, updates=40_000, smoothing_updates=8_000, selection_scenes=500)
-    return BaseConfig(setup, seed, FAST_HEADS if of.extractors else EXPLAINED_HEADS)
+        return replace(usual, updates=40_000, smoothing_updates=8_000, selection_scenes=500)
+    return usual
 
 
 @dataclass(frozen=True)
@@ -95,6 +122,8 @@ class BaseResult:
     selection_success: float
     transitions: int
     history: list[dict[str, float]]
+    restarts: list[dict[str, float]] = field(default_factory=list)
+    """Of each time that it stood still and was begun anew: its `seed`, `updates`, `success_rate`, `speed_share`."""
 
 
 class BaseTraining:
@@ -120,6 +149,17 @@ class BaseTraining:
         self.transitions = 0
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self._average = self.agent.actor.flat.clone()
+        self._seeker = GoalSeeker(self.setup) if config.seeking_share else None
+        self._chance = np.random.default_rng([config.seed, 0x5EE])
+
+    def _first_actions(self, observations: Floats) -> Floats:
+        """By chance, and in some of the environments those of a goal-seeker, so that the buffer holds arrivals. One
+        environment in so many: each has its own noise."""
+        actions = self._chance.uniform(-1, 1, (len(observations), 2)).astype(np.float32)
+        if self._seeker is not None:
+            seeking = (np.arange(1, len(observations) + 1) * self.config.seeking_share) % 1 < self.config.seeking_share
+            actions[seeking] = self._seeker.act(observations[seeking])
+        return actions
 
     def vector_step(self) -> int:
         """One step of all environments, then `updates_per_step` updates (none while the buffer fills at random).
@@ -128,17 +168,46 @@ class BaseTraining:
         """
         config = self.config
         warm = self.transitions >= config.random_transitions
-        self.collector.step(self.agent.act if warm else None, self.buffer)
+        self.collector.step(
+            self.agent.act if warm else self._first_actions if self._seeker is not None else None, self.buffer
+        )
         self.transitions += config.n_envs
         if not warm:
             return self.agent.updates
         self.agent.set_learning_rate(self.learning_rate())
         penalty = self.smoothness_penalty()
-        term = (lambda _, actions: smoothness_penalty_gradient(actions, penalty)) if penalty > 0 else None
+        term = (lambda _, actions: smoothness_penalty_gradient(actions, penalty)) if penalty > 0 else self._guidance()
         for _ in range(config.updates_per_step):
             self.agent.update(self.buffer.sample(config.batch_size, self._sampler), term)
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
         return self.agent.updates
+
+    def _guidance(self) -> ActorTerm | None:
+        """In the first updates the actor is drawn to what the goal-seeker does, less and less; None afterwards. A
+        critic that has seen more collisions than arrivals wants to stand, and an actor that stands learns no more."""
+        weight = self.config.guidance * (1 - self.agent.updates / max(1, self.config.guided_updates))
+        if self._seeker is None or weight <= 0:
+            return None
+        seeker = self._seeker
+
+        def term(observations: Floats, actions: Floats) -> Floats:
+            gradient: Floats = np.float32(2 * weight / len(actions)) * (actions - seeker.act(observations))
+            return gradient
+
+        return term
+
+    def go_on(self, kept: Kept) -> None:
+        """Be where an interrupted training was, with another buffer."""
+        self.agent.go_back(kept.memory)
+        self.agent.updates = kept.updates
+        self._average.copy_(kept.average)
+        for _ in range(REFILLED // self.config.n_envs):
+            self.collector.step(self.agent.act, self.buffer)
+        self.transitions = max(kept.transitions, self.config.random_transitions)
+
+    def keep(self, file: TrainingFile) -> None:
+        """Write it down, to go on with."""
+        file.keep(self.agent, self._average, self.transitions)
 
     def learning_rate(self) -> float:
         config = self.config
@@ -170,17 +239,79 @@ def policy_of(agent: Td3Agent, setup: str, actor: torch.Tensor | None = None) ->
     return policy
 
 
-def train_base(config: BaseConfig, on_progress: OnProgress = no_progress) -> BaseResult:
-    """Train, then keep the checkpoint (as it is, or averaged) with most success on the selection scenes."""
-    training = BaseTraining(config)
+class _StandsStill(Exception):
+    """A look at a training found it below what a policy that learns does by then."""
+
+    def __init__(self, found: dict[str, float]) -> None:
+        super().__init__(found)
+        self.found = found
+
+
+def train_base(
+    config: BaseConfig, on_progress: OnProgress = no_progress, file: TrainingFile | None = None
+) -> BaseResult:
+    """Train, then keep the checkpoint (as it is, or averaged) with most success on the selection scenes. file: where it
+    is written down on its way, and gone on with.
+
+    A training that stands still is noticed within its first seconds (`LOOKS`) and begun anew with another seed and a
+    goal-seeker in more of the environments, MOST_RESTARTS times; the last attempt goes on whatever it does.
+    """
+    restarts: list[dict[str, float]] = []
+    while True:
+        watched = len(restarts) < MOST_RESTARTS
+        try:
+            training = BaseTraining(_begun_anew(config, len(restarts)))
+            if file is not None and (kept := file.find()) is not None:
+                training.go_on(kept)
+            return replace(_train(training, config, on_progress, watched, file), restarts=restarts)
+        except _StandsStill as still:
+            if file is not None:
+                file.forget()
+            restarts.append(still.found)
+            on_progress(0.0, {"begun_anew": float(len(restarts)), **still.found})
+
+
+def _begun_anew(config: BaseConfig, restarts: int) -> BaseConfig:
+    if not restarts or get_setup(config.setup).solids:
+        return replace(config, seed=config.seed + 10_000 * restarts)
+    share = min(1.0, max(config.seeking_share, SEEKING_SHARE) + 0.25 * (restarts - 1))
+    guidance = restarts * max(config.guidance, GUIDANCE)
+    return replace(config, seed=config.seed + 10_000 * restarts, seeking_share=share, guidance=guidance)
+
+
+def _look(training: BaseTraining, looks: list[Look]) -> None:
+    """Look whether the policy drives, if it is time to. Raises _StandsStill."""
+    if not looks or training.agent.updates < looks[0].updates:
+        return
+    least = looks.pop(0).least_success
+    scenes = scene_set(training.config.setup, LOOKING_SCENES, purpose=Purpose.SELECT, seed=0)
+    table = evaluate(training.policy().act, training.setup, scenes)
+    success = success_rate(table.outcome)
+    if success < least:
+        speed = float((table.path_length / table.time).mean()) / training.setup.robot.limits.v_max
+        found = {"updates": training.agent.updates, "success_rate": success, "speed_share": speed}
+        raise _StandsStill({"seed": training.config.seed, **found})
+
+
+def _train(
+    training: BaseTraining, config: BaseConfig, on_progress: OnProgress, watched: bool, file: TrainingFile | None
+) -> BaseResult:
+    """Raises _StandsStill where `watched`."""
     scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
     total = config.updates + config.smoothing_updates
     apart = config.smoothing_updates / 2 / config.checkpoints
     marks = [round(total - k * apart) for k in reversed(range(config.checkpoints))]
     history: list[dict[str, float]] = []
     best = (-1.0, training.policy())
+    begun = training.agent.updates
+    marks = [mark for mark in marks if mark > begun] or [begun + 1]
+    first = 0 if training.config.guidance else 1
+    looks = [look for look in LOOKS[first:] if begun < look.updates < config.updates] if watched else []
 
     def between(updates: int) -> None:
+        _look(training, looks)
+        if file is not None:
+            training.keep(file)
         if updates and updates % (100 * config.updates_per_step) == 0:
             on_progress(
                 updates / total, {"updates": updates, "transitions": training.transitions, **training.agent.losses}

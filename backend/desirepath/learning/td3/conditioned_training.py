@@ -35,6 +35,7 @@ from desirepath.learning.preferences.objectives import (
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.learning.td3.checkpoints import checkpoints
+from desirepath.learning.td3.interrupted import Kept, TrainingFile
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
 from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
 from desirepath.simulation.fast import FastEngine, make_engine, rollout
@@ -290,6 +291,16 @@ class ConditionedTraining:
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
         return self.agent.updates
 
+    def go_on(self, kept: Kept) -> None:
+        """Be where an interrupted training was, with another buffer."""
+        self.agent.go_back(kept.memory)
+        self.agent.updates, self.transitions = kept.updates, kept.transitions
+        self._average.copy_(kept.average)
+
+    def keep(self, file: TrainingFile) -> None:
+        """Write it down, to go on with."""
+        file.keep(self.agent, self._average, self.transitions)
+
     def batch(self) -> Batch:
         """What the agent learns from: reward = core + progress + sum_k scale_k share_k term_k - turning - time.
 
@@ -365,20 +376,26 @@ def _check(base: Policy, config: ConditionedConfig, reward_weights: RewardWeight
 
 
 def train_conditioned(
-    base: Policy, config: ConditionedConfig, on_progress: OnProgress = no_progress
+    base: Policy, config: ConditionedConfig, on_progress: OnProgress = no_progress, file: TrainingFile | None = None
 ) -> ConditionedResult:
     """Train from the base policy, then keep the checkpoint (averaged weights) that scores best on the selection scenes.
 
     The score rewards movement in the wanted directions and punishes failures and self-intersections
-    (`Steerability.score`). Then `farther` is made as strong as it shall be. Raises SetupError, LearningError.
+    (`Steerability.score`). Then `farther` is made as strong as it shall be. file: where it is written down on its way,
+    and gone on with. Raises SetupError, LearningError.
     """
     training = ConditionedTraining(base, config)
+    if file is not None and (kept := file.find()) is not None:
+        training.go_on(kept)
     scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
     marks = [round(config.updates * (2 / 3 + (k + 1) / config.checkpoints / 3)) for k in range(config.checkpoints)]
+    marks = [mark for mark in marks if mark > training.agent.updates] or [training.agent.updates + 1]
     history: list[dict[str, float]] = []
     tried: list[tuple[ConditionedPolicy, Steerability]] = []
 
     def between(updates: int) -> None:
+        if file is not None:
+            training.keep(file)
         if updates % (100 * config.updates_per_step) == 0:
             on_progress(updates / config.updates, {"updates": updates, "transitions": training.transitions})
 

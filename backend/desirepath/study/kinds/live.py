@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 from sqlalchemy import select
 
-from desirepath.grammar.parts import Localized, Part
+from desirepath.grammar.parts import Localized, OneOf, Part
 from desirepath.grammar.source import Path
 from desirepath.grammar.words import View
 from desirepath.simulation.setup_parts import PLACES
@@ -54,21 +54,20 @@ CROWD_CONTROLS: tuple[tuple[str, ...], ...] = (
 that does nothing, or the wrong thing, is no control."""
 OBJECTIVES = tuple(name for control in CONTROLS for name in control)
 OPPOSITES = tuple(pair for pair in CONTROLS if len(pair) == 2)
-PERSON_SETUPS = preference_setups()
-CROWD_SETUPS = tuple(name for name in setups_with("conditioned") if name not in PERSON_SETUPS)
-SETUPS = (*PERSON_SETUPS, *CROWD_SETUPS)
-if TYPE_CHECKING:
-    PersonSetup = str
-    Setup = str
-else:  # one of these names, as errors and the published schema say
-    PersonSetup, Setup = Literal[PERSON_SETUPS], Literal[SETUPS]
+PersonSetup = Annotated[str, OneOf(preference_setups)]
+Setup = Annotated[str, OneOf(lambda: (*preference_setups(), *crowd_setups()))]
 CORNERS = 3
 Weights = dict[str, float]
 
 
+def crowd_setups() -> tuple[str, ...]:
+    """The setups with a conditioned policy in which people walk."""
+    return tuple(name for name in setups_with("conditioned") if name not in preference_setups())
+
+
 def controls_of(setup: str) -> tuple[tuple[str, ...], ...]:
     """The sliders of what people may set in that setup."""
-    return CROWD_CONTROLS if setup in CROWD_SETUPS else CONTROLS
+    return CROWD_CONTROLS if setup in crowd_setups() else CONTROLS
 
 
 def objectives_on(setup: str) -> tuple[str, ...]:
@@ -260,7 +259,7 @@ class LiveKind(Kind[S, A]):
 
     def payload(self, step: S, page: Page) -> dict[str, Any]:
         shown = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": controls_of(step.setup)}
-        return shown | {"triangle": step.objectives, "among_people": step.setup in CROWD_SETUPS}
+        return shown | {"triangle": step.objectives, "among_people": step.setup in crowd_setups()}
 
     def check(self, step: S, answer: A, page: Page) -> dict[str, Any]:
         assert isinstance(answer, LiveAnswer)  # noqa: S101  a kind with another answer checks it itself

@@ -22,7 +22,6 @@ from desirepath.study.kinds.appointment import AppointmentStage
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.evaluation import EvaluationStage
 from desirepath.study.kinds.live import (
-    CROWD_SETUPS,
     AboutLive,
     LiveAnswer,
     LiveKind,
@@ -30,6 +29,7 @@ from desirepath.study.kinds.live import (
     LiveStep,
     Weights,
     check_history,
+    crowd_setups,
     distance,
     find_arrival_notes,
     simulate_weights,
@@ -82,7 +82,7 @@ class MeetYourRobotStage(LiveStage, Stage):
             yield source.problem(here, "must stand in the comparison's appointment, whose robot it shows")
         if any(stage.teaches or isinstance(stage, ComparisonStage | EvaluationStage) for stage in after):
             yield source.problem(here, "stands before something blind; put it after blocks, ratings and comparisons")
-        if self.reasons and self.setup in CROWD_SETUPS:
+        if self.reasons and self.setup in crowd_setups():
             yield source.problem((*here, "reasons"), f"cannot be said in {self.setup}, where more than one person is")
         if any(isinstance(stage, TrainStage) and stage.job != "align" for stage in before):
             yield source.problem(here, "needs a train stage with job align: what is learned from paths has no weights")

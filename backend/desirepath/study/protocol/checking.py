@@ -10,11 +10,12 @@ from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.skipping import problems_with
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.when import ItemWhen, When
+from desirepath.simulation.setups import setups_with
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.comprehension import ComprehensionStage
 from desirepath.study.kinds.consent import ConsentStage
 from desirepath.study.kinds.feedback import Feedback
-from desirepath.study.kinds.live import SETUPS, LiveStage
+from desirepath.study.kinds.live import LiveStage
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.plan.counterbalancing import design_of
@@ -90,15 +91,15 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
             yield from _arms(compared, learning, ("stages", first("comparison"), "comparison"), source)
     if "comparison" in kinds and first("comparison") < first("train"):
         yield at(first("comparison"), "needs a train stage before it that makes the participant's own policy")
-    asked_in = (protocol.query_set or "").partition("/")[0]
+    asked_in, taught = (protocol.query_set or "").partition("/")[0], setups_with("conditioned")
     for index, entry in enumerate(protocol.stages):
         live = entry.stage
         learned = isinstance(live, LiveStage) and getattr(live, "start", "learned") == "learned"
-        if isinstance(live, LiveStage) and learned and asked_in in SETUPS and live.setup != asked_in:
+        if isinstance(live, LiveStage) and learned and asked_in in taught and live.setup != asked_in:
             here = ("stages", index, entry.kind, "setup")
             yield source.problem(here, f"must be {asked_in}, as the query set's, whose answers it shows")
         shown = getattr(live, "feedback", None)
-        if isinstance(shown, Feedback) and asked_in in SETUPS and shown.setup != asked_in:
+        if isinstance(shown, Feedback) and asked_in in taught and shown.setup != asked_in:
             here = ("stages", index, entry.kind, "feedback", "setup")
             yield source.problem(here, f"must be {asked_in}, as the query set's, whose answers it shows")
     for index, entry in enumerate(protocol.stages):

@@ -20,10 +20,10 @@ from desirepath.learning.preferences.oracles import ALWAYS_RIGHT, Oracle, Respon
 from desirepath.learning.queries.queries import Query
 from desirepath.report.simulated_cohorts import Cohort, SimulatedPerson
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import preference_setups
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.sides import SIDES, Side
 from desirepath.study.kind import KINDS
-from desirepath.study.kinds.live import PERSON_SETUPS
 
 POLL_S = 0.5  # how often a waiting bot looks
 DRAWING_TRIES = 20  # of one path, which is drawn another way every time
@@ -228,7 +228,7 @@ class SimulatedParticipant:
 
         style = self._style or list(STYLES)[self._number % len(STYLES)]
         scenes = [Scene.from_dict(scene) for scene in step["scenes"]]
-        weights = self.choose_weights(step) if scenes[0].setup in PERSON_SETUPS else {}
+        weights = self.choose_weights(step) if scenes[0].setup in preference_setups() else {}
         problem: Any = None
         for tried in range(DRAWING_TRIES):
             choice = int(self.random.integers(len(scenes))) if len(scenes) > 1 else 0

@@ -12,6 +12,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 from starlette.datastructures import FormData
 
+from desirepath.grammar.parts import OneOf
 from desirepath.jobs.alignment import RECIPE
 from desirepath.jobs.kinds import JobParamsError, Kind
 from desirepath.store.artefact_upkeep import is_offered
@@ -97,7 +98,7 @@ def _field(
     inner = _without_none(info.annotation)
     artefact_kind = str(extra.get("artefact", ""))
     shown = default if value is None else value
-    choices: tuple[str, ...] = tuple(get_args(inner)) if get_origin(inner) is Literal else ()
+    choices = _choices(inner, info.metadata)
     limits = {
         bound: float(getattr(rule, bound)) for rule in info.metadata for bound in ("ge", "gt", "le", "lt")
         if hasattr(rule, bound)
@@ -169,6 +170,14 @@ def _as_ids(artefacts: Sequence[Artefact], given: Any) -> Any:
     if isinstance(given, list | tuple):
         return [id_of.get(named, named) for named in given]
     return id_of.get(given, given)
+
+
+def _choices(annotation: Any, metadata: Sequence[Any]) -> tuple[str, ...]:
+    """The names that a field takes, of those that are one of some."""
+    if get_origin(annotation) is Literal:
+        return tuple(get_args(annotation))
+    rules = (*metadata, *getattr(annotation, "__metadata__", ()))
+    return tuple(name for rule in rules if isinstance(rule, OneOf) for name in rule.names())
 
 
 def _without_none(annotation: Any) -> Any:

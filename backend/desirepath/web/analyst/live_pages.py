@@ -14,10 +14,11 @@ from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from desirepath.grammar.words import View
+from desirepath.simulation.setups import preference_setups
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.shipped_policies import shipped_name
-from desirepath.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, PERSON_SETUPS, in_triangle, three_corners
+from desirepath.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, in_triangle, three_corners
 from desirepath.web.analyst.chosen_policies import (
     ADAPTABLE,
     NOT_DRAWN,
@@ -149,7 +150,7 @@ def _asked(request: Request, database: Db) -> Asked | None:
 
 def _by_hand(artefact: Artefact) -> bool:
     """Whether it has weights that there are sliders for: the nine of a person who stands, or chapter 5's three."""
-    return artefact.kind == ADAPTABLE or (artefact.kind in WEIGHED and artefact.setup in PERSON_SETUPS)
+    return artefact.kind == ADAPTABLE or (artefact.kind in WEIGHED and artefact.setup in preference_setups())
 
 
 def _corners(request: Request, t: Catalogue) -> list[str] | None:

@@ -40,6 +40,8 @@ BEHIND_SIGN_IN = ("/lab/", "/api/lab/")
 SIGN_IN = "/lab/sign-in"
 STREAMED = ("/api/lab/recordings/files",)
 """Routes that write a file as it comes in, and count it themselves."""
+LARGER = {"/lab/settings/setups": 66 * 1024**2}
+"""Largest body (bytes) of a form with files, of those that take more: parts of a form go to the disk from 1 MB on."""
 NUL = re.compile("\x00")
 MOST_SEPARATORS = 1_000  # of a form's fields; Starlette takes as many fields, but any number of empty ones
 
@@ -90,7 +92,7 @@ def _limit_of(request: Request) -> int:
     if not _behind_sign_in(request):
         return LARGEST_OPEN_BODY
     streamed = request.headers.get("content-type") == ANY_FILE and request.url.path in STREAMED
-    return LARGEST_STREAM if streamed else LARGEST_BODY
+    return LARGEST_STREAM if streamed else LARGER.get(request.url.path, LARGEST_BODY)
 
 
 def _behind_sign_in(request: Request) -> bool:

@@ -124,6 +124,9 @@ CHANGING: dict[str, Rule] = {
     "/lab/studies/{study_id}/coding/{item}/answers/{response_id}": Rule(Right.CODE),
     "/lab/studies/{study_id}/coding/{item}/answers/{response_id}/settle": Rule(Right.CODE),
     "/lab/settings": Rule(Right.MANAGE, "settings_changed"),
+    "/lab/settings/setups": Rule(Right.ANALYSE, "setup_brought"),
+    "/lab/settings/setups/{name}/train": Rule(Right.ANALYSE, "job_started"),
+    "/lab/settings/setups/{name}/remove": Rule(Right.TIDY, "setup_removed"),
     "/lab/settings/accounts": Rule(Right.MANAGE, "account_added"),
     "/lab/settings/accounts/{name}/role": Rule(Right.MANAGE, "role_changed"),
     "/lab/settings/accounts/{name}/reset": Rule(Right.MANAGE, "password_reset"),
@@ -178,6 +181,7 @@ SHOWING: dict[str, Rule] = {
     "/lab/studies/{study_id}/coding/{item}/codings.csv": Rule(Right.TAKE),
     "/lab/studies/{study_id}/protocol.yaml": Rule(Right.TAKE),  # may hold the completion code, which is worth money
     "/lab/settings": Rule(Right.MANAGE),
+    "/lab/settings/setups/{name}/setup.zip": Rule(Right.TAKE, "setup_taken"),
     "/lab/audit": Rule(Right.MANAGE),
     "/lab/recordings/{draft_id}": Rule(Right.ANALYSE),
     "/api/lab/recordings/{draft_id}": Rule(Right.ANALYSE),

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from desirepath.installed import DATASETS
 from desirepath.learning.cards import DEPARTURES, Card, card_path, file_sha256, source_commit
 from desirepath.learning.td3.base import OnProgress, no_progress
+from desirepath.learning.td3.interrupted import TrainingFile
 
 QUERIES = 200  # as many as are shipped
 
@@ -17,7 +18,8 @@ QUERIES = 200  # as many as are shipped
 @dataclass(frozen=True)
 class Request:
     """folder: that the setup's folder lies in. count: of queries, or scenes of triples. work: a folder where trainings
-    are kept, to go on with."""
+    are kept, to go on with. report_sets: of so many scenes are policies measured in. command: that makes all of it;
+    empty: `desirepath ship`. made_of: what else everything is made of, name -> sha256."""
 
     setup: str
     seed: int = 0
@@ -25,10 +27,18 @@ class Request:
     count: int = QUERIES
     work: Path | None = None
     on_progress: OnProgress = no_progress
+    report_scenes: int = 2_000
+    report_sets: int = 5
+    command: str = ""
+    made_of: Mapping[str, str] = field(default_factory=dict)
 
     def path(self, name: str) -> Path:
         """Of an artefact of the setup."""
         return self.folder / self.setup / f"{name}.npz"
+
+    def training_file(self, name: str, settings: dict[str, Any]) -> TrainingFile | None:
+        """Where the training of an artefact is on its way, if there is a folder for that."""
+        return TrainingFile(self.work / f"{self.setup}_{name}.npz", {**settings, **self.made_of}) if self.work else None
 
     def parents(self, *names: str) -> dict[str, str]:
         """Full name -> sha256 of artefacts of the setup that lie in the folder."""
@@ -36,7 +46,8 @@ class Request:
 
     def store(self, kind: str, name: str, save: Callable[[Path], object] | bytes, command: str, **fields: Any) -> Card:
         """`store` for an artefact of the setup, made with the seed. command: as `ship` is asked."""
-        command = f"desirepath ship {command} --seed {self.seed}"
+        command = self.command or f"desirepath ship {command} --seed {self.seed}"
+        fields["parents"] = {**fields.get("parents", {}), **self.made_of}
         return store(kind, f"{self.setup}/{name}", save, self.folder, command=command, seed=self.seed, **fields)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from desirepath.learning.queries.manner_queries import MannerConfig, generate_ma
 from desirepath.learning.queries.queries import QueryConfig, QuerySet, generate_queries, path_gap_m
 from desirepath.learning.queries.varied_queries import VariedConfig, describe_differences, generate_varied_queries
 from desirepath.learning.scene_sets import Purpose, describe
-from desirepath_experiments.shipping.storing import Request
+from desirepath.learning.shipping.storing import Request
 
 Config = QueryConfig | VariedConfig | MannerConfig
 """Of a varied query; the field's robot is slow."""
@@ -22,7 +23,7 @@ Config = QueryConfig | VariedConfig | MannerConfig
 
 def ship_queries(request: Request, trajectories: int = 2) -> Card:
     """Make, describe and store queries by the ensemble in the same folder."""
-    config = QueryConfig(count=request.count, seed=request.seed, trajectories=trajectories)
+    config = replace(_shown_config(request), trajectories=trajectories)
     members = _ensemble(request)
     queries = generate_queries([Policy.load(request.path(member)) for member in members], config, request.on_progress)
     command, stem = ("triples", "queries_triples") if trajectories == 3 else ("queries", "queries")
@@ -51,7 +52,8 @@ def ship_manner_queries(request: Request) -> Card:
 
 
 def _shown_config(request: Request) -> QueryConfig:
-    return QueryConfig(count=request.count, seed=request.seed, max_duration_s=longest_shown_s(request.setup))
+    most = min(QueryConfig.max_scenes, 50 * request.count)
+    return QueryConfig(request.count, seed=request.seed, max_duration_s=longest_shown_s(request.setup), max_scenes=most)
 
 
 def _ensemble(request: Request) -> list[str]:

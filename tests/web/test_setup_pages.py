@@ -1,0 +1,107 @@
+"""A lab brings its setup on the page: checked, drawn, trained by a job, taken away, removed; what is wrong is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from sqlalchemy import select
+
+from desirepath.jobs.kinds import get_kind
+from desirepath.simulation.setup_intake import unpack
+from desirepath.simulation.setups import own_setups, uploaded_setups
+from desirepath.store.models import Job
+from tests.simulation.test_ground_maps import draw_map
+from tests.web.lab_services import csrf
+
+PAGE = "/lab/settings/setups"
+
+
+@pytest.fixture(autouse=True)
+def own_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The setups of this installation lie in a folder of the test."""
+    monkeypatch.setenv("DESIREPATH_DATA", str(tmp_path / "data"))
+    monkeypatch.delenv("DESIREPATH_SETUPS", raising=False)
+
+
+def bring(lab, tmp_path: Path, name: str = "our_lab", robot: str = "turtlebot3_burger", **changed: bytes):
+    (tmp_path / "brought").mkdir(exist_ok=True)
+    draw_map(tmp_path / "brought")
+    given = {file.name: file.read_bytes() for file in (tmp_path / "brought").iterdir()} | {
+        name.replace("_yaml", ".yaml"): content for name, content in changed.items()
+    }
+    files = [("files", (one, content)) for one, content in given.items()]
+    form = {"csrf": csrf(lab, PAGE), "name": name, "robot": robot}
+    return lab.post(PAGE, data=form, files=files, follow_redirects=False)
+
+
+def test_a_setup_is_brought_drawn_trained_taken_and_removed(lab, lab_services, tmp_path):
+    assert "No setup of your own yet." in lab.get(PAGE).text
+    assert bring(lab, tmp_path).headers["location"] == f"{PAGE}?done=setup_brought#our_lab"
+    page = lab.get(f"{PAGE}?done=setup_brought").text
+    for said in ("our_lab", "turtlebot3_burger", "8.1 × 6.1 m", "nothing yet", "Train it, so that studies can use it."):
+        assert said in page
+    picture = lab.get(f"{PAGE}/our_lab/picture.png")
+    assert (picture.status_code, picture.headers["content-type"]) == (200, "image/png")
+    assert set(unpack("x.zip", lab.get(f"{PAGE}/our_lab/setup.zip").content)) == {"map.pgm", "map.yaml", "setup.yaml"}
+
+    started = [
+        lab.post(f"{PAGE}/our_lab/train", data={"csrf": csrf(lab, PAGE)}, follow_redirects=False).headers["location"]
+        for _ in range(2)
+    ]
+    assert started[0] == started[1]  # it is under way: no second one
+    with lab_services.database.session() as s:
+        (job,) = s.scalars(select(Job).where(Job.kind == "train_setup"))
+    assert get_kind(job.kind).parse(job.params).setup == "our_lab"
+    assert "queued" in lab.get(PAGE).text
+    assert "Make a setup ready" in lab.get(started[0]).text
+    assert "our_lab" in lab.get("/lab/jobs/new/train_setup").text
+
+    removed = lab.post(f"{PAGE}/our_lab/remove", data={"csrf": csrf(lab, PAGE)}, follow_redirects=False)
+    assert removed.headers["location"] == f"{PAGE}?done=setup_removed"
+    assert own_setups() == ()
+    assert list(uploaded_setups().iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"name": "study_room"}, "there is a setup of this name"),
+        ({"robot": ""}, "no setup.yaml and no robot.yaml"),
+        ({"map_yaml": b"image: map.pgm\nresolution: 0.05\n"}, "map.yaml:1: origin: is missing"),
+        ({"map_yaml": b"image: gone.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"}, "gone.pgm"),
+        ({"setup_yaml": b"robot: turtlebot2\nworld: {name: bilding}\n"}, "did you mean building"),
+    ],
+)
+def test_what_is_wrong_is_said_as_by_the_command_and_nothing_is_kept(lab, tmp_path, given, says):
+    answered = bring(lab, tmp_path, **given)
+    assert answered.status_code == 422
+    assert says in answered.text.replace("&#39;", "'")
+    assert own_setups() == ()
+
+
+def test_more_than_is_taken_is_refused_before_it_is_read(lab, tmp_path):
+    form = {"csrf": csrf(lab, PAGE), "name": "our_lab"}
+    much = [("files", ("map.pgm", bytes(67 * 1024**2)))]
+    assert lab.post(PAGE, data=form, files=much).status_code == 413
+    assert lab.post(PAGE, data=form, files=much[:0] or [("files", ("x.zip", b"PK nothing"))]).status_code == 422
+    assert own_setups() == ()
+
+
+def test_who_may_only_look_brings_trains_and_removes_nothing(lab, as_role, tmp_path):
+    bring(lab, tmp_path)
+    viewer = as_role("viewer")
+    page = viewer.get(PAGE).text
+    assert "our_lab" in page
+    assert "Check and keep" not in page
+    token = csrf(viewer, "/lab/studies")
+    for path in (PAGE, f"{PAGE}/our_lab/train", f"{PAGE}/our_lab/remove"):
+        assert viewer.post(path, data={"csrf": token, "name": "x"}).status_code == 403
+    assert viewer.get(f"{PAGE}/our_lab/setup.zip").status_code == 403
+    assert own_setups() == ("our_lab",)
+
+
+def test_only_own_setups_are_taken_trained_or_removed(lab):
+    for path in ("train", "remove"):
+        assert lab.post(f"{PAGE}/study_room/{path}", data={"csrf": csrf(lab, PAGE)}).status_code == 404
+    assert lab.get(f"{PAGE}/study_room/setup.zip").status_code == 404
