@@ -207,7 +207,7 @@ print(gymnasium.make("desirepath/porter_passage-v0").reset(seed=1)[0].shape)
     [
         ("radius_m: 0.30", "radius_m: -0.3", r"setup.yaml:3: robot.radius_m = -0.3: .*greater than 0"),
         ("radius_m: 0.30", "radios_m: 0.3", "setup.yaml:3: robot.radios_m.* did you mean radius_m"),
-        ("sectors: 27", "sectors: 28", "setup.yaml:6: robot.lidar: sectors = 28: must divide the 270 beams"),
+        ("sectors: 27", "sectors: 28", "sectors = 28: must divide the 270 beams; what works: 27 sectors of 270"),
         ("v_max: 0.8", "v_max: 0.0", "setup.yaml:5: robot.limits: v_max = 0: must be above v_min"),
         ("name: study_room", "name: study_roon", "setup.yaml:8: world.name = .*did you mean study_room"),
         ("velocity: true", "velocity: true, pedestrians: 2", "observation.pedestrians = 2: must be 0, or world.people"),

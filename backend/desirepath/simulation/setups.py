@@ -34,6 +34,7 @@ ENTRY_POINTS = "desirepath.setups"
 """Group of entry points of other packages. Each is the folder of one setup, or a function that returns it."""
 
 MOST_BEAMS = 28_800  # of a turn
+LOOSE_TURN = 1e-3  # share of a turn that its sectors may overlap or leave out: 4.712 rad is 270 degrees
 _STRICT = ConfigDict(extra="forbid")
 NAME = re.compile("[a-z][a-z0-9_]{0,59}")
 Length = Annotated[float, Field(gt=0, le=1_000)]  # m
@@ -91,19 +92,29 @@ class Lidar:
     __pydantic_config__ = _STRICT
 
     def __post_init__(self) -> None:
-        if self.beams % self.sectors:
-            raise SetupError(f"sectors = {self.sectors}: must divide the {self.beams} beams")
         if self.min_range_m >= self.range_m:
             raise SetupError(f"min_range_m = {self.min_range_m:g}: must be below range_m, {self.range_m:g} m")
-        if self.all_round:
-            return
-        whole = self.sectors * 2 * math.pi / self.field_of_view_rad
-        if self.sectors % 2 or abs(whole - round(whole)) > 0.01 or self.beams_of_a_turn > MOST_BEAMS:
-            raise SetupError(
-                f"sectors = {self.sectors}: must be even, and of a size of which a whole number makes a turn, with at "
-                f"most {MOST_BEAMS:,} beams; "
-                f"{math.degrees(self.field_of_view_rad):g} degrees have {whole:g} of them in a turn"
+        if self.beams % self.sectors or not self._is_part_of_a_turn(self.sectors):
+            degrees = (
+                f", be even, and fill {math.degrees(self.field_of_view_rad):g} degrees as a whole number would a turn"
             )
+            must = f"must divide the {self.beams} beams{'' if self.all_round else degrees}"
+            raise SetupError(f"sectors = {self.sectors}: {must}; what works: {self._near_ones()}")
+        if self.beams_of_a_turn > MOST_BEAMS:
+            raise SetupError(f"beams = {self.beams}: a whole turn of them must have at most {MOST_BEAMS:,}")
+
+    def _is_part_of_a_turn(self, sectors: int) -> bool:
+        whole = sectors * 2 * math.pi / self.field_of_view_rad
+        return self.all_round or (sectors % 2 == 0 and abs(whole - round(whole)) <= whole * LOOSE_TURN)
+
+    def _near_ones(self) -> str:
+        """The three numbers of sectors nearest to ours that work, each with the nearest number of beams."""
+        numbers = [number for number in range(1, min(self.beams, 400) + 1) if self._is_part_of_a_turn(number)]
+        near = sorted(numbers, key=lambda number: (self.beams % number > 0, abs(number - self.sectors)))[:3]
+        return (
+            ", ".join(f"{number} sectors of {round(self.beams / number) * number} beams" for number in near)
+            or "more beams"
+        )
 
     @property
     def all_round(self) -> bool:
