@@ -292,7 +292,7 @@ def test_a_policy_with_sensors_of_its_own_drives_as_in_its_own_engine() -> None:
     driven = rollout(get_setup(policy.setup), policy.rollout_policy, scenes[:2])
     assert [int(one.outcome) for one in driven] == table.outcome[:2].tolist()
     assert compare_policies(policy, policy, n=4)["success_difference"]["value"] == 0
-    with pytest.raises(LearningError, match="does not read its setup's observation alone"):
+    with pytest.raises(LearningError, match="reads its setup's observation alone"):
         load_policy("crowd_corridor/attention")
     with pytest.raises(ActionError, match="fast engine"):
         policy.rollout_policy.act(np.zeros((1, 3), np.float32))

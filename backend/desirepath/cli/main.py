@@ -19,6 +19,7 @@ with ended_by_interrupt(), without_collecting():
         jobs,
         places,
         plots,
+        policies,
         recordings,
         report,
         science,
@@ -63,6 +64,7 @@ with ended_by_interrupt():
     app.add_typer(study.commands, name="study")
     app.add_typer(jobs.commands, name="jobs")
     app.add_typer(words.commands, name="words")
+    app.add_typer(policies.commands, name="policies")
     app.add_typer(places.robots, name="robot")
     app.add_typer(places.setups, name="setup")
     for further in entry_points(group="desirepath.commands"):

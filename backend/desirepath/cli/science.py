@@ -228,14 +228,21 @@ def find_policy(reference: str) -> DrivingPolicy:
     """The policy that was named on the command line: by id, path or shipped name, a conditioned one with its weights
     (`ID@farther=1`). Raises LookupError.
     """
-    from desirepath.learning.policies.shipped import load_driving, names_policy, policy_conditioned_on
-    from desirepath.learning.shipped_files import shipped_names
+    from desirepath.learning.policies.shipped import policy_conditioned_on
+
+    return policy_conditioned_on(policy_file(reference), reference)
+
+
+def policy_file(reference: str) -> bytes:
+    """The stored policy that `find_policy` reads, whatever stands behind `@`. Raises LookupError."""
+    from desirepath.jobs.kinds import ANY_POLICY
+    from desirepath.learning.policies.shipped import names_policy
+    from desirepath.learning.shipped_files import resolve, shipped_names
     from desirepath.store.artefacts import ArtefactError, load_artefact
     from desirepath.store.models import Artefact
-    from desirepath.store.shipped_policies import REGISTERED
 
     if names_policy(reference):
-        return load_driving(reference)
+        return resolve(reference.partition("@")[0]).read_bytes()
     artefact_id = reference.partition("@")[0]
     database, files = open_store()
     with database.session() as s:
@@ -243,9 +250,9 @@ def find_policy(reference: str) -> DrivingPolicy:
             shipped = ", ".join(name for name in shipped_names() if "/queries" not in name and "/scenarios" not in name)
             raise LookupError(f"no policy {reference!r}: neither an id, a file nor shipped ({shipped})")
         artefact, content = load_artefact(s, files, artefact_id)
-    if artefact.kind not in REGISTERED:
+    if artefact.kind not in ANY_POLICY.split("|"):
         raise ArtefactError(f"artefact {artefact.id} ({artefact.name}) is a {artefact.kind}, not a policy")
-    return policy_conditioned_on(content, reference)
+    return content
 
 
 def parse_settings(more: list[str] | None) -> dict[str, Any]:

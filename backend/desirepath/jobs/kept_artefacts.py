@@ -14,7 +14,7 @@ from desirepath.jobs.context import JobContext
 from desirepath.jobs.kinds import ANY_POLICY
 from desirepath.jobs.params import Params
 from desirepath.learning.cards import source_commit
-from desirepath.learning.policies.policy import DrivingPolicy, Policy
+from desirepath.learning.policies.policy import DrivingPolicy, Policy, network_of, read_policy
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefact_upkeep import LONGEST_NAME
 from desirepath.store.artefacts import QUARANTINED, ArtefactError, save_artefact, save_trajectories
@@ -62,10 +62,11 @@ def free_name(s: DbSession, kind: str, name: str) -> str:
 
 
 def load_policy(context: JobContext, reference: str) -> tuple[Artefact, Policy]:
-    """A policy and its artefact. Raises ArtefactError as `find_artefact` does."""
+    """A policy and its artefact. Raises ArtefactError as `find_artefact` does, LearningError for one of somebody else
+    whose network is none of ours."""
     with context.database.session() as s:
         artefact = find_artefact(s, reference, "policy")
-    return artefact, Policy.from_bytes(context.files.get(artefact.id))
+    return artefact, network_of(read_policy(context.files.get(artefact.id)).driving())
 
 
 def load_conditioned(context: JobContext, reference: str) -> tuple[Artefact, ConditionedPolicy]:

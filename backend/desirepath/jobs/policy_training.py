@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from desirepath.jobs.context import JobContext
-from desirepath.jobs.kept_artefacts import card_of, keep, load_policy
+from desirepath.jobs.kept_artefacts import card_of, keep, load_any_policy, load_policy
 from desirepath.jobs.kinds import EnsembleParams, QueriesParams, TrainBaseParams
 from desirepath.learning.cards import DEPARTURES
 from desirepath.learning.policies.shape import FAST_HEADS
@@ -84,7 +84,7 @@ def train_ensemble(context: JobContext, params: EnsembleParams) -> dict[str, Any
 
 def make_query_set(context: JobContext, params: QueriesParams) -> dict[str, Any]:
     """A query set of the members' trajectories."""
-    members = [load_policy(context, reference) for reference in params.members]
+    members = [load_any_policy(context, reference) for reference in params.members]
     config = QueryConfig(**params.model_dump(exclude={"members"}))
     made = make_queries([policy for _, policy in members], config, context.progress)
     result = {"queries": len(made), "filtered": made.filtered}

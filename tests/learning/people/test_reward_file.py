@@ -19,12 +19,12 @@ from onnx import helper, numpy_helper
 from torch import nn
 
 from desirepath.learning.errors import LearningError
-from desirepath.learning.people import limited_reward
-from desirepath.learning.people.onnx_bounds import check_network
+from desirepath.learning.foreign import limited
+from desirepath.learning.foreign.onnx_bounds import check_network
 from desirepath.learning.people.reward_file import read_reward, reward_of_store
 from desirepath.learning.people.reward_inputs import quantities
 from desirepath.learning.people.reward_manifest import MANIFEST_BYTES, pack, read_manifest
-from desirepath.learning.people.reward_networks import reader_of
+from desirepath.learning.people.reward_networks import open_reward
 from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.learning.rewards.linear import fit_linear
@@ -144,7 +144,7 @@ def hostile() -> dict[str, tuple[Any, str]]:
         "a size decided by values": (
             onnx_of([helper.make_node("NonZero", ["x"], ["z"]), *summed], {"w": one}), "NonZero is not run"
         ),
-        "two rewards": (onnx_of(summed, {"w": np.ones((INPUTS, 2), np.float32)}), "one reward per step"),
+        "two rewards": (onnx_of(summed, {"w": np.ones((INPUTS, 2), np.float32)}), "an output (n, 1)"),
         "another width": (onnx_of(summed, {"w": np.ones((5, 1), np.float32)}, width=5), f"inputs are {INPUTS}"),
     }  # fmt: skip
 
@@ -174,7 +174,7 @@ def test_the_reward_of_a_step_is_its_own(name: str) -> None:
     stated = {"format": "desirepath-reward-2", "setup": "study_room", "file": "net.onnx", "inputs": EXPORT}
     mixing = read_manifest(json.dumps(stated).encode(), "manifest")
     with pytest.raises(LearningError, match="changes with the steps that are asked beside it"):
-        reader_of(mixing)(content, mixing)
+        open_reward(mixing.model_dump_json().encode(), content)
 
 
 def test_what_takes_too_long_or_too_much_ends_its_own_process_alone(tmp_path: Path, monkeypatch: Any) -> None:
@@ -184,12 +184,12 @@ def test_what_takes_too_long_or_too_much_ends_its_own_process_alone(tmp_path: Pa
     )
     person = read_reward(manifest(tmp_path, "net.onnx"), "study_room")
     reward = person.reward
-    assert reward(np.ones((3, INPUTS), np.float32)).tolist() == [INPUTS] * 3
+    assert reward(np.ones((3, INPUTS), np.float32)).tolist() == [[INPUTS]] * 3
     os.kill(reward._process.pid, signal.SIGSTOP)  # as a network that never ends
-    monkeypatch.setattr(limited_reward, "ANSWER_S", 0.3)
+    monkeypatch.setattr(limited, "ANSWER_S", 0.3)
     with pytest.raises(LearningError, match="took longer"):
         reward(np.ones((1, INPUTS), np.float32))
-    monkeypatch.setattr(limited_reward, "ANSWER_S", 60.0)
+    monkeypatch.setattr(limited, "ANSWER_S", 60.0)
     with pytest.raises(LearningError, match="was ended by signal 9"):
         reward(np.ones((1, INPUTS), np.float32))
     reward.close()
@@ -199,9 +199,9 @@ def test_the_process_has_little_memory_no_files_and_ends_with_its_reader(tmp_pat
     torch.save(nn.Linear(INPUTS, 1).state_dict(), tmp_path / "net.pt")
     person = read_reward(manifest(tmp_path, "net.pt"), "study_room")
     process = person.reward._process.pid
-    assert resource.prlimit(process, resource.RLIMIT_AS)[0] == limited_reward.MEMORY_BYTES
+    assert resource.prlimit(process, resource.RLIMIT_AS)[0] == limited.MEMORY_BYTES
     assert resource.prlimit(process, resource.RLIMIT_FSIZE) == (0, 0)
-    assert resource.prlimit(process, resource.RLIMIT_CPU)[0] == limited_reward.CPU_S
+    assert resource.prlimit(process, resource.RLIMIT_CPU)[0] == limited.CPU_S
     cast(IO[bytes], person.reward._process.stdin).close()  # as the end of whoever asked it does
     person.reward._process.wait(20)
     with pytest.raises(ProcessLookupError):

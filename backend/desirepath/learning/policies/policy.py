@@ -5,7 +5,6 @@ Training lives in the algorithms' files, exports to other formats in `export.py`
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.manifest import setup_manifest
 from desirepath.learning.policies.shape import NetworkShape
 from desirepath.registries import Registry
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy, RecoveringPolicy, Recovery
@@ -162,8 +162,8 @@ def network_of(policy: DrivingPolicy) -> Policy:
     if not isinstance(policy, Policy):
         kind = f"{type(policy).__name__} of {policy.setup}"
         raise LearningError(
-            f"{kind} reads {policy.reads} and does not read its setup's observation alone; needed is a policy that "
-            "does. Its file and manifest can be had, and it is evaluated, compared and drawn as any"
+            f"{kind} reads {policy.reads}; needed is one network of linear layers and ReLU that reads its setup's "
+            "observation alone. Its file and manifest can be had, and it is evaluated, compared and drawn as any"
         )
     return policy
 
@@ -250,40 +250,11 @@ class Policy(StoredArrays, DrivingPolicy):
 
     def manifest(self) -> dict[str, object]:
         """What a foreign program needs to run the exported policy: inputs in order with units, outputs with scaling."""
-        setup = get_setup(self.setup)
-        limits, lidar = setup.robot.limits, setup.robot.lidar
         return {
             "setup": self.setup,
-            "observation": {
-                "dtype": "float32",
-                "shape": [setup.observation_size],
-                "layout": setup.observation_layout(),
-            },
-            "lidar": None  # walls and obstacles are known, see the layout
-            if setup.solids
-            else {
-                "beams": lidar.beams,
-                "sectors": lidar.sectors,
-                "range_m": lidar.range_m,
-                "height_m": lidar.height_m,
-                "pooling": "minimum per sector",
-                "field_of_view_rad": lidar.field_of_view_rad,
-                "mounted_at": [lidar.x_m, lidar.y_m, lidar.yaw_rad],
-                "order": "from straight ahead, counter-clockwise",
-            },
-            "action": {
-                "dtype": "float32",
-                "range": [-1.0, 1.0],
-                "layout": [
-                    {"name": "linear_velocity", "unit": "m/s", "range": [limits.v_min, limits.v_max]},
-                    {"name": "angular_velocity", "unit": "rad/s", "range": [-limits.w_max, limits.w_max]},
-                ],
-                "scaling": "linear: -1 is the lower end of the range in units, +1 the upper",
-            },
-            "angles": "counter-clockwise positive, wrapped to (-pi, pi]",
-            "control_rate_hz": 5,
-            "bearing_range_rad": [-math.pi, math.pi],
+            **setup_manifest(get_setup(self.setup)),
             "network": self.shape.as_dict(),
+            "value_functions": bool(self.critic),
             "recovery": asdict(Recovery())
             | {
                 "recovery_policies": len(self.recovery_policies),

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from desirepath.learning.cards import stored_config
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.policy import DrivingPolicy, Policy
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.npz import Arrays
@@ -189,7 +189,7 @@ def round_observations(trajectory: Trajectory) -> Trajectory:
 
 
 def generate_queries(
-    members: Sequence[Policy],
+    members: Sequence[DrivingPolicy],
     config: QueryConfig | None = None,
     on_progress: Callable[[float, dict[str, float]], None] | None = None,
 ) -> QuerySet:

@@ -204,17 +204,15 @@ def policy_sb3(artefact_id: str, database: Db, files: Files) -> Response:
     from desirepath.learning.policies.export import (
         policy_to_sb3_zip,  # torch takes seconds to import; the server does without
     )
-    from desirepath.learning.policies.policy import network_of
 
-    return _exported(artefact_id, database, files, lambda policy: policy_to_sb3_zip(network_of(policy)), "zip")
+    return _exported(artefact_id, database, files, policy_to_sb3_zip, "zip")
 
 
 @router.get("/lab/policies/{artefact_id}/policy.onnx")
 def policy_onnx(artefact_id: str, database: Db, files: Files) -> Response:
     from desirepath.learning.policies.export import policy_to_onnx
-    from desirepath.learning.policies.policy import network_of
 
-    return _exported(artefact_id, database, files, lambda policy: policy_to_onnx(network_of(policy)), "onnx")
+    return _exported(artefact_id, database, files, policy_to_onnx, "onnx")
 
 
 @router.get("/lab/policies/{artefact_id}/manifest.json")

@@ -26,14 +26,15 @@ WIDEST = 16_384  # numbers per step between two operators
 ROWS = 2048  # steps that are asked at once: their largest intermediate value is 134 MB
 
 
-def check_network(content: bytes, width: int, named: str) -> bytes:
-    """The network with its batch fixed to ROWS rows, for the runtime. Raises LearningError that names what is wrong and
-    what would work."""
+def check_network(content: bytes, width: int, named: str, outputs: int = 1) -> bytes:
+    """The network with its batch fixed to ROWS rows, for the runtime. width, outputs: numbers per row.
+
+    Raises LearningError that names what is wrong and what would work."""
     import onnx
 
     try:
         model = onnx.load_model_from_string(content)  # never follows external data
-        _check(model, width)
+        _check(model, width, outputs)
     except LearningError:
         raise
     except Exception as problem:  # protobuf and onnx raise what they like for files of others
@@ -42,7 +43,7 @@ def check_network(content: bytes, width: int, named: str) -> bytes:
     return bytes(model.SerializeToString())
 
 
-def _check(model: Any, width: int) -> None:
+def _check(model: Any, width: int, outputs: int) -> None:
     import onnx
 
     graph = model.graph
@@ -67,10 +68,10 @@ def _check(model: Any, width: int) -> None:
             tensors += [attribute.t] if kind == onnx.AttributeProto.TENSOR else list(attribute.tensors)
     _check_weights(tensors)
     weights = {tensor.name for tensor in graph.initializer}
-    inputs = [declared for declared in graph.input if declared.name not in weights]
+    inputs = [one for one in graph.input if one.name not in weights]
     if len(inputs) != 1 or len(graph.output) != 1:
-        raise ValueError(f"needed are one input (n, {width}) and one reward per step")
-    _check_sizes(model, inputs[0], width)
+        raise ValueError(f"needed are one input (n, {width}) and one output (n, {outputs}), without a memory")
+    _check_sizes(model, inputs[0], width, outputs)
 
 
 def _check_weights(tensors: list[Any]) -> None:
@@ -96,25 +97,23 @@ def _check_weights(tensors: list[Any]) -> None:
             raise ValueError(f"weights {tensor.name!r} have {count:,} numbers and {stored:,} stored")
 
 
-def _check_sizes(model: Any, network_input: Any, width: int) -> None:
+def _check_sizes(model: Any, given: Any, width: int, outputs: int) -> None:
     """Fix the batch and infer every size between, so that what is too large is refused before it is made."""
     import onnx
 
-    tensor = network_input.type.tensor_type
+    tensor = given.type.tensor_type
     if tensor.elem_type != onnx.TensorProto.FLOAT or len(tensor.shape.dim) not in (0, 2):
         raise ValueError(f"its input must be (n, {width}) float32")
-    stated = [dimension.dim_value for dimension in tensor.shape.dim]
+    stated = [one.dim_value for one in tensor.shape.dim]
     if len(stated) == 2 and stated[1] not in (0, width):
         raise ValueError(f"its input is (n, {stated[1]}); the manifest's inputs are {width}")
     del model.graph.value_info[:]
-    for tensor_of in (network_input, *model.graph.output):
-        tensor_of.type.tensor_type.ClearField("shape")
+    for one in (given, *model.graph.output):
+        one.type.tensor_type.ClearField("shape")
     for size in (ROWS, width):
         tensor.shape.dim.add().dim_value = size
     known = onnx.shape_inference.infer_shapes(model, check_type=True, strict_mode=True, data_prop=True).graph
-    shapes = {
-        known_tensor.name: known_tensor.type.tensor_type.shape for known_tensor in (*known.value_info, *known.output)
-    }
+    shapes = {one.name: one.type.tensor_type.shape for one in (*known.value_info, *known.output)}
     for node in model.graph.node:
         for name in filter(None, node.output):
             if name not in shapes:
@@ -130,5 +129,5 @@ def _check_sizes(model: Any, network_input: Any, width: int) -> None:
                 )
     (output,) = model.graph.output
     sizes = [dim.dim_value for dim in shapes[output.name].dim]
-    if sizes not in ([ROWS], [ROWS, 1]):
-        raise ValueError(f"needed is one reward per step, (n, 1); it gives {tuple(sizes)} for {ROWS} steps")
+    if sizes != [ROWS, outputs] and (outputs > 1 or sizes != [ROWS]):
+        raise ValueError(f"needed is an output (n, {outputs}) for n steps; it gives {tuple(sizes)} for {ROWS}")
