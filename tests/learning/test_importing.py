@@ -25,7 +25,7 @@ from torch import nn
 from desirepath.learning.errors import LearningError
 from desirepath.learning.foreign.limited import LimitedNetwork
 from desirepath.learning.foreign.onnx_bounds import ROWS
-from desirepath.learning.policies.evaluate import evaluate_policy
+from desirepath.learning.policies.evaluate import compare_policies, evaluate_policy
 from desirepath.learning.policies.export import policy_to_onnx, policy_to_sb3_zip
 from desirepath.learning.policies.foreign import ForeignPolicy
 from desirepath.learning.policies.foreign_files import open_policy_file
@@ -34,9 +34,12 @@ from desirepath.learning.policies.manifest import setup_manifest
 from desirepath.learning.policies.policy import DrivingPolicy, Policy, network_of, read_policy
 from desirepath.learning.policies.shipped import load_driving, load_policy
 from desirepath.learning.policies.torch_actor import actor_of
+from desirepath.learning.queries.queries import QueryConfig, generate_queries
 from desirepath.notebook import make_env
 from desirepath.simulation.fast import make_engine
+from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import get_setup
+from desirepath.web.core.explained_policy import explain_policy
 from tests.learning.people.test_reward_file import Evil
 from tests.test_every_policy import NO_NETWORK, SHIPPED
 
@@ -151,6 +154,20 @@ def test_networks_of_others_start_no_training_and_say_so() -> None:
     with pytest.raises(LearningError, match="network of another kind; needed is one network of linear layers"):
         network_of(policy.policy.driving())
     assert any("no training starts from it" in note for note in policy.notes)
+
+
+def test_a_network_of_others_drives_is_compared_explained_and_asked_about() -> None:
+    """As the network within, which is one of ours that was trained."""
+    base, member = load_policy("study_room/base"), load_policy("study_room/ensemble/0")
+    foreign = ForeignPolicy("study_room", policy_to_onnx(base))
+    scene = draw_scenes("study_room", [3_500_000_000])[0]
+    asked = {"name": "other", "method": "saliency", "command": "speed", "at_s": None}
+    told, exact = (explain_policy(policy, scene, **asked).numbers for policy in (foreign, base))  # type: ignore[arg-type]
+    assert told["most_important"] == exact["most_important"]
+    compared = compare_policies(base, foreign, n=40)
+    assert abs(compared["success_difference"]["value"]) < 0.1
+    made = generate_queries([foreign, member], QueryConfig(count=3, seed=4))
+    assert len(made) == 3
 
 
 # ---- ONNX of others --------------------------------------------------------------------------------------------------

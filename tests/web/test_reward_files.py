@@ -14,7 +14,6 @@ from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.kinds import get_kind
 from desirepath.jobs.process import finish
 from desirepath.jobs.runners import ask_person
-from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_people import PeopleConfig
 from desirepath.learning.people.reward_manifest import FILE_BYTES
 from desirepath.simulation.setups import get_setup
@@ -44,6 +43,11 @@ def take_in(lab, manifest: object = MANIFEST, content: bytes = b"", name: str = 
     return lab.post("/lab/reward-files", data=form, files=files, follow_redirects=False)
 
 
+def looks_right(lab, reward: str):
+    page = f"/lab/rewards/{reward}"
+    return lab.post(f"{page}/looks-right", data={"csrf": csrf(lab, page)}, follow_redirects=False)
+
+
 def done(services, monkeypatch) -> str:
     """Do the newest job here and now, with few pairs, as its process would; returns its id."""
     monkeypatch.setattr("desirepath.jobs.runners.PeopleConfig", lambda **given: PeopleConfig(**{**given, **SMALL}))
@@ -63,8 +67,18 @@ def test_a_reward_of_ones_own_is_taken_in_asked_and_told_in_words(lab, lab_servi
     lab.headers["Accept-Language"] = language
     taken = take_in(lab)
     assert taken.status_code == 303, taken.text
-    form = lab.get(taken.headers["location"]).text
-    reward = taken.headers["location"].partition("reward=")[2]
+    reward = taken.headers["location"].rpartition("/")[2]
+    asked = {"csrf": csrf(lab, "/lab/jobs/new/ask_person"), "reward": reward, "answers": "9"}
+    too_early = lab.post("/lab/jobs/new/ask_person", data=asked)
+    assert too_early.status_code == 422
+    assert f"/lab/rewards/{reward}" in too_early.text
+    shown = lab.get(taken.headers["location"]).text
+    assert {"en": "close to the person", "de": "nah an der Person"}[language] in shown
+    assert shown.count('class="plot"') == 2
+    looked = looks_right(lab, reward)
+    assert looked.status_code == 303, looked.text
+    assert {"en": "Looks right: ", "de": "Sieht richtig aus: "}[language] in lab.get(taken.headers["location"]).text
+    form = lab.get(looked.headers["location"]).text
     assert f'value="{reward}" data-setup="study_room" selected' in form
     asked = {"csrf": csrf(lab, "/lab/jobs/new/ask_person"), "reward": reward, "answers": "9"}
     started = lab.post("/lab/jobs/new/ask_person", data=asked, follow_redirects=False)
@@ -120,12 +134,47 @@ def test_what_cannot_be_taken_in_says_why_and_nothing_is_kept(lab, lab_services,
         assert s.scalars(select(Artefact).where(Artefact.name.startswith("uploaded"))).all() == []
 
 
-def test_a_network_that_does_not_fit_fails_in_the_job_and_says_what_would(lab, lab_services, monkeypatch):
-    reward = take_in(lab, content=network(inputs=5)).headers["location"].partition("reward=")[2]
-    asked = {"csrf": csrf(lab, "/lab/jobs/new/ask_person"), "reward": reward}
-    lab.post("/lab/jobs/new/ask_person", data=asked)
-    with pytest.raises(LearningError, match=f"needed is \\(outputs, {STUDY_ROOM.observation_size + 2}\\)"):
-        done(lab_services, monkeypatch)
+def test_a_network_that_does_not_fit_is_refused_and_says_what_would(lab, lab_services):
+    refused = take_in(lab, content=network(inputs=5))
+    assert refused.status_code == 422
+    assert f"needed is (outputs, {STUDY_ROOM.observation_size + 2})" in refused.text
+
+
+def test_a_wrong_unit_is_seen(lab):
+    """What it was given, in the unit that the manifest states, and an order that follows from it."""
+    columns = [{"name": "person_distance", "unit": "cm", "scale": 1.0, "offset": 0.0}]
+    content = io.BytesIO()
+    torch.save({"0.weight": torch.tensor([[1.0]]), "0.bias": torch.tensor([0.0])}, content)
+    inputs = [{"of": "observation", "columns": columns}]
+    taken = take_in(lab, MANIFEST | {"inputs": inputs, "hidden": "relu"}, content.getvalue())
+    assert taken.status_code == 303, taken.text
+    page = taken.headers["location"]
+    shown = lab.get(page).text
+    row = shown[shown.index("observation.person_distance") :]
+    assert "<td>cm</td>" in row[:200]
+    rows = [line.split(",") for line in lab.get(f"{page}/steps.csv").text.splitlines()[1:]]
+    means = {name: [float(one[-1]) for one in rows if one[0] == name] for name in ("close", "far", "slow")}
+    assert all(50 < sum(values) / len(values) < 2_000 for values in means.values())  # centimetres, not metres
+    assert lab.get(f"{page}/plan.svg").text.startswith("<svg")
+
+
+def test_what_says_the_same_of_every_step_is_pointed_at(lab):
+    content = io.BytesIO()
+    width = STUDY_ROOM.observation_size + 2
+    torch.save({"0.weight": torch.zeros(1, width), "0.bias": torch.ones(1)}, content)
+    page = take_in(lab, content=content.getvalue()).headers["location"]
+    assert "It says the same of every step" in lab.get(page).text
+
+
+def test_only_what_was_uploaded_is_looked_over(lab, lab_services, colleague):
+    assert lab.get("/lab/rewards/nothing").status_code == 404
+    reward = take_in(lab).headers["location"].rpartition("/")[2]
+    viewer = colleague("viewer")
+    assert viewer.get(f"/lab/rewards/{reward}").status_code == 200
+    refused = viewer.post(f"/lab/rewards/{reward}/looks-right", data={"csrf": csrf(viewer)}, follow_redirects=False)
+    assert refused.status_code == 403
+    with lab_services.database.session() as s:
+        assert "looks_right" not in s.get_one(Artefact, reward).card
 
 
 def test_who_may_start_no_jobs_takes_nothing_in(lab_services, colleague):

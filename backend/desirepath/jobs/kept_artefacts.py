@@ -41,6 +41,11 @@ def find_artefact(s: DbSession, reference: str, kind: str) -> Artefact:
         raise ArtefactError(f"{reference!r} is a {artefact.kind}, needed is a {words}")
     if artefact.quarantined_at is not None:
         raise ArtefactError(f"{words} {reference!r} is quarantined: {QUARANTINED}")
+    if artefact.kind == "reward_model" and artefact.card.get("uploaded_by") and not artefact.card.get("looks_right"):
+        raise ArtefactError(
+            f"{words} {artefact.name!r} was taken in and nobody has said yet that it looks right: see what it says of "
+            f"three trajectories (/lab/rewards/{artefact.id})"
+        )
     return artefact
 
 

@@ -114,6 +114,7 @@ def create_application(services: Services) -> Application:
         job_curves,
         job_pages,
         live_pages,
+        policy_files,
         recording_pages,
         reward_files,
         upkeep_pages,
@@ -132,7 +133,7 @@ def create_application(services: Services) -> Application:
     application.mount("/static", StaticFiles(directory=FRONTEND / "static"), name="static")
     lab = (sign_in_pages, openid_pages, account_pages, setup_pages, study_pages, learnt_pages)
     policies = (compare_pages, flow_pages, explanation_pages, live_pages, attention_pages)
-    foreign = (reward_files, recording_pages, video_pages)
+    foreign = (policy_files, reward_files, recording_pages, video_pages)
     analyst = (job_curves, job_pages, artefact_pages, *policies, demonstration_pages, *foreign, upkeep_pages)
     for module in (session_pages, *lab, *analyst, published, server_routes):
         application.include_router(module.router)

@@ -15,8 +15,8 @@ import tempfile
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import IO, Any, Literal, cast
 
 import numpy as np
@@ -143,10 +143,9 @@ def main() -> None:
         resource.setrlimit(limit, (most, most))
     resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))  # it writes no file
     given, answers = sys.stdin.buffer, sys.stdout.buffer
-    module, _, function = OPENERS[_read(given).decode()].partition(":")
-    description, content = _read(given), _read(given)
+    opener, description, content = (_read(given) for _ in range(3))
     try:
-        opened: Opened = getattr(import_module(module), function)(description, content)
+        opened: Opened = resolve_name(OPENERS[opener.decode()])(description, content)
     except ValueError as problem:
         _send(answers, PROBLEM + str(problem).encode("utf-8", "replace"))
         return

@@ -4,7 +4,6 @@ the store. What a manifest may say is `reward_manifest.py`'s and `reward_inputs.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,10 +29,10 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class RewardFileMember(FamilyMember):
-    """Somebody who prefers what a network says. reward: (n, inputs) -> (n, 1)."""
+    """Somebody who prefers what a network says. reward: (n, inputs) -> (n, 1), a `LimitedNetwork`."""
 
     manifest: RewardManifest
-    reward: Callable[[Floats], Floats]
+    reward: LimitedNetwork
 
     def scores(self, trajectories: list[Trajectory] | tuple[Trajectory, ...]) -> Doubles:  # type: ignore[override]
         steps = SeenSteps.of_trajectories(trajectories)
@@ -42,16 +41,24 @@ class RewardFileMember(FamilyMember):
 
     def rewards(self, steps: SeenSteps) -> Doubles:
         """(steps,) what the network says of each. Raises LearningError where that is not a number."""
+        values = self.reward(self.given(steps))[:, 0]
+        if not np.isfinite(values).all():
+            raise LearningError(f"{self.manifest.file}: the reward of a step is not a number")
+        return values.astype(np.float64)
+
+    def close(self) -> None:
+        """End the network's process."""
+        self.reward.close()
+
+    def given(self, steps: SeenSteps) -> Floats:
+        """(steps, inputs) what the network is given, converted as its manifest says."""
         columns = {
             "observation": steps.observations,
             "action": steps.actions,
             "next_observation": steps.next_observations,
         }
         ours = np.concatenate([columns[part.of] for part in self.manifest.inputs], axis=1, dtype=np.float32)
-        values = self.reward(self.manifest.conversion(ours))[:, 0]
-        if not np.isfinite(values).all():
-            raise LearningError(f"{self.manifest.file}: the reward of a step is not a number")
-        return values.astype(np.float64)
+        return self.manifest.conversion(ours)
 
 
 @dataclass(frozen=True)

@@ -89,11 +89,13 @@ class InputPart(BaseModel):
 
 @dataclass(frozen=True)
 class Conversion:
-    """How the network's inputs are made of our steps: (n, ours)[:, of] * scale + offset."""
+    """How the network's inputs are made of our steps: (n, ours)[:, of] * scale + offset. names: (quantity, unit) of
+    each."""
 
     of: NDArray[np.intp]
     scale: NDArray[np.float64]
     offset: NDArray[np.float64]
+    names: tuple[tuple[str, str], ...]
 
     def __call__(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         return (values[:, self.of].astype(np.float64) * self.scale + self.offset).astype(np.float32)
@@ -131,6 +133,7 @@ def conversion(setup: Setup, parts: tuple[InputPart, ...]) -> Conversion:
     at: list[int] = []
     scale: list[float] = []
     offset: list[float] = []
+    names: list[tuple[str, str]] = []
     before = 0
     for part in parts:
         known = quantities(setup, part.of)
@@ -141,10 +144,17 @@ def conversion(setup: Setup, parts: tuple[InputPart, ...]) -> Conversion:
                 raise ValueError(f"{part.of}.{column.name}: unit = {column.unit!r}: must be one of {allowed}")
             each = UNITS[quantity.unit][column.unit] * column.scale
             at.append(before + quantity.at)
+            names.append((f"{part.of}.{column.name}", _unit_of(column)))
             scale.append(quantity.scale * each)
             offset.append(quantity.offset * each + column.offset)
         before += len(known)
-    return Conversion(np.array(at, dtype=np.intp), np.array(scale), np.array(offset))
+    return Conversion(np.array(at, dtype=np.intp), np.array(scale), np.array(offset), tuple(names))
+
+
+def _unit_of(column: InputColumn) -> str:
+    """Its unit, with what it is scaled and moved by."""
+    scaled = f" × {column.scale:.4g}" if column.scale != 1 else ""
+    return f"{column.unit}{scaled}{f' {column.offset:+.4g}' if column.offset else ''}"
 
 
 def _columns(part: InputPart, known: dict[str, Quantity]) -> list[InputColumn]:

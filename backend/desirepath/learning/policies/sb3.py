@@ -37,9 +37,11 @@ def sb3_td3(
     buffer_size: int,
     updates_per_step: int,
     learning_starts: int = 0,
+    shape: NetworkShape | None = None,
 ) -> TD3:
-    """SB3's TD3 with the same network and hyper-parameters as ours, `updates_per_step` updates per vector step."""
-    shape = NetworkShape.of(setup, heads)
+    """SB3's TD3 with the same network and hyper-parameters as ours, `updates_per_step` updates per vector step. shape:
+    of a network that is not the setup's with these heads."""
+    shape = shape or NetworkShape.of(setup, heads)
     extractors: dict[str, Any] = {}
     if shape.extractor:
         extractors = {
@@ -110,6 +112,7 @@ def sb3_model_of(policy: Policy) -> TD3:
         seed=0,
         buffer_size=1,
         updates_per_step=1,
+        shape=policy.shape,
     )
     for target in (False, True):
         write_layers(actor_layers(model, target=target), policy.actor)

@@ -20,6 +20,7 @@ from desirepath.jobs.kinds import ANY_POLICY
 from desirepath.learning.cards import SOCIAL
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import DrivingPolicy
+from desirepath.simulation.setups import setup_folders
 from desirepath.store.artefacts import Lineage, lineage, load_trajectory
 from desirepath.store.events import log_event
 from desirepath.store.models import Artefact, ArtefactParent, Job, Participant, Study
@@ -142,7 +143,7 @@ def policies(request: Request, database: Db, archived: bool = False) -> Response
         for artefact in listed_here:
             found[artefact.kind].append(artefact)
         for listed in found.values():  # one's own first, newest first; then what came with the product, by name
-            listed.sort(key=lambda one: "" if one.job_id else one.name)
+            listed.sort(key=lambda one: "" if one.job_id or one.card.get("imported") else one.name)
         return lab_page(
             request,
             "analyst/policies.html",
@@ -150,6 +151,7 @@ def policies(request: Request, database: Db, archived: bool = False) -> Response
             find_measured=find_measured,
             archived=archived,
             archived_count=archived_count,
+            setups=list(setup_folders()),
         )
 
 

@@ -143,7 +143,8 @@ def choices_of(s: DatabaseSession, rights: Rights) -> Sequence[Artefact]:
     """The policies that can be drawn: what came with the product by name, then one's own, newest first."""
     rows = select(Artefact).where(Artefact.kind.in_(KINDS), is_offered(), seen_artefacts(rights))
     found = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
-    return sorted(found, key=lambda one: (one.job_id is not None, one.name if one.job_id is None else ""))
+    own = {one.id: one.job_id is not None or "imported" in one.card for one in found}
+    return sorted(found, key=lambda one: (own[one.id], "" if own[one.id] else one.name))
 
 
 def find_asked(request: Request, s: DatabaseSession) -> Asked | None:

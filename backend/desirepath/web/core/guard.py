@@ -40,7 +40,7 @@ BEHIND_SIGN_IN = ("/lab/", "/api/lab/")
 SIGN_IN = "/lab/sign-in"
 STREAMED = ("/api/lab/recordings/files",)
 """Routes that write a file as it comes in, and count it themselves."""
-LARGER = {"/lab/settings/setups": 66 * 1024**2}
+LARGER = {"/lab/settings/setups": 66 * 1024**2, "/lab/policy-files": 16 * 1024**2}
 """Largest body (bytes) of a form with files, of those that take more: parts of a form go to the disk from 1 MB on."""
 NUL = re.compile("\x00")
 MOST_SEPARATORS = 1_000  # of a form's fields; Starlette takes as many fields, but any number of empty ones

@@ -142,6 +142,8 @@ CHANGING: dict[str, Rule] = {
     "/lab/recordings/{draft_id}": Rule(Right.ANALYSE),
     "/lab/recordings/{draft_id}/keep": Rule(Right.ANALYSE, "recordings_imported"),
     "/lab/recordings/{draft_id}/discard": Rule(Right.ANALYSE),
+    "/lab/rewards/{artefact_id}/looks-right": Rule(Right.ANALYSE, "reward_looks_right"),
+    "/lab/policy-files": Rule(Right.ANALYSE, "policy_taken_in"),
     "/lab/jobs/new/{kind_name}": Rule(Right.ANALYSE, "job_started"),
     "/lab/artefacts/{artefact_id}/rename": Rule(Right.TIDY, "artefact_renamed"),
     "/lab/artefacts/{artefact_id}/archive": Rule(Right.TIDY, "artefact_archived"),

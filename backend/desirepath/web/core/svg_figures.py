@@ -26,6 +26,7 @@ PERSON = "#8c7a1e"  # --data-5
 DRAWN = ((MAIN, "line-0"), (SIDES[0], "line-1"), ("#8a5a9b", "line-3"))  # --data-1, --data-3, --data-4
 LEARNED = (SIDES[1], "line-2")  # --data-2
 WALKED = (PERSON, "person-line")  # where the person went, in the person's colour
+SCALE = ("#b5541c", "#a56247", "#8f6f69", "#6d7286", "#3b5f9e")  # from least to most; analyst.css: .scale-0 to -4
 FONT = "system-ui, sans-serif"
 
 Number = Callable[[float], str]
@@ -330,6 +331,21 @@ class _Plan:
         shortened = name if len(name) <= fits else f"{name[: fits - 1]}…"
         self.drawing.text(36, y + 4, shortened, fill=INK, css="ink")
 
+    def say(self, words: str) -> None:
+        """A line of the legend in words alone."""
+        self.drawing.text(8, self._legend_top + 22 * self._lines + 18, words, fill=INK, css="ink")
+        self._lines += 1
+
+    def tell_scale(self, least: str, most: str) -> None:
+        """The scale of colours as a line of the legend."""
+        y, left, each = self._legend_top + 22 * self._lines + 14, 8 + 7.5 * len(least) + 6, 28
+        self._lines += 1
+        self.drawing.text(8, y + 4, least, fill=INK, css="ink")
+        for shade, colour in enumerate(SCALE):
+            x = left + each * shade
+            self.drawing.line(x, y, x + each, y, stroke=colour, css=f"scale-{shade}", width=8)
+        self.drawing.text(left + each * len(SCALE) + 8, y + 4, most, fill=INK, css="ink")
+
     def _add(self, scene: Scene) -> None:
         drawing, scale, at = self.drawing, self._scale, self.at
         for x1, y1, x2, y2 in walls_of(scene):
@@ -384,4 +400,38 @@ def paths(
         for path in group:
             plan.path(path, stroke=colour, css=css, width=2)
         plan.tell(name, stroke=colour, css=css)
+    return plan.drawing.svg()
+
+
+def valued_paths(
+    scene: Scene,
+    trajectories: Sequence[Trajectory],
+    values: Sequence[ArrayLike],
+    *,
+    names: Sequence[str],
+    title: str,
+    scale_label: str,
+    number: Number = _number,
+) -> str:
+    """Trajectories in one scene from above, every step in the colour of its value; numbered at their ends, and the
+    scale, from least to most of all, below their names. values: (steps,) of each trajectory."""
+    plan = _Plan(scene, [one.poses for one in trajectories], legend_lines=len(names) + 2, title=title)
+    low, high = (float(bound(np.concatenate([np.asarray(one) for one in values]))) for bound in (np.min, np.max))
+    edges = np.linspace(low, high, len(SCALE) + 1)[1:-1]
+    for trajectory, said in zip(trajectories, values, strict=True):
+        shades = np.digitize(np.asarray(said), edges) if high > low else np.zeros(len(np.asarray(said)), dtype=int)
+        first = 0
+        for step in range(1, len(shades) + 1):
+            if step == len(shades) or shades[step] != shades[first]:
+                shade = int(shades[first])
+                plan.path(trajectory.poses[first : step + 1], stroke=SCALE[shade], css=f"scale-{shade}", width=4)
+                first = step
+    for number_of, trajectory in enumerate(trajectories, start=1):  # where it is half done: all end at the goal
+        x, y = plan.at(*(float(one) for one in trajectory.poses[len(trajectory.poses) // 2, :2]))
+        plan.drawing.circle(x, y, 9, fill=PAPER, css="paper", stroke=INK)
+        plan.drawing.text(x, y + 4, str(number_of), anchor="middle", fill=INK, css="ink")
+    for number_of, name in enumerate(names, start=1):
+        plan.say(f"{number_of}  {name}")
+    plan.say(scale_label)
+    plan.tell_scale(number(low), number(high))
     return plan.drawing.svg()
