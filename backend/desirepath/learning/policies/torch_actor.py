@@ -29,7 +29,8 @@ def actor_of(policy: Policy | ForeignPolicy) -> Actor:
     It computes in the precision of what it is given; a network of others in single, its slopes by differences.
     """
     if isinstance(policy, ForeignPolicy):
-        return partial(_Asked.apply, replace(policy, slowing=None).act)
+        unslowed = policy if policy.slowing is None else replace(policy, slowing=None)  # else its process starts twice
+        return partial(_Asked.apply, unslowed.act)
 
     @cache
     def layers(dtype: torch.dtype) -> list[tuple[Tensor, Tensor]]:
