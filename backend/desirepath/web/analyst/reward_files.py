@@ -186,5 +186,5 @@ def _plan(request: Request, found: LookedOver) -> str:
         names=[t(f"analyst.looked_over.{name}") for name in _names()],
         title=t("analyst.looked_over.plan"),
         scale_label=t("analyst.looked_over.scale"),
-        number=svg_figures.exact(t.number),
+        number=lambda value: svg_figures.exact(t.number)(float(f"{value:.3g}")),
     )

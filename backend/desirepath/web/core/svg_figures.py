@@ -413,7 +413,7 @@ def valued_paths(
     scale_label: str,
     number: Number = _number,
 ) -> str:
-    """Trajectories in one scene from above, every step in the colour of its value; numbered at their ends, and the
+    """Trajectories in one scene from above, every step in the colour of its value; numbered on their way, and the
     scale, from least to most of all, below their names. values: (steps,) of each trajectory."""
     plan = _Plan(scene, [one.poses for one in trajectories], legend_lines=len(names) + 2, title=title)
     low, high = (float(bound(np.concatenate([np.asarray(one) for one in values]))) for bound in (np.min, np.max))
@@ -426,8 +426,9 @@ def valued_paths(
                 shade = int(shades[first])
                 plan.path(trajectory.poses[first : step + 1], stroke=SCALE[shade], css=f"scale-{shade}", width=4)
                 first = step
-    for number_of, trajectory in enumerate(trajectories, start=1):  # where it is half done: all end at the goal
-        x, y = plan.at(*(float(one) for one in trajectory.poses[len(trajectory.poses) // 2, :2]))
+    for number_of, trajectory in enumerate(trajectories, start=1):  # under way, each elsewhere: all end at the goal
+        step = len(trajectory.poses) * number_of // (len(trajectories) + 1)
+        x, y = plan.at(*(float(place) for place in trajectory.poses[step, :2]))
         plan.drawing.circle(x, y, 9, fill=PAPER, css="paper", stroke=INK)
         plan.drawing.text(x, y + 4, str(number_of), anchor="middle", fill=INK, css="ink")
     for number_of, name in enumerate(names, start=1):
