@@ -81,7 +81,7 @@ export async function codeMirror(area, known, typed) {
       }),
       lint.lintGutter(),
       view.keymap.of([...autocomplete.completionKeymap, ...autocomplete.closeBracketsKeymap, ...commands.defaultKeymap, ...commands.historyKeymap, ...lint.lintKeymap]),
-      EditorView.contentAttributes.of({ "aria-label": area.labels[0]?.textContent?.trim() ?? "YAML" }),
+      EditorView.contentAttributes.of({ tabindex: "0", "aria-label": area.labels[0]?.textContent?.trim() ?? "YAML" }),
       EditorView.updateListener.of((update) => {
         if (!update.docChanged) return;
         area.value = update.state.doc.toString();
