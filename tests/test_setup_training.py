@@ -121,7 +121,7 @@ def test_as_a_job_it_lists_what_it_made_with_its_lineage_and_a_study_asks_there(
         job.state = "running"
     made = run_kind(JobContext(settings, database, files, job, Progress(database, job.id)), params)
     assert made["seconds"] == {}
-    assert RESULTS["train_setup"](**made, kind="train_setup").made == [*made["policies"], *made["query_sets"]]
+    assert RESULTS["train_setup"](**made).made == [*made["policies"], *made["query_sets"]]
     with database.session() as s:
         first, second = (lineage(s, one) for one in made["query_sets"])
         assert [parent.artefact.name for parent in first.parents] == ["our_hall/conditioned"]
