@@ -17,9 +17,10 @@ from desirepath.report.findings import analyse
 from desirepath.report.meeting import meeting_section, summarise_meetings
 from desirepath.report.study_data import Meeting
 from desirepath.report.tidy_tables import read_study
+from desirepath.simulation.setups import setups_with
 from desirepath.store.models import Job, Session, Study
 from desirepath.store.snapshots import take_snapshot
-from desirepath.study.kinds.live import CROWD_SETUPS, SETUPS, distance, objectives_on, startable
+from desirepath.study.kinds.live import crowd_setups, distance, objectives_on, startable
 from desirepath.study.kinds.meet_your_robot import MeetYourRobotStage, MeetYourRobotStep
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.personalising import believed, next_query
@@ -164,13 +165,13 @@ def test_every_shipped_protocol_that_teaches_a_robot_by_choices_ends_with_meetin
 
 
 @pytest.mark.parametrize("language", ["en", "de"])
-@pytest.mark.parametrize("setup", SETUPS)
+@pytest.mark.parametrize("setup", setups_with("conditioned"))
 def test_every_objective_that_may_be_told_has_plain_words_of_where_it_is(setup, language):
     words = yaml.safe_load(Path(f"frontend/locales/{language}/live.yaml").read_text())
     for name in names_of(setup):
         needed = {"name", "rather", "does", "does_more"} if name in objectives_on(setup) else {"rather"}
         assert set(words["weights"].get(name, {})) == needed
-        if setup in CROWD_SETUPS:
+        if setup in crowd_setups():
             spoken = words["among_people"].get(name, words["weights"][name])
             assert not re.search(r"\b(you|me|Sie|Ihnen|mir|mich)\b", " ".join(spoken.values())), name
 

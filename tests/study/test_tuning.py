@@ -11,11 +11,11 @@ import pytest
 
 from desirepath.grammar.source import ProtocolError
 from desirepath.learning.preferences.objectives import OPPOSITES, names_of
+from desirepath.simulation.setups import setups_with
 from desirepath.store.dataset.writing import export_study
 from desirepath.study.kinds.live import (
-    CROWD_SETUPS,
-    SETUPS,
     controls_of,
+    crowd_setups,
     distance,
     in_triangle,
     objectives_on,
@@ -38,11 +38,11 @@ def change(objective, weight, *, seconds=1.0, place=0, by="mouse"):
     return {"seconds": seconds, "place": place, "by": by, "objective": objective, "weight": weight}
 
 
-@pytest.mark.parametrize("setup", SETUPS)
+@pytest.mark.parametrize("setup", setups_with("conditioned"))
 def test_sliders_hold_all_weights_that_can_be_followed_with_opposites_on_one_slider(setup):
     names = names_of(setup)
     follows = set(names)
-    if setup in CROWD_SETUPS:
+    if setup in crowd_setups():
         results = json.loads(Path(f"datasets/{setup}/conditioned.card.json").read_text())["results"]
         follows = {name for name, of in results["moved"].items() if of["share_of_the_way"]["low"] > 0.02}
     assert set(objectives_on(setup)) == follows
@@ -68,7 +68,7 @@ def test_among_people_who_walk_other_weights_are_set_than_beside_one(walk):
     assert walker.view.payload["triangle"] == corners
 
 
-@pytest.mark.parametrize("setup", SETUPS)
+@pytest.mark.parametrize("setup", setups_with("conditioned"))
 def test_weights_move_the_robot_in_every_place_and_it_goes_on_from_where_it_is(setup):
     for scene in scenes_of(setup):
         usual, far = (roll_out(condition_on(setup, weights), scene) for weights in ({}, {"farther": 1.0}))
