@@ -54,7 +54,7 @@ def test_a_setup_is_brought_drawn_trained_taken_and_removed(lab, lab_services, t
         (job,) = s.scalars(select(Job).where(Job.kind == "train_setup"))
     assert get_kind(job.kind).parse(job.params).setup == "our_lab"
     assert "queued" in lab.get(PAGE).text
-    assert "Make a setup ready" in lab.get(started[0]).text
+    assert "Train a setup" in lab.get(started[0]).text
     assert "our_lab" in lab.get("/lab/jobs/new/train_setup").text
 
     removed = lab.post(f"{PAGE}/our_lab/remove", data={"csrf": csrf(lab, PAGE)}, follow_redirects=False)
@@ -93,7 +93,7 @@ def test_who_may_only_look_brings_trains_and_removes_nothing(lab, as_role, tmp_p
     viewer = as_role("viewer")
     page = viewer.get(PAGE).text
     assert "our_lab" in page
-    assert "Check and keep" not in page
+    assert "Check and save" not in page
     token = csrf(viewer, "/lab/studies")
     for path in (PAGE, f"{PAGE}/our_lab/train", f"{PAGE}/our_lab/remove"):
         assert viewer.post(path, data={"csrf": token, "name": "x"}).status_code == 403

@@ -89,7 +89,7 @@ def take_in(name: str, files: Mapping[str, bytes], root: Path, robot: str = "") 
             (folder / SETUP_FILE).write_text(_setup_of(files, robot), encoding="utf-8")
         told = describe(check_setup(folder), folder)
         if (root / name).exists():
-            raise IntakeError(f"{name}: somebody brought a setup of this name meanwhile; take another")
+            raise IntakeError(f"{name}: somebody uploaded a setup of this name meanwhile; take another")
         folder.rename(root / name)
     except ProtocolError as wrong:
         raise ProtocolError([_shorter(problem, folder) for problem in wrong.problems]) from None
