@@ -410,3 +410,17 @@ def test_a_robot_s_urdf_is_checked_shown_and_drawn(tmp_path):
     told = run("setup", "check", str(folder))
     assert told["valid"]
     assert "base.stl" in told["not_shown"][0]
+
+
+def test_every_seed_gives_a_scene_in_a_large_building_with_a_slow_robot(tmp_path, monkeypatch):
+    """Goals are near the start, as it is slow: of two places drawn anywhere, hardly any are so near."""
+    folder = tmp_path / "large_hall"
+    folder.mkdir()
+    walls = "[[0, 0, 60, 0], [60, 0, 60, 60], [60, 60, 0, 60], [0, 60, 0, 0]]"
+    told = f"robot: turtlebot3_burger\nworld: {{name: building, building: {{walls: {walls}}}}}\n"
+    (folder / "setup.yaml").write_text(told)
+    monkeypatch.setattr(setups, "_included", [])
+    setups.include(folder)
+    for scene in draw_scenes("large_hall", range(400)):
+        far = np.hypot(scene.goal.x - scene.start.x, scene.goal.y - scene.start.y)
+        assert 1.6 <= far <= 3.3

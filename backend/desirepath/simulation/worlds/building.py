@@ -54,6 +54,13 @@ class _Places:
         k.mark_free(self.row, self.places, radius_m, free, self.ground)
         return free
 
+    def roomy_between(self, start: Pose, least_m: float, most_m: float) -> Cells:
+        """(n, 2) the roomy cells that far from there, straight: in a large building one in a hundred."""
+        middles = self.places[self.roomy[:, 0], self.roomy[:, 1]]
+        far = np.hypot(middles[:, 0] - start.x, middles[:, 1] - start.y)
+        near: Cells = self.roomy[(far >= least_m) & (far <= most_m)]
+        return near
+
     def cell(self, x: float, y: float) -> tuple[int, int]:
         i, j = np.floor((np.array([x, y]) - self.low) / CELL_M).astype(int)
         return int(np.clip(i, 0, self.free.shape[0] - 1)), int(np.clip(j, 0, self.free.shape[1] - 1))
@@ -104,7 +111,10 @@ def draw_in_building(setup: Setup, seed: int) -> Scene:
     random = np.random.Generator(np.random.PCG64([seed, WORLD.number]))
     for _ in range(TRIES):
         start = _pose(plan.starts, here, here.roomy, random)
-        goal = _pose(plan.goals, here, here.roomy, random)
+        within = here.roomy if plan.goals else here.roomy_between(start, *plan.way_m)
+        if not len(within):
+            continue
+        goal = _pose(plan.goals, here, within, random)
         straight = math.dist((start.x, start.y), (goal.x, goal.y))
         if not plan.way_m[0] <= straight <= plan.way_m[1]:
             continue
