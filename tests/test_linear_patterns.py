@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 
+from desirepath.grammar.source import CORE
 from desirepath.learning.words.lexicon import LONGEST
 from desirepath.store.scrubbing import LONGEST as KEPT_OF_A_TEXT
 from desirepath.study.protocol.reading import _named
@@ -58,6 +59,9 @@ MADE_THERE = {  # (file, what is looked for) -> the patterns that are put togeth
     ],
     ("backend/desirepath/report/planned_design.py", "'(.*?)' + '-(.*?)'.join(map(re.escape, first)) + '(.*)'"): [
         "(.*?)near-(.*?)slow(.*)"
+    ],
+    ("backend/desirepath/grammar/source.py", "f'(?:{pattern})$'"): [  # which PyYAML matches from the start on
+        f"^{pattern.pattern}" for _, pattern, _ in CORE
     ],
 }
 

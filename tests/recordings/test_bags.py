@@ -294,7 +294,7 @@ def test_whatever_bytes_stand_there_it_is_read_or_refused(tmp_path: Path, whole:
 def with_map(aside: float, *, linked: bool = True, cell_m: float = 0.05) -> list[tuple[str, str, float, bytes]]:
     """The run with a wall 2 m to the left in a map's frame, in which the odometry's origin is at 10 m."""
     cells = np.zeros((40, 220), dtype=np.int8)
-    cells[:, 0], cells[39] = -1, 100
+    cells[:, 0], cells[39, 1:] = -1, 100
     grid = encode_grid("map", cells.tobytes(), 220, 40, cell_m, (9.0, 0.0, 0.0))
     said = [("/map", GRID, START, grid)]
     if linked:

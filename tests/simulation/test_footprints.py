@@ -259,7 +259,7 @@ def test_a_robot_is_round_or_has_corners():
         Lidar(100, 20, 6.0, 0.2, min_range_m=6.0)
     long = Robot("x", 0.3, Limits(0.0, 1.0, 1.0), Lidar(360, 36, 6.0, 0.2), footprint=BOX)
     assert replace(long, height_m=0.5).radius_m == long.radius_m
-    with pytest.raises(SetupError, match="must be even, and of a size"):
+    with pytest.raises(SetupError, match=r"sectors = 25: must divide the 100 beams, be even, and fill 171.887 degrees"):
         Lidar(100, 25, 6.0, 0.2, field_of_view_rad=3.0)
 
 

@@ -56,7 +56,7 @@ function keyOption(schema, name, of, colon) {
 export function placeOf(lines, line) {
   /** @type {(string | number)[]} */
   const path = [];
-  const [, dashes, rest] = /** @type {RegExpExecArray} */ (/^(\s*(?:- +|-$)*)(.*)$/.exec(line));
+  const [, dashes, rest] = /** @type {RegExpExecArray} */ (/^(\s*(?:- +|-$){0,20})(.*)$/.exec(line));
   let column = dashes.length;
   for (const dash of [...dashes].map((one, at) => (one === "-" ? at : -1)).filter((at) => at >= 0).reverse()) {
     path.unshift(0);
@@ -65,7 +65,7 @@ export function placeOf(lines, line) {
   // a list's dash may stand as far right as its key
   let listed = path.length > 0;
   for (const above of [...lines].reverse()) {
-    const match = /^(\s*)((?:- +)*)([\w-]+|"[^"]*"):(\s.*|)$/.exec(above);
+    const match = /^(\s*)((?:- +){0,20})([\w-]+|"[^"]*"):(\s.*|)$/.exec(above);
     const item = /^(\s*)(-)(?: |$)/.exec(above);
     if (!above.trim() || above.trimStart().startsWith("#")) continue;
     const dashAt = item ? item[1].length : -1;
@@ -123,7 +123,7 @@ export function placeOf(lines, line) {
 function siblings(lines, line) {
   const column = /^(\s*(?:- +)*)/.exec(line)?.[1].length ?? 0;
   /** @type {string[]} */
-  const keys = [...line.matchAll(/([\w]+):\s/g)].map(([, key]) => key);
+  const keys = [...line.matchAll(/\b(\w+):\s/g)].map(([, key]) => key);
   for (const above of /^\s*- /.test(line) ? [] : [...lines].reverse()) {
     const match = /^(\s*(?:- +)*)([\w]+):/.exec(above);
     const indent = /^(\s*)/.exec(above)?.[1].length ?? 0;

@@ -304,9 +304,8 @@ def _actor_of(tensors: dict[str, Floats], activation: str, named: str) -> list[L
 
 def _stack(tensors: dict[str, Floats], prefix: str, activation: str, named: str) -> list[Layer]:
     """Linear layers `PREFIX.NUMBER` in their order, each with the activation."""
-    numbers = sorted(
-        {int(found[1]) for name in tensors if (found := re.fullmatch(rf"{re.escape(prefix)}\.(\d{{1,3}})\.\w+", name))}
-    )
+    parts = (name[len(prefix) + 1 :] for name in tensors if name.startswith(f"{prefix}."))
+    numbers = sorted({int(part[1]) for name in parts if (part := re.fullmatch(r"(\d{1,3})\.\w+", name))})
     return [_layer(tensors, f"{prefix}.{number}", activation, named) for number in numbers]
 
 

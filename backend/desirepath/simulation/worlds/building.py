@@ -119,7 +119,7 @@ def draw_in_building(setup: Setup, seed: int) -> Scene:
         if not plan.way_m[0] <= straight <= plan.way_m[1]:
             continue
         way = here.way(start, goal)
-        if len(way) < 2 or np.linalg.norm(np.diff(way, axis=0), axis=1).sum() > LARGEST_DETOUR * straight:
+        if _is_detour(way, straight):
             continue
         stand = _person(plan.people, here, way, random)
         if stand is None:
@@ -152,7 +152,7 @@ def _person(named: Sequence[Pose], here: _Places, way: Doubles, random: np.rando
 
 
 def _fits(scene: Scene, here: _Places, robot_m: float) -> bool:
-    """Whether start, goal and person leave each other room, and the robot a way."""
+    """Whether start, goal and person leave each other room, and the robot a way past the person."""
     row, person = _row(scene), scene.person
     for pose in (scene.start, scene.goal):
         if k.person_distance(row, pose.x, pose.y) < robot_m + person.radius + AT_ENDS_M:
@@ -162,7 +162,12 @@ def _fits(scene: Scene, here: _Places, robot_m: float) -> bool:
     if k.surface_distance(row, person.pose.x, person.pose.y, here.ground) < person.radius:
         return False
     around = here.way(scene.start, scene.goal, person.pose, robot_m + person.radius + ON_THE_WAY_M)
-    return len(around) > 1
+    return not _is_detour(around, math.dist((scene.start.x, scene.start.y), (scene.goal.x, scene.goal.y)))
+
+
+def _is_detour(way: Doubles, straight_m: float) -> bool:
+    """Whether a way is longer than is asked of who is told only where the goal is; no way is, too."""
+    return len(way) < 2 or float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()) > LARGEST_DETOUR * straight_m
 
 
 def _tidy(value: float) -> float:
