@@ -297,6 +297,18 @@ NOT_THERE = {
     "/lab/live/paths",
     "/lab/new/{draft_id}/power/{name}",
     "/lab/studies/{study_id}/power/{name}",
+    # nothing of others was uploaded: test_recording_uploads.py, test_setup_pages.py, test_reward_files.py
+    "/api/lab/recordings/{draft_id}",
+    "/lab/recordings/{draft_id}",
+    "/lab/recordings/{draft_id}/videos/{name}",
+    "/lab/settings/setups/{name}/setup.zip",
+    "/lab/settings/setups/{name}/picture.png",
+    "/lab/rewards/{artefact_id}",
+    "/lab/rewards/{artefact_id}/plan.svg",
+    "/lab/rewards/{artefact_id}/steps.csv",
+    # no study shows videos: frontend/test_video_study.py
+    "/api/session/{token}/trials/{key}/video/{side}",
+    "/lab/videos/{artefact_id}",
 }
 FULL_REPORT = "/lab/studies/{study_id}/analysis/"  # another process makes it: tests/web/test_analysis_pages.py
 
