@@ -123,7 +123,7 @@ def in_python() -> Iterator[Found]:
             space = vars(importlib.import_module(".".join(file.relative_to(ROOT).with_suffix("").parts)))
             value = [eval(compile(ast.Expression(one), here, "eval"), {**space}) for one in (given, *flags)]
             hows = {how for name, how in used if name == named.get(id(node), "")} or {node.func.attr}
-            for how in hows:
+            for how in sorted(hows):  # every process collects the same
                 yield Found(here, re.compile(*value), how_of(how))
 
 
