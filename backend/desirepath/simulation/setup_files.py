@@ -19,6 +19,7 @@ from desirepath.simulation.scene import OBSTACLE_KINDS, Obstacle, Pose
 from desirepath.simulation.setup_parts import ConditioningSettings, DemonstrationSettings, PreferenceSettings
 from desirepath.simulation.setups import (
     CONTROL_DT_S,
+    LARGEST_DETOUR,
     SETUP_FILE,
     CoreReward,
     FloorPlan,
@@ -142,7 +143,7 @@ class Task(Part):
 
     def steps_of(self, robot: Robot, plan: FloorPlan | None) -> int:
         """The most steps: thrice the longest way at full speed, with the detour that it may have."""
-        longest_m = 1.3 * (plan.way_m[1] if plan else 8.0)
+        longest_m = LARGEST_DETOUR * (plan.way_m[1] if plan else 8.0)
         usual = round(3 * longest_m / robot.limits.v_max / CONTROL_DT_S)
         return self.max_steps or min(max(usual, 300), 3_000)
 

@@ -184,9 +184,9 @@ def train_setup(name: str, config: SetupTrainingConfig | None = None, on_stage: 
     config = config or SetupTrainingConfig()
     setup, folder = get_setup(name), setup_folders()[name]
     described = description_sha256(folder)
-    stages = stages_of(setup, config)
+    stages, done = stages_of(setup, config), dict(stages_done(folder, config))
     command = config.command(name)
-    left = [one for one in stages if not all(is_made(folder, made, described, command) for made in one.makes)]
+    left = [one for one in stages if not done[one.name]]
     costs = expected_seconds(setup, config, [one.name for one in left])
     seconds: dict[str, float] = {}
     for stage in left:

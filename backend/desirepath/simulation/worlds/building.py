@@ -14,13 +14,12 @@ from desirepath.simulation import kernels as k
 from desirepath.simulation.crowds import planning_kernels as plan_on
 from desirepath.simulation.ground_maps import GroundMap, largest_part, load_map
 from desirepath.simulation.scene import Person, Pose, Scene, SceneError
-from desirepath.simulation.setups import FloorPlan, Setup
+from desirepath.simulation.setups import LARGEST_DETOUR, FloorPlan, Setup
 from desirepath.simulation.worlds import SceneWorld
 
 CELL_M = 0.1  # of the places that are drawn from
 TRIES = 400
 AT_ENDS_M, ON_THE_WAY_M, BESIDE_M = 0.15, 0.05, 0.1  # room left, as `scenes.spacing_of`
-LARGEST_DETOUR = 1.3  # of the way around corners to the straight one: who is told only where the goal is gets there
 NEAR_THE_WAY_M = 0.6  # of a person from the way
 
 Bools = NDArray[np.bool_]
