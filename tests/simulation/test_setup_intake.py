@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from desirepath import zip_files
 from desirepath.grammar.source import ProtocolError
 from desirepath.simulation import setup_intake
 from desirepath.simulation.setup_intake import IntakeError, remove, take_in, take_out, unpack
@@ -107,6 +108,9 @@ def test_zips_are_bounded_before_they_are_unpacked(files, monkeypatch):
     monkeypatch.setattr(setup_intake, "LARGEST_FILE", 10_000)
     with pytest.raises(IntakeError, match=r"x.zip: a.stl makes it too large"):
         unpack("x.zip", zipped({"a.stl": bytes(1_000_000)}))
+    monkeypatch.setattr(zip_files, "MOST_DIRECTORY_BYTES", 1_000)
+    with pytest.raises(IntakeError, match=r"x.zip: is no zip that can be read: its list of files is longer"):
+        unpack("x.zip", zipped({f"{k}.stl": b"" for k in range(100)}))
 
 
 def test_a_shipped_setup_is_not_removed(root):

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import select
 
+from desirepath import zip_files
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.models import Artefact
 from desirepath.store.snapshots import Snapshot
@@ -269,6 +270,12 @@ def test_zips_that_reach_out_or_unpack_to_too_much_are_refused(lab, lab_services
             assert refused.status_code == 422
     assert not list(lab_services.settings.data.rglob("out.csv"))
     assert not list(Path("/").glob("abs.csv"))
+    damaged = bytearray(zipped(**{"a.csv": HALL}))
+    damaged[60:80] = bytes(20)
+    assert send(lab, "some.zip", bytes(damaged)).status_code == 422
+    monkeypatch.setattr(zip_files, "MOST_DIRECTORY_BYTES", 1_000)
+    refused = send(lab, "some.zip", zipped(**{f"{k}.csv": b"x" for k in range(100)}))
+    assert (refused.status_code, "list of files is longer" in refused.text) == (422, True)
 
 
 def test_who_may_start_no_jobs_uploads_nothing_and_sees_no_uploads(lab, colleague):

@@ -89,12 +89,10 @@ def _mp4(file: str, opened: IO[bytes], size: int) -> tuple[float | None, bool]:
             if inner == b"mvhd":
                 seconds = _mvhd(_whole(opened, at, until)) or seconds
             elif inner == b"mvex":  # of a file in fragments
-                scale = _timescale
                 for part, where, stop in _boxes(file, opened, at, until):
                     if part == b"mehd":
-                        seconds = seconds or _mehd(
-                            _whole(opened, where, stop), scale(_header(file, opened, begin, end))
-                        )
+                        scale = _timescale(_header(file, opened, begin, end))
+                        seconds = seconds or _mehd(_whole(opened, where, stop), scale)
             elif inner == b"trak":
                 pictures = pictures or _is_of_pictures(file, opened, at, until)
     if not {b"moov", b"mdat"} <= seen:

@@ -10,7 +10,6 @@ import re
 import secrets
 import shutil
 import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
@@ -22,6 +21,7 @@ from desirepath.simulation.scene import SceneError
 from desirepath.simulation.scenes import check_scene, draw_scenes, map_of
 from desirepath.simulation.setup_files import check_setup, shipped_robots
 from desirepath.simulation.setups import NAME, SETUP_FILE, Setup, SetupError, setup_folders
+from desirepath.zip_files import BROKEN, files_in, open_zip
 
 MOST_FILES = 200
 LARGEST_FILE = 32 * 1024**2
@@ -42,8 +42,8 @@ def unpack(name: str, content: bytes) -> dict[str, bytes]:
     found: dict[str, bytes] = {}
     size = 0
     try:
-        with zipfile.ZipFile(io.BytesIO(content)) as packed:
-            entries = [one for one in packed.infolist() if not one.is_dir() and not _is_litter(one.filename)]
+        with open_zip(io.BytesIO(content)) as packed:
+            entries = files_in(packed)
             if len(entries) > MOST_FILES:
                 raise IntakeError(f"{name}: holds {len(entries)} files; at most {MOST_FILES} are taken")
             for entry in entries:
@@ -52,17 +52,12 @@ def unpack(name: str, content: bytes) -> dict[str, bytes]:
                 size += len(found[entry.filename])
                 if len(found[entry.filename]) > LARGEST_FILE or size > LARGEST_ALL:
                     raise IntakeError(f"{name}: {entry.filename} makes it too large; {_most()}")
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as problem:
+    except (*BROKEN, OSError) as problem:
         raise IntakeError(f"{name}: is no zip that can be read: {problem}") from None
     tops = {one.partition("/")[0] for one in found}
     if len(tops) == 1 and all("/" in one for one in found):
         found = {one.partition("/")[2]: held for one, held in found.items()}
     return found
-
-
-def _is_litter(name: str) -> bool:
-    """What systems put beside people's files."""
-    return name.startswith("__MACOSX/") or PurePosixPath(name).name in (".DS_Store", "Thumbs.db")
 
 
 def _most() -> str:

@@ -8,7 +8,6 @@ import io
 import json
 import re
 import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -22,12 +21,13 @@ from desirepath.learning.foreign.limited import Opened
 from desirepath.learning.foreign.onnx_bounds import ROWS, check_network
 from desirepath.learning.foreign.reading import open_onnx, read_tensors
 from desirepath.learning.policies.foreign import ForeignPolicy
-from desirepath.learning.policies.manifest import agreed_setup, read_manifest
+from desirepath.learning.policies.manifest import agreed_setup, json_object, read_manifest
 from desirepath.learning.policies.onnx_layers import Layer, TwoBranches, layers_of, onnx_of_layers
 from desirepath.learning.policies.policy import Policy, PolicyError, read_slowing
 from desirepath.learning.policies.shape import ACTION_SIZE, NetworkShape
 from desirepath.simulation.observation_bounds import observation_bounds
 from desirepath.simulation.setups import Setup, get_setup
+from desirepath.zip_files import BROKEN, open_zip
 
 Floats = NDArray[np.float32]
 ZIP_MANIFEST = "manifest.json"  # beside what Stable-Baselines3 reads of a zip
@@ -150,7 +150,7 @@ def _from_zip(content: bytes, named: str, wanted: str, given: dict[str, Any] | N
     if not manifest and not wanted:
         raise LearningError(f"{named}: no setup: a zip without a manifest needs --setup SETUP, in which it was trained")
     setup = agreed_setup(manifest, wanted, named) if manifest else get_setup(wanted)
-    data = _data(parts["data"], named)
+    data = json_object(parts["data"], f"{named}: its data are")
     low, high = observation_bounds(setup)
     names = [str(one["name"]) for one in setup.observation_layout()]
     _check_space(data, "observation_space", low, high, names, named, setup)
@@ -191,7 +191,7 @@ def _members(content: bytes, named: str) -> dict[str, bytes]:
     limits = {"data": DATA_BYTES, "policy.pth": WEIGHT_BYTES, ZIP_MANIFEST: DATA_BYTES}
     found: dict[str, bytes] = {}
     try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        with open_zip(io.BytesIO(content)) as archive:
             members = archive.infolist()
             if len(members) > MOST_MEMBERS or len({one.filename for one in members}) < len(members):
                 raise LearningError(
@@ -209,7 +209,7 @@ def _members(content: bytes, named: str) -> dict[str, bytes]:
                     found[one.filename] = opened.read(most + 1)
                 if len(found[one.filename]) > most:
                     raise LearningError(f"{named}: {one.filename} has more than {most:,} bytes when unpacked")
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError) as problem:
+    except (*BROKEN, OSError) as problem:
         raise LearningError(f"{named}: no zip that can be read: {problem}") from None
     for needed in ("data", "policy.pth"):
         if needed not in found:
@@ -217,17 +217,6 @@ def _members(content: bytes, named: str) -> dict[str, bytes]:
                 f"{named}: holds no {needed!r}; needed is what `model.save` of Stable-Baselines3 writes"
             )
     return found
-
-
-def _data(content: bytes, named: str) -> dict[str, Any]:
-    """What the zip says of its model, as plain JSON: what is pickled within stays text."""
-    try:
-        data = json.loads(content)
-    except (ValueError, RecursionError) as problem:
-        raise LearningError(f"{named}: its data are no JSON: {str(problem)[:200]}") from None
-    if not isinstance(data, dict):
-        raise LearningError(f"{named}: its data are {type(data).__name__}, must be an object")
-    return data
 
 
 def _check_space(

@@ -57,13 +57,18 @@ def read_manifest(content: bytes, named: str) -> dict[str, Any]:
     """A manifest's JSON. Raises LearningError."""
     if len(content) > MANIFEST_BYTES:
         raise LearningError(f"{named}: a manifest of {len(content):,} bytes; at most {MANIFEST_BYTES:,} are read")
+    return json_object(content, f"{named}: its manifest is")
+
+
+def json_object(content: bytes, what: str) -> dict[str, Any]:
+    """What JSON of others says. what: `FILE: its manifest is`, for errors. Raises LearningError for anything else."""
     try:
-        manifest = json.loads(content)
+        value = json.loads(content)
     except (ValueError, RecursionError) as problem:
-        raise LearningError(f"{named}: its manifest is no JSON: {problem}") from None
-    if not isinstance(manifest, dict):
-        raise LearningError(f"{named}: its manifest is {type(manifest).__name__}, must be an object")
-    return manifest
+        raise LearningError(f"{what} no JSON: {str(problem)[:200]}") from None
+    if not isinstance(value, dict):
+        raise LearningError(f"{what} {type(value).__name__}, must be an object")
+    return value
 
 
 def agreed_setup(manifest: dict[str, Any], wanted: str, named: str) -> Setup:

@@ -35,6 +35,7 @@ from desirepath.store.dataset.columns import (
 )
 from desirepath.store.dataset.tables import PARTICIPANTS, PLANNED_STEPS, RESPONSES, SESSIONS, TRIALS
 from desirepath.store.plain_data import MOST_LEVELS, levels_of
+from desirepath.zip_files import is_of_the_system
 
 Row = dict[str, Any]
 # Ours. 31 people in three views leave 60,000 events and 40 MB of tables.
@@ -122,11 +123,6 @@ def read_dataset(folder: Path) -> ReadDataset:
     tables = read_tables(folder, (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES))
     later = [version_in(folder, version.number) for version in about.protocol_versions]
     return ReadDataset(folder, about, frozen["protocol"], frozen["files"], tables, later)
-
-
-def is_of_the_system(name: str) -> bool:
-    """Whether a file or folder is one that macOS or Windows leave wherever somebody looks."""
-    return name in (".DS_Store", "__MACOSX", "Thumbs.db", "desktop.ini") or name.startswith("._")
 
 
 def check_files(folder: Path) -> None:

@@ -7,26 +7,24 @@ is unpacked than it says.
 from __future__ import annotations
 
 import contextlib
-import io
 import re
 import shutil
 import stat
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
 from desirepath.os_errors import in_words
 from desirepath.store.dataset.columns import CHECKSUMS_FILE
-from desirepath.store.dataset.reading import DatasetError, is_of_the_system
+from desirepath.store.dataset.reading import DatasetError
+from desirepath.zip_files import BROKEN, MOST_DIRECTORY_BYTES, LongListError, is_of_the_system, open_zip
 
 # Ours. 31 people in three views leave 844 files, 65 MB.
 MOST_FILES = 100_000
 MOST_BYTES = 4 * 2**30  # unpacked
 FEW_BYTES = 2**28  # never too much, however small the zip is
 MOST_DENSE = 100  # bytes out of one byte of the zip; data sets have 2 to 20
-MOST_DIRECTORY_BYTES = 24 * 2**20  # of the zip's list of its files, about 200 for each of ours
 DEEPEST = 8  # names in a path; the deepest of ours has six, in the Data page's zip
 _PART = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,119}")
 _KINDS = (0, stat.S_IFREG, stat.S_IFDIR)  # 0: packed where there are no such kinds
@@ -44,7 +42,7 @@ def unpack(data_set: Path) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="desirepath-") as place:
         try:
-            with data_set.open("rb") as raw, zipfile.ZipFile(_Bounded(raw)) as packed:
+            with data_set.open("rb") as raw, open_zip(raw) as packed:
                 top, files = _contents(packed, data_set)
                 free = shutil.disk_usage(place).free
                 if (size := sum(info.file_size for info in files.values())) > free:
@@ -58,35 +56,14 @@ def unpack(data_set: Path) -> Iterator[Path]:
                         shutil.copyfileobj(source, out)
         except DatasetError:
             raise
-        except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, ValueError, OSError) as problem:
+        except LongListError:
+            most = _mb(MOST_DIRECTORY_BYTES)
+            raise DatasetError(f"its list of files is longer than {most}, which no data set's is") from None
+        except (*BROKEN, ValueError, OSError) as problem:
             reason = in_words(problem)
             message = f"{data_set.name}: cannot be unpacked ({reason}); give the folder or the zip of a data set"
             raise DatasetError(message) from None
         yield Path(place) / top
-
-
-class _Bounded(io.RawIOBase):
-    """A file that hands out so much at once: `zipfile` reads a zip's list of files whole, however long."""
-
-    def __init__(self, file: io.BufferedReader) -> None:
-        self._file = file
-
-    def read(self, size: int = -1) -> bytes:
-        if not 0 <= size <= MOST_DIRECTORY_BYTES:
-            size = MOST_DIRECTORY_BYTES + 1
-        content = self._file.read(size)
-        if len(content) > MOST_DIRECTORY_BYTES:
-            raise DatasetError(f"its list of files is longer than {_mb(MOST_DIRECTORY_BYTES)}, which no data set's is")
-        return content
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        return self._file.seek(offset, whence)
-
-    def tell(self) -> int:
-        return self._file.tell()
-
-    def seekable(self) -> bool:
-        return True
 
 
 def _contents(packed: zipfile.ZipFile, source: Path) -> tuple[PurePosixPath, dict[str, zipfile.ZipInfo]]:

@@ -31,6 +31,7 @@ from desirepath.recordings.recording import BOUNDS, MIB
 from desirepath.settings import Settings
 from desirepath.store.database import MIN_FREE_BYTES
 from desirepath.web.core.throttle import LARGEST_STREAM
+from desirepath.zip_files import BROKEN, files_in, open_zip
 
 MOST_BYTES = LARGEST_STREAM  # of an upload, all together: what is larger is imported where it lies
 MOST_FILES = BOUNDS.files
@@ -184,8 +185,8 @@ def _unpack(archive: Path, into: Path, room: int, files: int) -> None:
     """The plain files of a zip below `into`. Raises UploadError before anything is written, or for one that unpacks to
     more than it says."""
     try:
-        with zipfile.ZipFile(archive) as opened:
-            wanted = [one for one in opened.infolist() if not one.is_dir() and not _is_of_a_mac(one.filename)]
+        with archive.open("rb") as raw, open_zip(raw) as opened:
+            wanted = files_in(opened)
             if len(wanted) > files:
                 raise UploadError("too_many", most=MOST_FILES)
             if sum(one.file_size for one in wanted) > room:
@@ -199,14 +200,10 @@ def _unpack(archive: Path, into: Path, room: int, files: int) -> None:
                 with opened.open(one) as packed, target.open("xb") as out:
                     for chunk in _bounded(packed, one.file_size):
                         out.write(chunk)
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as wrong:
+    except (*BROKEN, OSError, ValueError) as wrong:
         if isinstance(wrong, UploadError) or (isinstance(wrong, OSError) and wrong.errno is not None):
             raise
         raise UploadError("zip", problem=str(wrong)[:200]) from None
-
-
-def _is_of_a_mac(name: str) -> bool:
-    return name.startswith("__MACOSX/") or name.rsplit("/", 1)[-1] == ".DS_Store"
 
 
 def _bounded(packed: Any, size: int) -> Iterator[bytes]:

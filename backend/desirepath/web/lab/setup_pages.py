@@ -105,7 +105,7 @@ def take_away(request: Request, name: str, database: Db, user: CheckedCsrf) -> R
     from desirepath.simulation.setup_intake import remove
 
     with database.session() as s:
-        if asking := _studies_in(s, name):
+        if asking := _studies_in(s, name, _words_of_studies(s)):
             raise LabRefusal(409, "setup_in_use", name=name, study=asking[0])
     try:
         remove(name, uploaded_setups())
@@ -143,10 +143,15 @@ def _picture(name: str, version_of_setups: int) -> bytes:
     return out.getvalue()
 
 
-def _studies_in(s: Any, name: str) -> list[str]:
+def _words_of_studies(s: Any) -> list[tuple[str, set[str]]]:
+    """Each study's name and the words of its protocol."""
+    return [(name, set(re.findall(r"\w+", yaml))) for name, yaml in s.execute(select(Study.name, Study.protocol_yaml))]
+
+
+def _studies_in(s: Any, name: str, words: list[tuple[str, set[str]]]) -> list[str]:
     """Names of the studies whose protocol names the setup, or a query set of it."""
     named = {name, *s.scalars(select(Artefact.id).where(Artefact.setup == name, Artefact.kind == "query_set"))}
-    return [study.name for study in s.scalars(select(Study)) if named & set(re.findall(r"\w+", study.protocol_yaml))]
+    return [study for study, its in words if named & its]
 
 
 def _newest_job(jobs: Any, name: str) -> Job | None:
@@ -160,7 +165,7 @@ def _setups_page(request: Request, database: Db, *, status: int = 200, **context
     folders, uploaded = setup_folders(), uploaded_setups().resolve()
     with database.session() as s:
         jobs = list(s.scalars(select(Job).where(Job.kind == KIND).order_by(Job.created_at.desc())))
-        lines = []
+        lines, words = [], _words_of_studies(s)
         for name in own_setups():
             setup, here = get_setup(name), map_of(name)
             there = trained_already(folders[name])
@@ -174,7 +179,7 @@ def _setups_page(request: Request, database: Db, *, status: int = 200, **context
                     tuple(there["artefacts"]),
                     there["success_rate"],
                     _newest_job(jobs, name),
-                    brought and not _studies_in(s, name),
+                    brought and not _studies_in(s, name, words),
                 )
             )
     shown = {"problems": [], "name": "", "robot": ""}
