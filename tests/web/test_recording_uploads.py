@@ -17,6 +17,7 @@ from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.models import Artefact
 from desirepath.store.snapshots import Snapshot
 from desirepath.web.analyst import recording_drafts
+from desirepath.web.core import draft_folders
 from desirepath.web.core.throttle import LARGEST_BODY
 from tests.recordings.films import mp4, webm
 from tests.recordings.test_bags import messages, write_mcap
@@ -291,7 +292,7 @@ def test_who_may_start_no_jobs_uploads_nothing_and_sees_no_uploads(lab, colleagu
 
 def test_an_upload_that_nobody_kept_goes(lab, lab_services, monkeypatch):
     address = taken(lab, ("hall.csv", HALL))
-    monkeypatch.setattr(recording_drafts, "LASTS_S", -1.0)
+    monkeypatch.setattr(draft_folders, "LASTS_S", -1.0)
     other = taken(lab, ("again.csv", HALL))
     monkeypatch.undo()
     assert lab.get(address).status_code == 404

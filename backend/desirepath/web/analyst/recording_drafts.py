@@ -30,27 +30,22 @@ from desirepath.recordings.mapping import Mapping
 from desirepath.recordings.recording import BOUNDS, MIB
 from desirepath.settings import Settings
 from desirepath.store.database import MIN_FREE_BYTES
+from desirepath.web.core.draft_folders import RefusedUpload, find_folder, list_folders, new_folder, write_whole
 from desirepath.web.core.throttle import LARGEST_STREAM
 from desirepath.zip_files import BROKEN, files_in, open_zip
 
 MOST_BYTES = LARGEST_STREAM  # of an upload, all together: what is larger is imported where it lies
 MOST_FILES = BOUNDS.files
-LASTS_S = 7 * 86_400  # forgotten drafts go when the next one is made: people may be in them
 LONGEST_S = 1_800.0  # of reading
 PIECE = 4 * MIB
 BEAT_S = 1.0
 STALE_S = 15.0  # a process that nobody has heard of for so long ended with its server
 ANSWERS = "answers.csv"
-_ID = re.compile(r"[0-9a-f]{16}")
 _PART = re.compile(r"[^\x00-\x1f/\\:*?\"<>|]{1,120}")
 
 
-class UploadError(ValueError):
+class UploadError(RefusedUpload):
     """An upload that is not taken; `code` is a key below `recordings.errors` in recordings.yaml."""
-
-    def __init__(self, code: str, **values: object) -> None:
-        self.code, self.values = code, values
-        super().__init__(f"{code}: {values}" if values else code)
 
 
 @dataclass(frozen=True)
@@ -90,10 +85,10 @@ class RecordingDraft:
         return found
 
     def write(self, name: str, content: dict[str, Any]) -> None:
-        _replace(self.folder / f"{name}.json", json.dumps(content).encode())
+        write_whole(self.folder / f"{name}.json", json.dumps(content).encode())
 
     def map(self, mapping: str) -> None:
-        _replace(self.folder / "mapping.yaml", mapping.encode())
+        write_whole(self.folder / "mapping.yaml", mapping.encode())
 
     def forget(self, *names: str) -> None:
         """Let go of what was made: something that it was made of has changed."""
@@ -110,25 +105,20 @@ class RecordingDraft:
 
 
 def find_recording_draft(data: Path, draft_id: str) -> RecordingDraft | None:
-    if not _ID.fullmatch(draft_id):
-        return None
-    folder = data / "recordings" / draft_id
-    return RecordingDraft(draft_id, folder) if folder.is_dir() else None
+    folder = find_folder(data / "recordings", draft_id)
+    return RecordingDraft(draft_id, folder) if folder is not None and folder.is_dir() else None
 
 
 def recording_drafts(data: Path) -> list[RecordingDraft]:
     """All there are, newest first."""
-    there = [one for one in (data / "recordings").glob("*") if _ID.fullmatch(one.name)]
+    there = list_folders(data / "recordings")
     return [RecordingDraft(one.name, one) for one in sorted(there, key=lambda one: -one.stat().st_mtime)]
 
 
 def new_recording_draft(data: Path, by: str) -> RecordingDraft:
     """An empty one; forgotten ones go."""
-    for old in recording_drafts(data):
-        if time.time() - old.folder.stat().st_mtime > LASTS_S:
-            old.discard()
-    draft_id = secrets.token_hex(8)
-    draft = RecordingDraft(draft_id, data / "recordings" / draft_id)
+    folder = new_folder(data / "recordings")
+    draft = RecordingDraft(folder.name, folder)
     draft.recordings.mkdir(parents=True)
     draft.write("sent", {"by": by, "at": time.time()})
     return draft
@@ -215,15 +205,6 @@ def _bounded(packed: Any, size: int) -> Iterator[bytes]:
         yield chunk
 
 
-def _replace(file: Path, content: bytes) -> None:
-    partial = file.with_name(f".{file.name}.{secrets.token_hex(4)}")
-    try:
-        partial.write_bytes(content)
-        partial.replace(file)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
 # ---- read ------------------------------------------------------------------------------------------------------------
 
 
@@ -282,7 +263,7 @@ def _run(settings: Settings, draft: RecordingDraft, result: str, command: list[s
             json.loads(answer)
         except ValueError:
             answer = json.dumps({"error": "the reading ended without an answer; is there memory for it?"}).encode()
-        _replace(draft.folder / f"{result}.json", answer)
+        write_whole(draft.folder / f"{result}.json", answer)
     except FileNotFoundError:
         pass  # discarded meanwhile
     finally:

@@ -6,9 +6,7 @@ A draft holds `protocol.yaml` with the texts and questionnaires it names, laid o
 from __future__ import annotations
 
 import re
-import secrets
 import shutil
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,21 +15,16 @@ from desirepath.grammar import text_files
 from desirepath.grammar.text_files import NotUtf8Error, as_text, read_text
 from desirepath.installed import PROTOCOLS
 from desirepath.study.protocol.freezing import FrozenProtocol, find_shipped_protocols, freeze_text
+from desirepath.web.core.draft_folders import RefusedUpload, find_folder, new_folder, write_whole
 
 LARGEST_FILE = 512 * 1024  # bytes; a protocol has a few kB
 MOST_FILES = 40
-DRAFTS_LAST_S = 7 * 86_400  # forgotten drafts go when the next one is made
 FOLDERS = {".md": "texts", ".yaml": "questionnaires"}  # where an uploaded file belongs, by its ending
-_ID = re.compile(r"[0-9a-f]{16}")
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
-class DraftError(ValueError):
+class DraftError(RefusedUpload):
     """A draft that cannot be made; `code` is a key below `draft_errors` in lab.yaml."""
-
-    def __init__(self, code: str, **values: object) -> None:
-        self.code, self.values = code, values
-        super().__init__(f"{code}: {values}" if values else code)
 
 
 @dataclass(frozen=True)
@@ -51,7 +44,7 @@ class Draft:
 
     def save(self, yaml: str) -> None:
         """Replace the protocol. Raises DraftError if it is empty or too large."""
-        _write(self.file, _checked("protocol.yaml", as_text(yaml)))
+        write_whole(self.file, _checked("protocol.yaml", as_text(yaml)).encode())
 
     def add(self, texts: Mapping[str, bytes]) -> None:
         """Add texts (`.md`) and questionnaires (`.yaml`), or replace those of the same name. Raises DraftError."""
@@ -59,7 +52,7 @@ class Draft:
             raise DraftError("too_many_files", most=MOST_FILES)
         kept = {_file_name(name): decode_upload(name, content) for name, content in texts.items()}
         for name, text in kept.items():
-            _write(self.folder / FOLDERS[Path(name).suffix] / name, text)
+            write_whole(self.folder / FOLDERS[Path(name).suffix] / name, text.encode())
 
     def freeze(self, query_sets: Mapping[str, str]) -> FrozenProtocol:
         """The checked protocol. query_sets: what it may name by id. Raises ProtocolError with every problem."""
@@ -93,9 +86,8 @@ def draft_from_text(
     if len(texts) > MOST_FILES:
         raise DraftError("too_many_files", most=MOST_FILES)
     sent = {_file_name(name): decode_upload(name, content) for name, content in texts.items()}
-    _sweep(data)
-    draft_id = secrets.token_hex(8)
-    draft = Draft(draft_id, data / "drafts" / draft_id)
+    folder = new_folder(data / "drafts")
+    draft = Draft(folder.name, folder)
     try:
         _fill(draft, own or {}, sent)
         draft.save(yaml)
@@ -114,15 +106,14 @@ def _fill(draft: Draft, kept: Mapping[str, str], sent: Mapping[str, str]) -> Non
         if not (draft.folder / path).resolve().is_relative_to(draft.folder.resolve()):
             raise DraftError("file_name", name=path)
         (draft.folder / path).parent.mkdir(parents=True, exist_ok=True)
-        _write(draft.folder / path, text)
+        write_whole(draft.folder / path, text.encode())
 
 
 def find_draft(data: Path, draft_id: str) -> Draft | None:
     """The draft with this id; None for one that never was or is gone."""
-    if not _ID.fullmatch(draft_id):
-        return None
-    draft = Draft(draft_id, data / "drafts" / draft_id)
-    return draft if draft.file.is_file() else None
+    folder = find_folder(data / "drafts", draft_id)
+    draft = Draft(draft_id, folder) if folder is not None else None
+    return draft if draft is not None and draft.file.is_file() else None
 
 
 def _file_name(name: str) -> str:
@@ -140,25 +131,9 @@ def decode_upload(name: str, content: bytes) -> str:
         raise DraftError("not_text", name=name, encoding=wrong.encoding) from None
 
 
-def _write(path: Path, text: str) -> None:
-    """All of it, or what was there stays: the disk may be full."""
-    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
 def _checked(name: str, text: str) -> str:
     if not text.strip():
         raise DraftError("empty", name=name)
     if len(text.encode()) > LARGEST_FILE:
         raise DraftError("too_large", name=name, kb=LARGEST_FILE // 1024)
     return text
-
-
-def _sweep(data: Path) -> None:
-    for folder in (data / "drafts").glob("*"):
-        if _ID.fullmatch(folder.name) and time.time() - folder.stat().st_mtime > DRAFTS_LAST_S:
-            shutil.rmtree(folder, ignore_errors=True)
