@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,9 @@ def test_another_description_is_trained_anew(known, tmp_path):
     assert [done for _, done in stages_done(copy, config)] == [False] * 5
     (copy / "setup.yaml").write_text(SETUP)
     assert [done for _, done in stages_done(copy, SetupTrainingConfig(queries=10))] == [False] * 5  # a rehearsal's
+    disturbed = replace(config, randomise=True)
+    assert [done for _, done in stages_done(copy, disturbed)] == [False] * 5
+    assert disturbed.command("our_hall") == f"desirepath setup train our_hall --seed 0 --effort {EFFORT} --randomise"
     damaged = (copy / "conditioned.npz").read_bytes()[:-1]
     (copy / "conditioned.npz").write_bytes(damaged)
     assert [done for _, done in stages_done(copy, config)] == [True, False, False, True, True]

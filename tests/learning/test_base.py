@@ -12,6 +12,7 @@ from desirepath.analysis.metrics import success_rate, timeout_rate
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import BaseConfig, BaseResult, BaseTraining, smoothness_penalty_gradient, train_base
 from desirepath.learning.td3.replay import collect
+from desirepath.simulation.disturbed import DisturbedEngine
 from desirepath.simulation.fast import evaluate
 
 
@@ -28,6 +29,19 @@ def test_a_short_training_changes_the_weights_and_says_what_it_did(
 def test_the_same_seed_gives_the_same_policy_bit_by_bit(tiny_base: BaseResult, tiny_config: BaseConfig) -> None:
     assert train_base(tiny_config).policy.digest() == tiny_base.policy.digest()
     assert train_base(replace(tiny_config, seed=4)).policy.digest() != tiny_base.policy.digest()
+
+
+def test_with_randomise_it_learns_among_disturbed_robots_and_its_card_says_so(tiny_config: BaseConfig) -> None:
+    config = replace(tiny_config, randomise=True)
+    training = BaseTraining(config)
+    for _ in range(3):
+        training.vector_step()
+    assert isinstance(training.collector.engine, DisturbedEngine)
+    plain = BaseTraining(tiny_config)
+    plain.vector_step()
+    assert not isinstance(plain.collector.engine, DisturbedEngine)
+    assert config.as_dict() == tiny_config.as_dict() | {"randomise": True}
+    assert "randomise" not in tiny_config.as_dict()  # of policies trained before there was any, no card changes
 
 
 def test_the_progress_term_enters_base_training_only(tiny_base: BaseResult, tiny_config: BaseConfig) -> None:

@@ -34,6 +34,7 @@ from desirepath.learning.td3.conditioned_training import (
     strong_enough,
     train_conditioned,
 )
+from desirepath.simulation.disturbed import DisturbedEngine
 from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import draw_scenes
@@ -70,6 +71,14 @@ def test_before_any_training_every_want_drives_as_the_base_policy(base: Policy) 
     seen = make_engine(get_setup("study_room"), 64, seed=5).observations
     for weights in settings().values():
         np.testing.assert_array_equal(untrained.at(weights).act(seen), base.act(seen))
+
+
+def test_with_randomise_weights_are_learned_among_disturbed_robots_too(base: Policy) -> None:
+    config = replace(TINY, randomise=True)
+    training = ConditionedTraining(base, config)
+    training.vector_step()
+    assert isinstance(training.collector.engine, DisturbedEngine)
+    assert config.as_dict() == TINY.as_dict() | {"randomise": True}
 
 
 def test_folding_equals_the_full_network(base: Policy) -> None:

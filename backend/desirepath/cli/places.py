@@ -74,6 +74,10 @@ def train_setup_folder(
     effort: Annotated[
         float, typer.Option(min=0.001, max=10, help="Part of the usual training; little only shows that all runs.")
     ] = 1.0,
+    randomise: Annotated[
+        bool,
+        typer.Option("--randomise", help="Learn with robots whose lidar is noisy, whose wheels lag, slip, are slow."),
+    ] = False,
     as_json: JsonFlag = False,
 ) -> None:
     """Make a setup's base policy, conditioned policy, ensemble and query sets, into its folder. What is there already
@@ -102,7 +106,7 @@ def train_setup_folder(
             if fraction == 0.0 and not metrics:
                 typer.echo(f"{stage.replace('_', ' ')}: {in_words(left_s)} left", err=True)
 
-        made = train_setup(include(folder), SetupTrainingConfig(seed, queries, effort), told)
+        made = train_setup(include(folder), SetupTrainingConfig(seed, queries, effort, randomise=randomise), told)
     say(
         {
             "setup": setup.name,

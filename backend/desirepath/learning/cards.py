@@ -24,6 +24,8 @@ DEPARTURES = {
     "ensemble training and no alignment.",
     "seeking": "While nothing is learned yet, a controller that heads for the goal around what the lidar sees drives "
     "in part of the environments instead of chance, so that the first updates have seen arrivals; nothing else has it.",
+    "randomised": "Robots get wrong in training what real ones do: lidar noise, delay, slip and slow wheels, up to "
+    "`RANDOMISED` in simulation/disturbed.py, drawn anew in every episode; the thesis trains without.",
     "heads": "Actor and critic heads are 128, 128 instead of 400, 300, for speed; the wider ones were not trained "
     "here.",
     "environments": "Many environments in a fast kinematic engine instead of one in iGibson; updates per step differ.",

@@ -496,11 +496,16 @@ EPISODE_COLUMNS = tuple(name for name in EpisodeTable.__dataclass_fields__ if na
 """Names of its arrays."""
 
 
-def evaluate(act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[Scene]) -> EpisodeTable:
-    """Roll out in every scene once to its end and keep the numbers, not the trajectories."""
+def evaluate(
+    act: ActFunction | EpisodicPolicy,
+    setup: Setup,
+    scenes: Sequence[Scene],
+    make: Callable[..., FastEngine] = make_engine,
+) -> EpisodeTable:
+    """Roll out in every scene once to its end and keep the numbers, not the trajectories. make: the engine."""
     if not scenes:
         raise ValueError("scenes: none given; evaluation needs at least one")
-    engine = make_engine(setup, len(scenes), auto_reset=False, scenes=scenes)
+    engine = make(setup, len(scenes), auto_reset=False, scenes=scenes)
     actions = np.zeros((len(scenes), 2), dtype=np.float32)
     total = np.zeros(len(scenes), dtype=np.float64)
     steer = begin(act, len(scenes), engine)

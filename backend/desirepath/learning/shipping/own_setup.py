@@ -51,17 +51,18 @@ def tell_nobody(stage: str, fraction: float, metrics: dict[str, float], left_s: 
 @dataclass(frozen=True)
 class SetupTrainingConfig:
     """How a setup's policies and queries are made. effort: part of the usual number of updates; little of it only shows
-    that everything runs."""
+    that everything runs. randomise: base and conditioned policy learn with robots that get wrong what real ones do."""
 
     seed: int = 0
     queries: int = 200
     effort: float = 1.0
     threads: int = 2
+    randomise: bool = False
 
     def command(self, name: str) -> str:
         """What makes the same again."""
         effort = f" --effort {self.effort:g}" if self.effort != 1 else ""
-        return f"desirepath setup train {name} --seed {self.seed}{effort}"
+        return f"desirepath setup train {name} --seed {self.seed}{effort}{' --randomise' * self.randomise}"
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,7 @@ def _base(request: Request, config: SetupTrainingConfig) -> object:
             guided_updates=_part(usual.guided_updates, config),
             checkpoints=4,
             selection_scenes=_part(SELECTION_SCENES, config),
+            randomise=config.randomise,
         ),
     )
 
@@ -109,6 +111,7 @@ def _conditioned(request: Request, config: SetupTrainingConfig) -> object:
         base_transitions=_part(usual.base_transitions, config, least=5_000),
         selection_scenes=_part(usual.selection_scenes, config),
         strong_scenes=_part(SELECTION_SCENES, config),
+        randomise=config.randomise,
     )
     return policies.ship_conditioned(request, few)
 
@@ -135,6 +138,8 @@ def stages_of(setup: Setup, config: SetupTrainingConfig) -> list[Stage]:
         raise SetupError(f"setup {setup.name}: comes with the product; copy it under another name to train")
     if setup.solids or setup.reward.goal <= 0:
         raise SetupError(f"setup {setup.name}: nothing is trained where there is no lidar, or no reward for arriving")
+    if config.randomise and setup.crowded:
+        raise SetupError(f"setup {setup.name} has pedestrians: leave out `randomise`")
     members = tuple(f"ensemble/{k}" for k in range(PolicyEnsembleConfig().members))
     return [
         Stage("base", ("base",), _base),

@@ -52,6 +52,7 @@ def store_base(
     if result.restarts:
         found["begun_anew"] = result.restarts
     departures = [*departures, *(["seeking"] if config.seeking_share or result.restarts else [])]
+    departures += ["randomised"] if config.randomise else []
     return _store(request, policy, "base", config, results=found, departures=departures, notes=list(notes))
 
 
@@ -105,7 +106,7 @@ def ship_conditioned(request: Request, config: ConditionedConfig | None = None) 
     result = train_conditioned(base, config, request.on_progress, file)
     policy = replace(result.policy, critic=()) if setup in WITHOUT_CRITIC else result.policy
     reporting = FIRST_CONDITIONED_REPORT_SEED + config.seed
-    recovery = ("recovery",) if config.recovery else ()
+    further = [name for name, there in (("recovery", config.recovery), ("randomised", config.randomise)) if there]
     card = request.store(
         "conditioned_policy",
         "conditioned",
@@ -119,7 +120,7 @@ def ship_conditioned(request: Request, config: ConditionedConfig | None = None) 
         results=measure_steerability(policy, base, reporting, request.report_scenes)
         | {"selection": result.selection.summary(), "strength": result.strength},
         parents=request.parents("base"),
-        departures=("conditioned", "progress_conditioned", "environments", "average", *recovery),
+        departures=("conditioned", "progress_conditioned", "environments", "average", *further),
         notes=["`told` and `moved`: each objective alone at full strength; `neutral`: all weights zero."],
     )
     _forget(file)

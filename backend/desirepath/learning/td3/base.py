@@ -26,6 +26,7 @@ from desirepath.learning.td3.goal_seeker import GoalSeeker
 from desirepath.learning.td3.interrupted import REFILLED, Kept, TrainingFile
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
 from desirepath.learning.td3.td3 import ActorTerm, Td3Agent, Td3Config
+from desirepath.simulation.disturbed import randomised_engine
 from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.setups import get_setup
 
@@ -95,12 +96,14 @@ class BaseConfig:
     seeking_share: float = 0.0  # ours: of the environments, in which a goal-seeker drives instead of chance at first
     guidance: float = 0.0  # ours: weight of the squared distance from its actions in the actor's loss, to begin with
     guided_updates: int = 10_000  # ours: over which that weight falls to 0
+    randomise: bool = False  # whether robots get wrong what real ones do, up to `RANDOMISED`
 
     def as_dict(self) -> dict[str, Any]:
-        """As `stored_config`; without the goal-seeker where it has no part, as before there was one."""
+        """As `stored_config`; without goal-seeker and randomness where they have no part, as before there were any."""
         stored = stored_config(self)
-        of_seeker = () if self.seeking_share else ("seeking_share", "guidance", "guided_updates")
-        return {name: value for name, value in stored.items() if name not in of_seeker}
+        without = set() if self.seeking_share else {"seeking_share", "guidance", "guided_updates"}
+        without |= set() if self.randomise else {"randomise"}
+        return {name: value for name, value in stored.items() if name not in without}
 
 
 def base_config(setup: str, seed: int = 0) -> BaseConfig:
@@ -141,7 +144,8 @@ class BaseTraining:
             tau=config.tau,
         )
         self.agent = Td3Agent(self.shape, td3, seed=config.seed)
-        engine = make_engine(
+        self.make_engine = randomised_engine if config.randomise else make_engine
+        engine = self.make_engine(
             self.setup, config.n_envs, seed=config.seed, progress_weight=config.progress_weight, auto_reset=True
         )
         self.collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)
@@ -285,7 +289,7 @@ def _look(training: BaseTraining, looks: list[Look]) -> None:
         return
     least = looks.pop(0).least_success
     scenes = scene_set(training.config.setup, LOOKING_SCENES, purpose=Purpose.SELECT, seed=0)
-    table = evaluate(training.policy().act, training.setup, scenes)
+    table = evaluate(training.policy().act, training.setup, scenes, training.make_engine)
     success = success_rate(table.outcome)
     if success < least:
         speed = float((table.path_length / table.time).mean()) / training.setup.robot.limits.v_max
@@ -320,7 +324,7 @@ def _train(
     for updates in checkpoints(training.vector_step, marks, between):
         for averaged in (False, True):
             policy = training.policy(averaged=averaged)
-            table = evaluate(policy.act, training.setup, scenes)
+            table = evaluate(policy.act, training.setup, scenes, training.make_engine)
             success = success_rate(table.outcome)
             metrics = {
                 "updates": updates,

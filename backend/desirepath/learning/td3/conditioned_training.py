@@ -38,6 +38,7 @@ from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.interrupted import Kept, TrainingFile
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
 from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
+from desirepath.simulation.disturbed import randomised_engine
 from desirepath.simulation.fast import FastEngine, make_engine, rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setup_parts import EpisodeReward
@@ -142,9 +143,11 @@ class ConditionedConfig:
     strong_scenes: int = 2_000  # the selection scenes and more of their set, in which that is measured
     strong_success: float = 0.975  # no strength that costs more; the bar in reports is 97 %
     recovery: bool = False  # whether the base policy frees a robot that is stuck
+    randomise: bool = False  # as `BaseConfig`
 
     def as_dict(self) -> dict[str, Any]:
-        return stored_config(self)
+        stored = stored_config(self)
+        return stored if self.randomise else {name: value for name, value in stored.items() if name != "randomise"}
 
 
 def conditioned_config(base: Policy, seed: int = 0) -> ConditionedConfig:
@@ -186,7 +189,9 @@ def sample_weights(n: int, config: ConditionedConfig, random: np.random.Generato
     return weights
 
 
-def training_engine(setup: Setup, reward_weights: RewardWeights, n_envs: int, *, seed: int) -> FastEngine:
+def training_engine(
+    setup: Setup, reward_weights: RewardWeights, n_envs: int, *, seed: int, randomise: bool = False
+) -> FastEngine:
     """Environments of the setup with the reward weights of how an episode goes, without objectives, time, turning."""
     core = replace(
         setup.reward,
@@ -194,7 +199,8 @@ def training_engine(setup: Setup, reward_weights: RewardWeights, n_envs: int, *,
         collision=reward_weights.collision,
         self_intersection=reward_weights.self_intersection,
     )
-    return make_engine(replace(setup, reward=core), n_envs, seed=seed, progress_weight=reward_weights.progress)
+    make = randomised_engine if randomise else make_engine
+    return make(replace(setup, reward=core), n_envs, seed=seed, progress_weight=reward_weights.progress)
 
 
 class ConditionedTransitions(NamedTuple):
@@ -258,15 +264,17 @@ class ConditionedTraining:
         self._mirror = mirror_of(self.setup)
         self.buffer = ConditionedReplayBuffer(config.buffer_size, self.setup)
         self._collect_with(base)
-        engine = training_engine(self.setup, self._rewards, config.n_envs, seed=config.seed + 1)
-        self._collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed + 1)
+        engine = training_engine(
+            self.setup, self._rewards, config.n_envs, seed=config.seed + 1, randomise=config.randomise
+        )
+        self.collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed + 1)
         self._weights = sample_weights(config.n_envs, config, self._random)
         self.transitions = 0
 
     def _collect_with(self, base: Policy) -> None:
         """Fill the buffer with trajectories of the base policy, judged by weights that had no part in them."""
         config, n_envs = self.config, 256
-        engine = training_engine(self.setup, self._rewards, n_envs, seed=config.seed)
+        engine = training_engine(self.setup, self._rewards, n_envs, seed=config.seed, randomise=config.randomise)
         collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)
         for _ in range(-(-config.base_transitions // n_envs)):
             self.buffer.rolled_out_by = sample_weights(n_envs, config, self._random)
@@ -275,9 +283,9 @@ class ConditionedTraining:
     def vector_step(self) -> int:
         """One step of all environments, each by its own weights, then `updates_per_step` updates; returns how many
         there were in all."""
-        config, engine = self.config, self._collector.engine
+        config, engine = self.config, self.collector.engine
         self.buffer.rolled_out_by = self._weights
-        self._collector.step(lambda o: self.agent.act(self._inputs(o, self._weights)), self.buffer)
+        self.collector.step(lambda o: self.agent.act(self._inputs(o, self._weights)), self.buffer)
         self.transitions += config.n_envs
         ended = engine.dones
         if ended.any():
