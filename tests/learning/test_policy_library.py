@@ -36,8 +36,8 @@ from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.learning.rewards.step_weights import step_differences
 from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.npz import from_npz, to_npz
 from desirepath.simulation.fast import rollout
-from desirepath.simulation.npz import from_npz, to_npz
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome

@@ -19,7 +19,7 @@ from desirepath.learning.preferences.population_prior import (
 )
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.queries.queries import QuerySet
-from desirepath.simulation.npz import from_npz
+from desirepath.npz import from_npz
 
 CONFIG = FreeConfig(posterior=PosteriorConfig(particles=2_000))
 

@@ -33,11 +33,11 @@ from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
 from desirepath.learning.shipped_files import load_card, resolve, shipped_names
 from desirepath.learning.td3.conditioned_training import conditioned_config
 from desirepath.learning.words.second_reader import SecondReader
+from desirepath.npz import npz_header
 from desirepath.perception.beta_vae import DepthEncoder
 from desirepath.perception.predictor import PersonPredictor
 from desirepath.simulation.acting import ActionError
 from desirepath.simulation.fast import rollout
-from desirepath.simulation.npz import npz_header
 from desirepath.simulation.scenes import check_scene, draw_scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.stored import StoredArrays

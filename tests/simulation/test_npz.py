@@ -17,8 +17,8 @@ from desirepath.installed import DATASETS
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import Policy, PolicyError
 from desirepath.learning.queries.queries import QuerySet
+from desirepath.npz import Bounds, NpzError, from_npz, npz_header, to_npz
 from desirepath.simulation.fast import rollout
-from desirepath.simulation.npz import Bounds, NpzError, from_npz, npz_header, to_npz
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory

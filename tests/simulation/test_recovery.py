@@ -5,20 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from desirepath.deploy.steering import Recovery
 from desirepath.simulation.acting import (
     ActFunction,
     EpisodeActs,
     EpisodicPolicy,
     Floats,
     RecoveringPolicy,
-    Recovery,
     Rows,
 )
 from desirepath.simulation.fast import evaluate, rollout
 from desirepath.simulation.reference import rollout_reference
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import draw_scenes
-from desirepath.simulation.setups import SetupError, get_setup
+from desirepath.simulation.setups import CONTROL_DT_S, SetupError, get_setup
 from desirepath.simulation.trajectory import Outcome
 from tests.simulation.simple_policies import towards_goal
 
@@ -26,7 +26,7 @@ CORRIDOR = get_setup("corridor")
 STUDY_ROOM = get_setup("study_room")
 
 SETUP = STUDY_ROOM
-PATIENCE = Recovery().patience_steps
+PATIENCE = round(Recovery().patience_s / CONTROL_DT_S)
 
 
 def circling(observations: Floats) -> Floats:

@@ -10,6 +10,7 @@ import numpy as np
 import onnx
 import pytest
 
+from desirepath.deploy.steering import Slowing, SteeringError
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.export import policy_to_onnx
 from desirepath.learning.policies.policy import Policy, PolicyError
@@ -21,11 +22,11 @@ from desirepath.learning.queries.queries import QueryConfig
 from desirepath.learning.queries.varied_queries import VariedConfig, generate_varied_queries
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.shipped_files import load_card
+from desirepath.npz import from_npz, to_npz
 from desirepath.simulation.fast import evaluate, make_engine, rollout
-from desirepath.simulation.npz import from_npz, to_npz
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import SetupError, get_setup
-from desirepath.simulation.slowing import Slowing
+from desirepath.simulation.slowing import slowed
 from desirepath.study.personalising.live_rollouts import condition_on
 
 FIELD = get_setup("open_field")
@@ -42,7 +43,7 @@ def test_speed_and_turning_are_scaled_alike_and_only_near_the_person() -> None:
     observed = np.zeros((4, FIELD.observation_size), dtype=np.float32)
     observed[:, 2] = np.array([1.0, 2.5, 3.5, 1.0], dtype=np.float32) / FIELD.distance_scale_m
     commanded = np.array([[1.0, 0.8], [1.0, -0.8], [1.0, 0.8], [-0.8, 1.0]], dtype=np.float32)
-    limited = RULE.limited(commanded, observed, FIELD)
+    limited = slowed(RULE, commanded, observed, FIELD)
     forward = (limited[:, 0] + 1) / 2
     np.testing.assert_allclose(forward, [0.3, 0.65, 1.0, 0.1], atol=1e-5)
     np.testing.assert_allclose(limited[:, 1], [0.3 * 0.8, -0.65 * 0.8, 0.8, 1.0], atol=1e-5)
@@ -59,9 +60,9 @@ def test_the_heavier_slowness_weighs_the_slower_and_at_zero_there_is_no_rule() -
 
 
 def test_a_rule_that_cannot_be_is_refused() -> None:
-    with pytest.raises(SetupError, match="near_m = 3"):
+    with pytest.raises(SteeringError, match="near_m = 3"):
         Slowing(near_m=3, free_m=2)
-    with pytest.raises(SetupError, match="most = 0"):
+    with pytest.raises(SteeringError, match="most = 0"):
         Slowing(most=0)
     with pytest.raises(SetupError, match="explained_room: the person's distance"):
         replace(load_policy("explained_room/base"), slowing=RULE)

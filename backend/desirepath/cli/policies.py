@@ -67,10 +67,14 @@ def export(
     out: Annotated[Path, typer.Option(help="Folder for its files.")],
     as_json: JsonFlag = False,
 ) -> None:
-    """Write our own file, ONNX, the Stable-Baselines3 zip and the manifest, as far as it can be had in each."""
+    """Write a bundle that drives a robot (our own file, manifest, ONNX, test vectors, the program), and the
+    Stable-Baselines3 zip, as far as they can be had."""
+    from desirepath.deploy.manifest import BundleError
     from desirepath.learning.errors import LearningError
+    from desirepath.learning.policies.bundles import VECTORS, bundle_files
     from desirepath.learning.policies.export import policy_to_onnx, policy_to_sb3_zip
     from desirepath.learning.policies.policy import read_policy
+    from desirepath.simulation.setups import SetupError
 
     stored, weights = read_policy(policy_file(policy)), policy.partition("@")[2]
     driving = stored.driving(weights)
@@ -82,8 +86,12 @@ def export(
             written[file] = write(driving)
         except LearningError as problem:
             left_out[file] = str(problem)
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        written |= bundle_files(stored, weights)
+    except (LearningError, SetupError, BundleError) as problem:
+        left_out[VECTORS] = str(problem)
     for file, content in written.items():
+        (out / file).parent.mkdir(parents=True, exist_ok=True)
         (out / file).write_bytes(content)
     say({"files": [str(out / file) for file in written], "left_out": left_out}, as_json)
 

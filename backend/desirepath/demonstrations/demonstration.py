@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.demonstrations.stroke import Doubles, PathSpline, Stroke, StrokeProblem, drawn_limits, fit_spline
+from desirepath.npz import Arrays
 from desirepath.simulation import kernels as k
 from desirepath.simulation.fast import Floats, replay
-from desirepath.simulation.npz import Arrays
 from desirepath.simulation.scene import Pose, Scene, SceneError
 from desirepath.simulation.scenes import ground_of, scene_to_row
 from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup

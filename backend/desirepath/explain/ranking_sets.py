@@ -17,9 +17,9 @@ import numpy as np
 from desirepath.explain.in_sight import halts_in_sight
 from desirepath.explain.methods import AttributionError, Command, Method
 from desirepath.explain.sight import sight_of, thing_names
+from desirepath.npz import Arrays, npz_header
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy
 from desirepath.simulation.fast import Floats, rollout
-from desirepath.simulation.npz import Arrays, npz_header
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath.simulation.stored import StoredArrays

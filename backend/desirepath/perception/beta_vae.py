@@ -19,7 +19,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from desirepath.simulation.npz import Arrays
+from desirepath.npz import Arrays
 from desirepath.simulation.stored import StoredArrays
 
 LATENTS = 32

@@ -15,8 +15,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from desirepath.npz import Arrays
 from desirepath.perception.beta_vae import LATENTS, half_precision, single_precision
-from desirepath.simulation.npz import Arrays
 from desirepath.simulation.stored import StoredArrays
 
 STEPS = 5

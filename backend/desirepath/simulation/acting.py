@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.deploy.steering import Progress, Recovery, stand
 from desirepath.simulation.setups import CONTROL_DT_S, Setup, SetupError, require_lidar
 
 Floats = NDArray[np.float32]
@@ -72,31 +72,9 @@ def act_on(policy: ActFunction | EpisodicPolicy, observations: Floats) -> Floats
     return actions
 
 
-@dataclass(frozen=True)
-class Recovery:
-    """When a robot counts as stuck, and as free again. A progress check with recovery behaviours, as navigation stacks
-    for robots have them; the numbers are ours.
-
-    patience_s: so long without coming `closer_m` nearer to its goal than ever before, and it is stuck. free_m: so much
-    nearer than where it got stuck, and it is free.
-    """
-
-    patience_s: float = 6.0
-    closer_m: float = 0.1
-    free_m: float = 0.5
-
-    @property
-    def patience_steps(self) -> int:
-        return round(self.patience_s / CONTROL_DT_S)
-
-
 class RecoveringPolicy(EpisodicPolicy):
     """Acts as usual until the robot is stuck, then by one recovery policy after the other until it is free; at last it
-    stands.
-
-    A function of what is observed cannot leave a loop: what it did here it does again. Standing ends by the time limit,
-    so a rollout that nothing frees counts as what it is, a timeout.
-    """
+    stands (`deploy.steering.Progress`)."""
 
     def __init__(
         self,
@@ -114,39 +92,21 @@ class RecoveringPolicy(EpisodicPolicy):
                 f"setup {setup.name}: v_min = {setup.robot.limits.v_min}; a robot that cannot stand cannot stop"
             )
         self._scale = setup.distance_scale_m
-        self._policies = (usual, *recovery_policies, _stand)
+        self._policies = (usual, *recovery_policies, stand)
         self.recovery = recovery or Recovery()
 
     def act(self, observations: Floats) -> Floats:
         return self._policies[0](observations)
 
     def begin(self, episodes: int) -> EpisodeActs:
-        active = np.zeros(episodes, dtype=np.int64)
-        nearest = np.full(episodes, np.inf)
-        waited = np.zeros(episodes, dtype=np.int64)
-        freed_at = np.full(episodes, -np.inf)
-        recovery, patience = self.recovery, self.recovery.patience_steps
+        progress = Progress(episodes, len(self._policies) - 1, CONTROL_DT_S, self.recovery)
 
         def steer(observations: Floats, rows: Rows) -> Floats:
-            distance = observations[:, 0].astype(np.float64) * self._scale
-            nearer = distance < nearest[rows] - recovery.closer_m
-            nearest[rows] = np.where(nearer, distance, nearest[rows])
-            waited[rows] = np.where(nearer, 0, waited[rows] + 1)
-            free = rows[(active[rows] > 0) & (distance < freed_at[rows])]
-            active[free], waited[free] = 0, 0
-            stuck = rows[waited[rows] >= patience]
-            beginning = stuck[active[stuck] == 0]
-            freed_at[beginning] = nearest[beginning] - recovery.free_m
-            active[stuck], waited[stuck] = np.minimum(active[stuck] + 1, len(self._policies) - 1), 0
+            drivers = progress.drivers(observations[:, 0].astype(np.float64) * self._scale, rows)
             actions = act_on(self._policies[0], observations)
-            for number in np.unique(active[rows[active[rows] > 0]]):
-                these = active[rows] == number
+            for number in np.unique(drivers[drivers > 0]):
+                these = drivers == number
                 actions[these] = act_on(self._policies[number], observations[these])
             return actions
 
         return steer
-
-
-def _stand(observations: Floats) -> Floats:
-    """No forward velocity, no turning."""
-    return np.tile(np.array([-1.0, 0.0], dtype=np.float32), (len(observations), 1))

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 from numpy.typing import NDArray
 
-from desirepath.simulation.npz import BOUNDS, Arrays, Bounds, from_npz, to_npz
+from desirepath.npz import BOUNDS, Arrays, Bounds, from_npz, to_npz
 
 
 class Stored(ABC):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.simulation.npz import MIB, Arrays, Bounds, from_npz, to_npz
+from desirepath.npz import MIB, Arrays, Bounds, from_npz, to_npz
 from desirepath.simulation.recorded import NotRecordedError, Recorded
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.stored import Stored

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.cards import source_commit
-from desirepath.simulation.npz import from_npz, to_npz
+from desirepath.npz import from_npz, to_npz
 
 if TYPE_CHECKING:
     from desirepath_experiments.reproduction.on_workers import Queue

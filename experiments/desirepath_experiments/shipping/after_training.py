@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from desirepath.deploy.steering import Slowing
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.steerability import Course, MeasuredRollouts
 from desirepath.learning.preferences.measures import MEASURES, typical_differences
 from desirepath.learning.preferences.objectives import gains, preference_weights
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.setups import require_same
-from desirepath.simulation.slowing import Slowing
 
 FIRST_ADDED_SEED = 720  # selection scenes that nothing else was chosen on
 TIME = MEASURES.index("time_s")

@@ -19,10 +19,10 @@ from desirepath.learning.policies.policy import (
 from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.shipped_files import resolve
 from desirepath.learning.td3.td3 import act as act_by
+from desirepath.npz import Arrays
 from desirepath.perception import SHIPPED_ENCODER, SHIPPED_PREDICTOR
 from desirepath.simulation.acting import EpisodeActs, Rows, SensingPolicy
 from desirepath.simulation.depth_camera import CameraNoise, Sights
-from desirepath.simulation.npz import Arrays
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.stored import StoredArrays
 

@@ -23,7 +23,7 @@ from desirepath.learning.policies.policy import Policy
 from desirepath.learning.preferences.free_posterior import FreePosterior
 from desirepath.learning.preferences.measures import MEASURES
 from desirepath.learning.preferences.step_posterior import StepPosterior
-from desirepath.simulation.npz import Arrays
+from desirepath.npz import Arrays
 from desirepath.simulation.stored import StoredArrays
 
 FORMAT_WITHOUT_MIXES = "desirepath-policy-library-1"

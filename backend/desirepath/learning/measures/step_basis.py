@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.steps import WORDS, SeenSteps, reference, scale_words
-from desirepath.simulation.npz import Arrays
+from desirepath.npz import Arrays
 from desirepath.simulation.setups import Setup, get_setup
 from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import Trajectory

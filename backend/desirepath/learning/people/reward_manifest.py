@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from desirepath.learning.errors import LearningError
 from desirepath.learning.people.reward_inputs import Conversion, InputPart, conversion
-from desirepath.simulation.npz import NpzError, from_npz, to_npz
+from desirepath.npz import NpzError, from_npz, to_npz
 from desirepath.simulation.setups import get_setup, preference_setups
 
 FORMAT = "desirepath-reward-2"

@@ -11,6 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from desirepath.deploy.network import Layers, folded
 from desirepath.learning.adaptable.objectives import NAMES, SIZE, check_preference
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import (
@@ -22,7 +23,7 @@ from desirepath.learning.policies.policy import (
     read_networks,
 )
 from desirepath.learning.policies.shape import NetworkShape
-from desirepath.simulation.npz import Arrays
+from desirepath.npz import Arrays
 from desirepath.simulation.setups import SetupError, get_setup
 from desirepath.simulation.stored import StoredArrays
 
@@ -57,11 +58,9 @@ class AdaptablePolicy(StoredArrays, StoredPolicy):
         Raises LearningError for what is no preference.
         """
         weights = check_preference(preference)
-        first, bias = self.actor[:2]
-        split = self.shape.task_inputs
-        kept = np.concatenate([first[: split - SIZE], first[split:]])
-        folded = (kept, bias + weights @ first[split - SIZE : split], *self.actor[2:])
-        return Policy(self.setup, replace(self.shape, task_inputs=split - SIZE), folded)
+        task_inputs = self.shape.task_inputs - SIZE
+        actor = folded(self.actor, task_inputs, weights)
+        return Policy(self.setup, replace(self.shape, task_inputs=task_inputs), actor)
 
     def driving(self, weights: str = "") -> Policy:
         return self.at(parse_preference(weights))
@@ -82,10 +81,7 @@ class AdaptablePolicy(StoredArrays, StoredPolicy):
         """observations (n, obs), preferences (n, 3), each row its own -> actions (n, 2) in [-1, 1]."""
         split = self.shape.task_inputs - SIZE
         hidden = np.concatenate([observations[:, :split], preferences, observations[:, split:]], axis=1)
-        for k in range(len(self.actor) // 2 - 1):
-            hidden = np.maximum(hidden @ self.actor[2 * k] + self.actor[2 * k + 1], 0)
-        actions: Floats = np.tanh(hidden @ self.actor[-2] + self.actor[-1])
-        return actions
+        return Layers(self.actor, self.shape.task_inputs, extractors=False)(hidden)
 
     def to_parts(self) -> tuple[Mapping[str, object], Arrays]:
         header = {"setup": self.setup, "shape": self.shape.as_dict(), "objectives": list(NAMES)}

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import DrivingPolicy
+from desirepath.npz import Arrays
 from desirepath.simulation.acting import ActionError, EpisodeActs, Rows, SensingPolicy
-from desirepath.simulation.npz import Arrays
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.stored import StoredArrays

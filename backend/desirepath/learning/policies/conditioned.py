@@ -14,6 +14,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.deploy.conditioning import strengthened
+from desirepath.deploy.network import folded
+from desirepath.deploy.steering import Slowing
 from desirepath.learning.policies.policy import (
     Policy,
     PolicyError,
@@ -32,9 +35,8 @@ from desirepath.learning.preferences.objectives import (
     parse_weights,
     preference_weights,
 )
-from desirepath.simulation.npz import Arrays
+from desirepath.npz import Arrays
 from desirepath.simulation.setups import SetupError, get_setup
-from desirepath.simulation.slowing import Slowing
 from desirepath.simulation.stored import StoredArrays
 
 Floats = NDArray[np.float32]
@@ -95,7 +97,8 @@ class ConditionedPolicy(StoredArrays, StoredPolicy):
         opposites at once.
         """
         weights = check_weights(weights, self.objectives)
-        entering = weights * self._strengths_at(weights)
+        factors = np.array([self.strengths.get(name, 1.0) for name in self.objectives], dtype=np.float32)
+        entering = strengthened(weights, factors)
         shape = self._policy_shape
         actor, critic = (_folded(arrays, shape.task_inputs, entering) for arrays in (self.actor, self.critic))
         unmoved = _folded(self.actor, shape.task_inputs, np.zeros(SIZE, dtype=np.float32))
@@ -114,14 +117,6 @@ class ConditionedPolicy(StoredArrays, StoredPolicy):
     def weighed(self, weights: Mapping[str, float]) -> Policy:
         """`at` weights by name; what is not named is 0. Raises LearningError."""
         return self.at(preference_weights(weights))
-
-    def _strengths_at(self, weights: Floats) -> Floats:
-        """(9,) how many times as strongly each objective enters: its strength where it is all that is preferred, 1
-        where the others weigh as much together, linear between."""
-        beyond = np.array([self.strengths.get(name, 1.0) for name in self.objectives], dtype=np.float32) - np.float32(1)
-        others = (weights.sum() - weights) / np.maximum(weights, np.float32(1e-6))
-        strengths: Floats = np.float32(1) + beyond * np.clip(np.float32(1) - others, 0, 1)
-        return strengths
 
     def as_trained(self) -> Self:
         """The policy without what was added after training: what its network learned. Queries are made of this one,
@@ -172,10 +167,7 @@ class ConditionedPolicy(StoredArrays, StoredPolicy):
 
 
 def _folded(arrays: tuple[Floats, ...], task_inputs: int, weights: Floats) -> tuple[Floats, ...]:
-    if not arrays:
-        return ()
-    first, bias = arrays[:2]
-    return (first[:task_inputs].copy(), bias + weights @ first[task_inputs:], *arrays[2:])
+    return folded(arrays, task_inputs, weights) if arrays else ()
 
 
 def _scaled_row(arrays: tuple[Floats, ...], row: int, factor: float) -> tuple[Floats, ...]:

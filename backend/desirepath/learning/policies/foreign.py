@@ -11,13 +11,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.deploy.steering import Slowing
 from desirepath.learning.foreign.limited import LimitedNetwork
-from desirepath.learning.policies.manifest import setup_manifest
+from desirepath.learning.policies.manifest import robot_manifest, setup_manifest
 from desirepath.learning.policies.policy import DrivingPolicy, PolicyError, read_slowing
+from desirepath.npz import Arrays
 from desirepath.simulation.acting import ActFunction
-from desirepath.simulation.npz import Arrays
 from desirepath.simulation.setups import SetupError, get_setup
-from desirepath.simulation.slowing import Slowing, person_distance_input
+from desirepath.simulation.slowing import person_distance_input, slowed
 from desirepath.simulation.stored import StoredArrays
 
 Floats = NDArray[np.float32]
@@ -61,7 +62,7 @@ class ForeignPolicy(StoredArrays, DrivingPolicy):
         if not np.isfinite(actions).all():
             raise PolicyError(f"policy of {self.setup}: an action is not a number; its network cannot drive there")
         clipped: Floats = np.clip(actions, -1, 1)
-        return self.slowing.limited(clipped, observations, setup) if self.slowing else clipped
+        return slowed(self.slowing, clipped, observations, setup) if self.slowing else clipped
 
     @cached_property
     def _running(self) -> LimitedNetwork:
@@ -76,7 +77,8 @@ class ForeignPolicy(StoredArrays, DrivingPolicy):
             else None
         )
         own = {"network": None, "recovery": None, "slowing": slowing, "policy_sha256": self.digest()}
-        return {"setup": self.setup, **setup_manifest(get_setup(self.setup)), **own}
+        setup = get_setup(self.setup)
+        return {"setup": self.setup, **setup_manifest(setup), **robot_manifest(setup), **own}
 
     def to_parts(self) -> tuple[dict[str, object], Arrays]:
         header: dict[str, object] = {"setup": self.setup}

@@ -17,7 +17,7 @@ import numpy as np
 from desirepath.learning.errors import LearningError
 from desirepath.learning.foreign.limited import LimitedNetwork
 from desirepath.learning.policies.policy import StoredPolicy, read_policy
-from desirepath.simulation.npz import MIB, Bounds, NpzError, from_npz
+from desirepath.npz import MIB, Bounds, NpzError, from_npz
 
 FILE_BYTES = 64 * MIB
 ENDINGS = (".npz", ".onnx", ".zip")

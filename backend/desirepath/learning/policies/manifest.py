@@ -13,7 +13,10 @@ from desirepath.simulation.setups import CONTROL_DT_S, SETUPS, Setup, SetupError
 
 MANIFEST_BYTES = 256 * 1024
 MOST_SAID = 6  # differences in one message
-FURTHER = ("setup", "network", "value_functions", "recovery", "slowing", "policy_sha256")
+FURTHER = (
+    *("setup", "network", "value_functions", "recovery", "slowing", "policy_sha256"),
+    *("robot", "goal_radius_m", "conditioning"),
+)
 """Fields of a manifest that are the policy's, not its setup's."""
 
 
@@ -50,6 +53,22 @@ def setup_manifest(setup: Setup) -> dict[str, Any]:
         "angles": "counter-clockwise positive, wrapped to (-pi, pi]",
         "control_rate_hz": round(1 / CONTROL_DT_S),
         "bearing_range_rad": [-math.pi, math.pi],
+    }
+
+
+def robot_manifest(setup: Setup) -> dict[str, Any]:
+    """What driving such a robot needs beside it: its body, how quickly its speeds may change, where it has arrived."""
+    robot = setup.robot
+    return {
+        "robot": {
+            "name": robot.name,
+            "radius_m": robot.radius_m,
+            "footprint": None if robot.footprint is None else [list(corner) for corner in robot.footprint],
+            "height_m": robot.height_m,
+            "v_change": robot.limits.v_change,
+            "w_change": robot.limits.w_change,
+        },
+        "goal_radius_m": setup.goal_radius_m,
     }
 
 

@@ -14,15 +14,17 @@ from typing import Any, ClassVar, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.deploy.network import Layers
+from desirepath.deploy.steering import Recovery, Slowing, SteeringError
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.manifest import setup_manifest
+from desirepath.learning.policies.manifest import robot_manifest, setup_manifest
 from desirepath.learning.policies.shape import NetworkShape
+from desirepath.npz import Arrays, npz_header
 from desirepath.registries import Registry
-from desirepath.simulation.acting import ActFunction, EpisodicPolicy, RecoveringPolicy, Recovery
-from desirepath.simulation.npz import Arrays, npz_header
+from desirepath.simulation.acting import ActFunction, EpisodicPolicy, RecoveringPolicy
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import SetupError, get_setup
-from desirepath.simulation.slowing import Slowing, person_distance_input
+from desirepath.simulation.slowing import person_distance_input, slowed
 from desirepath.simulation.stored import Stored, StoredArrays
 from desirepath.simulation.trajectory import Trajectory
 
@@ -81,7 +83,7 @@ def read_slowing(meta: Mapping[str, Any]) -> Slowing | None:
         return None
     try:
         return Slowing(**meta["slowing"])
-    except (TypeError, SetupError) as problem:
+    except (TypeError, SteeringError) as problem:
         raise PolicyError(f"policy field 'slowing' = {meta['slowing']!r}: {problem}") from None
 
 
@@ -222,21 +224,12 @@ class Policy(StoredArrays, DrivingPolicy):
                 f"observations have shape {observations.shape}; "
                 f"a {self.setup} policy reads (n, {self.shape.observation_size})"
             )
-        split, first, seen = self.shape.task_inputs, 0, observations
-        if self.shape.extractor:
-            task = self._relu_layers(observations[:, :split], 0, 2)
-            lidar = self._relu_layers(observations[:, split:], 2, 4)
-            first, seen = 4, np.concatenate([task, lidar], axis=1)
-        hidden = self._relu_layers(seen, first, len(self.actor) // 2 - 1)
-        actions: Floats = np.tanh(hidden @ self.actor[-2] + self.actor[-1])
-        return self.slowing.limited(actions, observations, get_setup(self.setup)) if self.slowing else actions
+        actions = self._layers(observations)
+        return slowed(self.slowing, actions, observations, get_setup(self.setup)) if self.slowing else actions
 
-    def _relu_layers(self, x: Floats, first: int, last: int) -> Floats:
-        for k in range(first, last):
-            x = x @ self.actor[2 * k]
-            x += self.actor[2 * k + 1]
-            np.maximum(x, 0, out=x)
-        return x
+    @cached_property
+    def _layers(self) -> Layers:
+        return Layers(self.actor, self.shape.task_inputs, bool(self.shape.extractor))
 
     def commands(self, actions: Floats) -> Floats:
         """actions (n, 2) in [-1, 1] -> (n, 2) linear velocity (m/s) and angular velocity (rad/s)."""
@@ -253,12 +246,13 @@ class Policy(StoredArrays, DrivingPolicy):
         return {
             "setup": self.setup,
             **setup_manifest(get_setup(self.setup)),
+            **robot_manifest(get_setup(self.setup)),
             "network": self.shape.as_dict(),
             "value_functions": bool(self.critic),
             "recovery": asdict(Recovery())
             | {
                 "recovery_policies": len(self.recovery_policies),
-                "exported": "the usual actor alone; the .npz holds the recovery policies, too",
+                "exported": "policy.onnx is the usual actor alone; the .npz holds the recovery policies, too",
             }
             if self.recovery_policies
             else None,

@@ -18,7 +18,7 @@ from desirepath.learning.preferences.measures import measures, typical_differenc
 from desirepath.learning.preferences.objectives import names_of
 from desirepath.learning.preferences.posterior import weights_of_shares
 from desirepath.learning.shipped_files import resolve
-from desirepath.simulation.npz import Arrays
+from desirepath.npz import Arrays
 from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import Trajectory
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.preferences.advantage_process import AdvantageProcess
-from desirepath.simulation.npz import from_npz, to_npz
+from desirepath.npz import from_npz, to_npz
 
 Doubles = NDArray[np.float64]
 FOLDER = Path(__file__).parent / "priors"

@@ -20,8 +20,8 @@ from desirepath.learning.cards import stored_config
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import DrivingPolicy, Policy
 from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.npz import Arrays
 from desirepath.simulation.fast import rollout
-from desirepath.simulation.npz import Arrays
 from desirepath.simulation.recorded import Recorded
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup, require_same

@@ -19,7 +19,7 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.rewards.kinds import MODELS
-from desirepath.simulation.npz import Arrays
+from desirepath.npz import Arrays
 from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import Trajectory, require_steps
 

@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from desirepath.learning.td3.td3 import Memory, Td3Agent
-from desirepath.simulation.npz import NpzError, from_npz, to_npz
+from desirepath.npz import NpzError, from_npz, to_npz
 
 EVERY_S = 20.0
 REFILLED = 100_000  # transitions

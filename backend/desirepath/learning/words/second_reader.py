@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from desirepath.learning.errors import LearningError
 from desirepath.learning.words.lexicon import FOLDER, Language, Token, lexicon, words_of
 from desirepath.learning.words.readings import OPPOSITE, SIDES
-from desirepath.simulation.npz import Arrays
+from desirepath.npz import Arrays
 from desirepath.simulation.stored import StoredArrays
 
 Wish = tuple[str, bool]
