@@ -52,9 +52,10 @@ def bundle_files(stored: StoredPolicy, weights: str = "") -> dict[str, bytes]:
     driving = policy.driving()
     files[VECTORS] = _json({"vectors": test_vectors(controller, policy)})
     files["policy.onnx"] = policy_to_onnx(driving)
-    for number, actor in enumerate(driving.recovery_policies if isinstance(driving, Policy) else (), start=1):
-        alone = Policy(driving.setup, driving.shape, actor, slowing=driving.slowing)
-        files[f"recovery_{number}.onnx"] = policy_to_onnx(alone)
+    if isinstance(driving, Policy):
+        for number, actor in enumerate(driving.recovery_policies, start=1):
+            alone = Policy(driving.setup, driving.shape, actor, slowing=driving.slowing)
+            files[f"recovery_{number}.onnx"] = policy_to_onnx(alone)
     package = Path(desirepath.deploy.__file__).parents[1]
     for pattern in PROGRAM:
         for file in sorted(package.glob(pattern)):
