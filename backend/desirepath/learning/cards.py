@@ -22,8 +22,8 @@ DEPARTURES = {
     "smoothness": "In the last updates of base training the actor's loss also holds a weight times the mean squared "
     "turn rate (in [-1, 1]), which keeps policies from wobbling; the thesis has no such term. It enters no reward, no "
     "ensemble training and no alignment.",
-    "seeking": "While nothing is learned yet, a controller that heads for the goal around what the lidar sees drives "
-    "in part of the environments instead of chance, so that the first updates have seen arrivals; nothing else has it.",
+    "guide": "While nothing is learned yet, a planner that knows the scene drives in part of the environments instead "
+    "of chance, and the actor is drawn to what it does, less and less; nothing else has it.",
     "randomised": "Robots get wrong in training what real ones do: lidar noise, delay, slip and slow wheels, up to "
     "`RANDOMISED` in simulation/disturbed.py, drawn anew in every episode; the thesis trains without.",
     "heads": "Actor and critic heads are 128, 128 instead of 400, 300, for speed; the wider ones were not trained "

@@ -260,15 +260,19 @@ def body_surface_gap(row: Row, corners: NDArray[np.float64], ground: Ground | No
             nearest = min(nearest, -OVERLAP_M)
     if ground is not None:
         for n in range(sides):
+            mx, my = (corners[n - 1, 0] + corners[n, 0]) / 2, (corners[n - 1, 1] + corners[n, 1]) / 2
+            nearest = min(nearest, ground_distance(ground, corners[n, 0], corners[n, 1]))
+            nearest = min(nearest, ground_distance(ground, mx, my))
+        for n in range(sides):
             ax, ay = corners[n - 1, 0], corners[n - 1, 1]
             ex, ey = corners[n, 0] - ax, corners[n, 1] - ay
             side = math.sqrt(ex * ex + ey * ey)
+            if side <= 0.0 or ground_distance(ground, ax + ex / 2, ay + ey / 2) - side / 2 >= nearest:
+                continue
             at = 0.0
-            while (
-                at <= side
-            ):  # a place as far off as `apart` has nothing nearer than `nearest` around it: skip that far
-                part = at / side if side > 0.0 else 0.0
-                apart = ground_distance(ground, ax + part * ex, ay + part * ey)
+            while at <= side:
+                # A place as far off as `apart` has nothing nearer than `nearest` around it: skip that far.
+                apart = ground_distance(ground, ax + at / side * ex, ay + at / side * ey)
                 at += max(apart - nearest, ground.cell / 8)
                 nearest = min(nearest, apart)
     return nearest
@@ -1187,8 +1191,7 @@ def drive_outline(
     around it: no part of the body moves farther than `travel` and what that circle turns."""
     longest = travel + radius * abs(turn)
     done, here_x, here_y, here_yaw = 0.0, x, y, yaw
-    corners = body_corners(outline, x, y, yaw)
-    surface = body_surface_gap(row, corners, ground)
+    surface = math.nan  # until somewhere was looked
     while done < 1.0:
         part = min(1.0, done + max(free, SMALLEST_ADVANCE_M) / longest) if longest > 0.0 else 1.0
         new_x, new_y = arc(x, y, yaw, travel * part, turn * part)
@@ -1197,6 +1200,8 @@ def drive_outline(
         new_surface = body_surface_gap(row, corners, ground)
         free = min(new_surface, body_person_gap(row, corners))
         if free < -TOUCH_M:
+            if done == 0.0:
+                surface = body_surface_gap(row, body_corners(outline, x, y, yaw), ground)
             return here_x, here_y, wrap(here_yaw), surface, True
         done, here_x, here_y, here_yaw, surface = part, new_x, new_y, new_yaw, new_surface
     return here_x, here_y, wrap(here_yaw), surface, False
@@ -1554,6 +1559,25 @@ def mark_free(
             x, y = places[i, j, 0], places[i, j, 1]
             apart = person_distance(row, x, y) - row[PERSON_RADIUS]
             free[i, j] = min(apart, surface_distance(row, x, y, ground)) >= radius
+
+
+@compiled
+def way_costs(
+    row: Row,
+    places: NDArray[np.float64],
+    radius: float,
+    wanted: float,
+    costs: NDArray[np.float32],
+    ground: Ground | None = None,
+) -> None:
+    """Write into `costs` (columns, lines) what it costs to drive through the places (columns, lines, 2): 1 where a body
+    of that radius (m) has the room that is wanted beside it (m), more with less of it, infinite where it has none."""
+    for i in range(costs.shape[0]):
+        for j in range(costs.shape[1]):
+            x, y = places[i, j, 0], places[i, j, 1]
+            apart = person_distance(row, x, y) - row[PERSON_RADIUS]
+            spare = min(apart, surface_distance(row, x, y, ground)) - radius
+            costs[i, j] = math.inf if spare < 0.0 else 1.0 + 2.0 * max(wanted - spare, 0.0) / wanted
 
 
 @compiled

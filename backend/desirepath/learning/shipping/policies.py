@@ -51,7 +51,7 @@ def store_base(
     found = {"selection_success_rate": result.selection_success, **(results or {})}
     if result.restarts:
         found["begun_anew"] = result.restarts
-    departures = [*departures, *(["seeking"] if config.seeking_share or result.restarts else [])]
+    departures = [*departures, *(["guide"] if config.guided_share or result.restarts else [])]
     departures += ["randomised"] if config.randomise else []
     return _store(request, policy, "base", config, results=found, departures=departures, notes=list(notes))
 

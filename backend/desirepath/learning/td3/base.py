@@ -22,16 +22,16 @@ from desirepath.learning.policies.shape import EXPLAINED_HEADS, FAST_HEADS, Netw
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.backprop import Floats
 from desirepath.learning.td3.checkpoints import checkpoints
-from desirepath.learning.td3.goal_seeker import GoalSeeker
 from desirepath.learning.td3.interrupted import REFILLED, Kept, TrainingFile
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
 from desirepath.learning.td3.td3 import ActorTerm, Td3Agent, Td3Config
+from desirepath.learning.td3.way_guide import WayGuide
 from desirepath.simulation.disturbed import randomised_engine
 from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.setups import get_setup
 
 TURNING = 1  # which of the two actions is the turn rate
-SEEKING_SHARE = 0.5
+GUIDED_SHARE = 0.5
 GUIDANCE = 4.0
 MOST_RESTARTS = 3
 LOOKING_SCENES = 100
@@ -93,15 +93,16 @@ class BaseConfig:
     average_decay: float = 0.9995  # running average of the actor's weights, per update
     checkpoints: int = 6  # spread over the second half of the smoothing updates; the best on the selection scenes stays
     selection_scenes: int = 2_000
-    seeking_share: float = 0.0  # ours: of the environments, in which a goal-seeker drives instead of chance at first
+    guided_share: float = 0.0  # ours: of the environments, in which a guide drives instead of chance at first
     guidance: float = 0.0  # ours: weight of the squared distance from its actions in the actor's loss, to begin with
-    guided_updates: int = 10_000  # ours: over which that weight falls to 0
+    guided_updates: int = 10_000  # ours: over which that weight falls
+    last_guidance: float = 0.0  # ours: to which it falls
     randomise: bool = False  # whether robots get wrong what real ones do, up to `RANDOMISED`
 
     def as_dict(self) -> dict[str, Any]:
-        """As `stored_config`; without goal-seeker and randomness where they have no part, as before there were any."""
+        """As `stored_config`; without guide and randomness where they have no part, as before there were any."""
         stored = stored_config(self)
-        without = set() if self.seeking_share else {"seeking_share", "guidance", "guided_updates"}
+        without = set() if self.guided_share else {"guided_share", "guidance", "guided_updates", "last_guidance"}
         without |= set() if self.randomise else {"randomise"}
         return {name: value for name, value in stored.items() if name not in without}
 
@@ -111,7 +112,7 @@ def base_config(setup: str, seed: int = 0) -> BaseConfig:
     of = get_setup(setup)
     usual = BaseConfig(setup, seed, FAST_HEADS if of.extractors else EXPLAINED_HEADS)
     if not of.solids:
-        usual = replace(usual, seeking_share=SEEKING_SHARE, guidance=GUIDANCE)
+        usual = replace(usual, guided_share=GUIDED_SHARE, guidance=GUIDANCE)
     if of.crowded:  # half as long: a step among pedestrians takes five times as long
         return replace(usual, updates=40_000, smoothing_updates=8_000, selection_scenes=500)
     return usual
@@ -153,17 +154,10 @@ class BaseTraining:
         self.transitions = 0
         self._sampler = torch.Generator().manual_seed(config.seed + 1)
         self._average = self.agent.actor.flat.clone()
-        self._seeker = GoalSeeker(self.setup) if config.seeking_share else None
+        self._guide = WayGuide(engine) if config.guided_share else None
+        self._guides = np.zeros((config.buffer_size if self._guide else 0, 2), dtype=np.float32)
+        """What the guide would have done instead of each transition of the buffer."""
         self._chance = np.random.default_rng([config.seed, 0x5EE])
-
-    def _first_actions(self, observations: Floats) -> Floats:
-        """By chance, and in some of the environments those of a goal-seeker, so that the buffer holds arrivals. One
-        environment in so many: each has its own noise."""
-        actions = self._chance.uniform(-1, 1, (len(observations), 2)).astype(np.float32)
-        if self._seeker is not None:
-            seeking = (np.arange(1, len(observations) + 1) * self.config.seeking_share) % 1 < self.config.seeking_share
-            actions[seeking] = self._seeker.act(observations[seeking])
-        return actions
 
     def vector_step(self) -> int:
         """One step of all environments, then `updates_per_step` updates (none while the buffer fills at random).
@@ -172,33 +166,59 @@ class BaseTraining:
         """
         config = self.config
         warm = self.transitions >= config.random_transitions
-        self.collector.step(
-            self.agent.act if warm else self._first_actions if self._seeker is not None else None, self.buffer
-        )
+        if self._guide is None:
+            self.collector.step(self.agent.act if warm else None, self.buffer)
+        else:
+            self._guided_step(self._guide, warm)
         self.transitions += config.n_envs
         if not warm:
             return self.agent.updates
         self.agent.set_learning_rate(self.learning_rate())
-        penalty = self.smoothness_penalty()
-        term = (lambda _, actions: smoothness_penalty_gradient(actions, penalty)) if penalty > 0 else self._guidance()
+        penalty, guidance = self.smoothness_penalty(), self.guidance()
         for _ in range(config.updates_per_step):
-            self.agent.update(self.buffer.sample(config.batch_size, self._sampler), term)
+            rows = self.buffer.draw_rows(config.batch_size, self._sampler)
+            self.agent.update(self.buffer.transitions(rows), self._term(rows, penalty, guidance))
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
         return self.agent.updates
 
-    def _guidance(self) -> ActorTerm | None:
-        """In the first updates the actor is drawn to what the goal-seeker does, less and less; None afterwards. A
-        critic that has seen more collisions than arrivals wants to stand, and an actor that stands learns no more."""
-        weight = self.config.guidance * (1 - self.agent.updates / max(1, self.config.guided_updates))
-        if self._seeker is None or weight <= 0:
-            return None
-        seeker = self._seeker
+    def _guided_step(self, guide: WayGuide, warm: bool) -> None:
+        """At first the guide drives in some of the environments and chance in the others, so that the buffer holds
+        arrivals; then the policy does. One environment in so many: each has its own noise. What the guide would do is
+        noted as long as the policy is drawn to it."""
+        share = self.config.guided_share
+        if warm and self.guidance() <= 0:
+            self.collector.step(self.agent.act, self.buffer)
+            return
+        guided = guide.act()
+        self._guides[self.buffer.next_rows(len(guided))] = guided
 
-        def term(observations: Floats, actions: Floats) -> Floats:
-            gradient: Floats = np.float32(2 * weight / len(actions)) * (actions - seeker.act(observations))
+        def first(_: Floats) -> Floats:
+            actions = self._chance.uniform(-1, 1, guided.shape).astype(np.float32)
+            drives = (np.arange(1, len(actions) + 1) * share) % 1 < share
+            actions[drives] = guided[drives]
+            return actions
+
+        self.collector.step(self.agent.act if warm else first, self.buffer)
+
+    def _term(self, rows: torch.Tensor, penalty: float, guidance: float) -> ActorTerm | None:
+        if penalty <= 0 and guidance <= 0:
+            return None
+
+        def term(_: Floats, actions: Floats) -> Floats:
+            gradient = smoothness_penalty_gradient(actions, penalty)
+            if guidance > 0:
+                gradient += np.float32(2 * guidance / len(actions)) * (actions - self._guides[rows.numpy()])
             return gradient
 
         return term
+
+    def guidance(self) -> float:
+        """In the first updates the actor is drawn to what the guide does, less and less. A critic that has seen more
+        collisions than arrivals wants to stand, and an actor that stands learns no more."""
+        if self._guide is None:
+            return 0.0
+        first, last = self.config.guidance, self.config.last_guidance
+        return last + (first - last) * max(0.0, 1 - self.agent.updates / max(1, self.config.guided_updates))
 
     def go_on(self, kept: Kept) -> None:
         """Be where an interrupted training was, with another buffer."""
@@ -258,7 +278,7 @@ def train_base(
     is written down on its way, and gone on with.
 
     A training that stands still is noticed within its first seconds (`LOOKS`) and begun anew with another seed and a
-    goal-seeker in more of the environments, MOST_RESTARTS times; the last attempt goes on whatever it does.
+    guide in more of the environments, MOST_RESTARTS times; the last attempt goes on whatever it does.
     """
     restarts: list[dict[str, float]] = []
     while True:
@@ -278,9 +298,9 @@ def train_base(
 def _begun_anew(config: BaseConfig, restarts: int) -> BaseConfig:
     if not restarts or get_setup(config.setup).solids:
         return replace(config, seed=config.seed + 10_000 * restarts)
-    share = min(1.0, max(config.seeking_share, SEEKING_SHARE) + 0.25 * (restarts - 1))
+    share = min(1.0, max(config.guided_share, GUIDED_SHARE) + 0.25 * (restarts - 1))
     guidance = restarts * max(config.guidance, GUIDANCE)
-    return replace(config, seed=config.seed + 10_000 * restarts, seeking_share=share, guidance=guidance)
+    return replace(config, seed=config.seed + 10_000 * restarts, guided_share=share, guidance=guidance)
 
 
 def _look(training: BaseTraining, looks: list[Look]) -> None:

@@ -46,10 +46,14 @@ class ReplayBuffer:
         """Append transitions that already are a batch."""
         self._append(*(part.numpy() for part in batch))
 
+    def next_rows(self, n: int) -> NDArray[np.int64]:
+        """(n,) the rows that the next n transitions go to."""
+        return (self._next + np.arange(n)) % self.capacity
+
     def _append(self, *parts: Floats) -> None:
         """Append rows, the parts in the order of `Batch`."""
         n = len(parts[0])
-        rows = (self._next + np.arange(n)) % self.capacity
+        rows = self.next_rows(n)
         for store, new in zip(self._arrays, parts, strict=True):
             store[rows] = new
         self._next = (self._next + n) % self.capacity
@@ -61,7 +65,14 @@ class ReplayBuffer:
 
     def sample(self, n: int, generator: torch.Generator) -> Batch:
         """n transitions drawn uniformly, with replacement."""
-        rows = torch.randint(self.size, (n,), generator=generator)
+        return self.transitions(self.draw_rows(n, generator))
+
+    def draw_rows(self, n: int, generator: torch.Generator) -> torch.Tensor:
+        """(n,) rows drawn uniformly, with replacement."""
+        return torch.randint(self.size, (n,), generator=generator)
+
+    def transitions(self, rows: torch.Tensor) -> Batch:
+        """What these rows (n,) hold."""
         return Batch(*(part.index_select(0, rows) for part in self.data))
 
     def digest(self) -> str:

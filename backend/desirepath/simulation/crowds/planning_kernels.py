@@ -101,3 +101,52 @@ def straighten(free: Bools, way: NDArray[np.int64]) -> NDArray[np.int64]:
         kept[count] = way[ahead]
         count, at = count + 1, ahead
     return kept[:count]
+
+
+@compiled_exactly
+def distances(costs: NDArray[np.float32], end: tuple[int, int], longest: float) -> NDArray[np.float32]:
+    """(columns, lines) what the cheapest way from each cell to that one costs, in cells, over eight neighbours;
+    infinite beyond `longest`, and where none leads. costs: of a cell that is driven through; infinite of a blocked one.
+    """
+    lines = costs.shape[1]
+    found = np.full(costs.shape, np.inf, dtype=np.float32)
+    found[end[0], end[1]] = 0.0
+    heap = [(0.0, end[0] * lines + end[1])]
+    while len(heap) > 0:
+        so_far, here = heapq.heappop(heap)
+        i, j = here // lines, here % lines
+        if so_far > found[i, j] + 1e-4:
+            continue
+        for di in range(-1, 2):
+            for dj in range(-1, 2):
+                u, v = i + di, j + dj
+                if (di == 0 and dj == 0) or u < 0 or v < 0 or u >= costs.shape[0] or v >= lines:
+                    continue
+                if not np.isfinite(costs[u, v]):
+                    continue
+                if di != 0 and dj != 0 and not (np.isfinite(costs[i, v]) and np.isfinite(costs[u, j])):
+                    continue
+                there = so_far + math.sqrt(float(di * di + dj * dj)) * costs[u, v]
+                if there <= longest and there < found[u, v] - 1e-4:
+                    found[u, v] = there
+                    heapq.heappush(heap, (there, u * lines + v))
+    return found
+
+
+@compiled_exactly
+def descend(field: NDArray[np.float32], i: int, j: int, most: int) -> NDArray[np.int64]:
+    """The cells (n, 2) from that one on down a field of `distances`, at most so many of them."""
+    way = np.zeros((most, 2), dtype=np.int64)
+    count = 0
+    while count < most:
+        way[count, 0], way[count, 1] = i, j
+        count += 1
+        best, u, v = field[i, j], i, j
+        for a in range(max(i - 1, 0), min(i + 2, field.shape[0])):
+            for b in range(max(j - 1, 0), min(j + 2, field.shape[1])):
+                if field[a, b] < best:
+                    best, u, v = field[a, b], a, b
+        if u == i and v == j:
+            break
+        i, j = u, v
+    return way[:count]

@@ -18,13 +18,14 @@ from desirepath.simulation.setups import LARGEST_DETOUR, FloorPlan, Setup
 from desirepath.simulation.worlds import SceneWorld
 
 CELL_M = 0.1  # of the places that are drawn from
-TRIES = 400
+TRIES, PEOPLE_TRIED = 200, 8  # starts with a goal; places of the person between them
 AT_ENDS_M, ON_THE_WAY_M, BESIDE_M = 0.15, 0.05, 0.1  # room left, as `scenes.spacing_of`
 NEAR_THE_WAY_M = 0.6  # of a person from the way
 
 Bools = NDArray[np.bool_]
 Cells = NDArray[np.int64]
 Doubles = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 
 class _Places:
@@ -43,6 +44,7 @@ class _Places:
         self.row = _row(Scene(setup.name, 0, Pose(0, 0), Pose(0, 0), 1.0, FAR_AWAY, plan.obstacles))
         robot_m = setup.robot.radius_m
         self.free = largest_part(self._fits(robot_m + ON_THE_WAY_M))
+        self.costs = np.where(self.free, 1, np.inf).astype(np.float32)
         self.roomy = np.argwhere(self.free & self._fits(robot_m + AT_ENDS_M))
         self.standing = self._fits(FAR_AWAY.radius + BESIDE_M) & ndimage.binary_dilation(self.free, iterations=5)
         if len(self.roomy) < 2:
@@ -53,16 +55,20 @@ class _Places:
         k.mark_free(self.row, self.places, radius_m, free, self.ground)
         return free
 
-    def roomy_between(self, start: Pose, least_m: float, most_m: float) -> Cells:
-        """(n, 2) the roomy cells that far from there, straight: in a large building one in a hundred."""
-        middles = self.places[self.roomy[:, 0], self.roomy[:, 1]]
-        far = np.hypot(middles[:, 0] - start.x, middles[:, 1] - start.y)
-        near: Cells = self.roomy[(far >= least_m) & (far <= most_m)]
-        return near
+    def goals_from(self, start: Pose, least_m: float, most_m: float) -> tuple[Cells, Floats]:
+        """(n, 2) the roomy cells that far from there, straight, with no long detour on the way; and the field of ways
+        to the start, in cells."""
+        to_start = plan_on.distances(self.costs, self.cell(start.x, start.y), LARGEST_DETOUR * most_m / CELL_M)
+        near = self.roomy[np.isfinite(to_start[self.roomy[:, 0], self.roomy[:, 1]])]
+        middles = self.places[near[:, 0], near[:, 1]]
+        straight = np.hypot(middles[:, 0] - start.x, middles[:, 1] - start.y)
+        way_m = to_start[near[:, 0], near[:, 1]] * CELL_M
+        wanted = (straight >= least_m) & (straight <= most_m) & (way_m <= LARGEST_DETOUR * straight)
+        return near[wanted], to_start
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        i, j = np.floor((np.array([x, y]) - self.low) / CELL_M).astype(int)
-        return int(np.clip(i, 0, self.free.shape[0] - 1)), int(np.clip(j, 0, self.free.shape[1] - 1))
+        i, j = int((x - self.low[0]) / CELL_M), int((y - self.low[1]) / CELL_M)
+        return min(max(i, 0), self.free.shape[0] - 1), min(max(j, 0), self.free.shape[1] - 1)
 
     def way(self, start: Pose, goal: Pose, around: Pose | None = None, gap_m: float = 0.0) -> Doubles:
         """(n, 2) the shortest way on the grid, m; (0, 2) for none, or none but a long detour. It keeps `gap_m` away
@@ -73,7 +79,8 @@ class _Places:
         window = (slice(low_i, max(i, u) + aside), slice(low_j, max(j, v) + aside))
         free = self.free[window].copy()
         if around is not None:
-            free &= np.linalg.norm(self.places[window] - (around.x, around.y), axis=-1) >= gap_m
+            dx, dy = self.places[window][..., 0] - around.x, self.places[window][..., 1] - around.y
+            free &= dx * dx + dy * dy >= gap_m * gap_m
         cells = plan_on.a_star(free, (i - low_i, j - low_j), (u - low_i, v - low_j))
         return self.places[cells[:, 0] + low_i, cells[:, 1] + low_j]
 
@@ -110,24 +117,26 @@ def draw_in_building(setup: Setup, seed: int) -> Scene:
     random = np.random.Generator(np.random.PCG64([seed, WORLD.number]))
     for _ in range(TRIES):
         start = _pose(plan.starts, here, here.roomy, random)
-        within = here.roomy if plan.goals else here.roomy_between(start, *plan.way_m)
-        if not len(within):
+        goals, to_start = here.goals_from(start, *plan.way_m)
+        if not (len(goals) or plan.goals):
             continue
-        goal = _pose(plan.goals, here, within, random)
+        goal = _pose(plan.goals, here, goals, random)
         straight = math.dist((start.x, start.y), (goal.x, goal.y))
         if not plan.way_m[0] <= straight <= plan.way_m[1]:
             continue
-        way = here.way(start, goal)
-        if _is_detour(way, straight):
+        cells = plan_on.descend(to_start, *here.cell(goal.x, goal.y), to_start.size)
+        way = here.places[cells[:, 0], cells[:, 1]][::-1]
+        if to_start[here.cell(goal.x, goal.y)] * CELL_M > LARGEST_DETOUR * straight:
             continue
-        stand = _person(plan.people, here, way, random)
-        if stand is None:
-            continue
-        scene = Scene(
-            setup.name, seed, start, goal, setup.goal_radius_m, Person(stand), plan.obstacles, ground=here.sha256
-        )
-        if _fits(scene, here, setup.robot.radius_m):
-            return scene
+        for _ in range(PEOPLE_TRIED):
+            stand = _person(plan.people, here, way, random)
+            if stand is None:
+                continue
+            scene = Scene(
+                setup.name, seed, start, goal, setup.goal_radius_m, Person(stand), plan.obstacles, ground=here.sha256
+            )
+            if _fits(scene, here, setup.robot.radius_m):
+                return scene
     raise SceneError("seed", seed, f"gave no {setup.name} scene; name starts, goals and people, or make way_m wider")
 
 
