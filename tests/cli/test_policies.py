@@ -43,14 +43,17 @@ def test_a_zip_comes_in_is_listed_shown_evaluated_and_goes_out(tmp_path: Path) -
     assert shown["imported"]["by"] == "command line"
     assert told("evaluate", kept["policy"], "--scenes", "5")["setup"] == "study_room"
     out = told("policies", "export", kept["policy"], "--out", str(tmp_path / "out"))
-    assert [Path(file).name for file in out["files"]] == ["policy.npz", "manifest.json", "policy.onnx", "policy.zip"]
+    own = [Path(file).name for file in out["files"] if Path(file).suffix != ".py"]
+    assert own == ["policy.npz", "manifest.json", "policy.onnx", "policy.zip", "test_vectors.json"]
+    assert out["left_out"] == {}
     again = told("policies", "import", str(tmp_path / "out" / "policy.zip"))
     assert (again["policy"], again["new"]) == (kept["policy"], False)
 
 
 def test_what_a_policy_cannot_be_exported_as_is_said(tmp_path: Path) -> None:
     out = told("policies", "export", "crowd_corridor/attention", "--out", str(tmp_path))
-    assert set(out["left_out"]) == {"policy.onnx", "policy.zip"}
+    assert set(out["left_out"]) == {"policy.onnx", "policy.zip", "test_vectors.json"}
+    assert "a robot's scan does not tell" in out["left_out"]["test_vectors.json"]
     assert "its lidar and its descriptors" in out["left_out"]["policy.onnx"]
     assert read_policy((tmp_path / "policy.npz").read_bytes()).setup == "crowd_corridor"
 

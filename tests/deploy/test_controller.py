@@ -158,7 +158,7 @@ def test_what_is_no_range_is_nothing_seen_and_what_lacks_is_said_with_its_angle(
 
     def scanned(ranges: np.ndarray, **other: float) -> np.ndarray:
         values = {"angle_min": 0.0, "angle_increment": 2 * math.pi / n, "range_min": 0.1, "range_max": 12.0} | other
-        return observe.sectors(Scan(0.0, **values, ranges=ranges))
+        return observe.sectors(Scan(1.8e9, **values, ranges=ranges))
 
     plain = np.full(n, 3.0)
     for seen, found in ((np.inf, 6.0), (0.05, 6.0), (20.0, 6.0), (8.0, 6.0), (-np.inf, 0.1), (1.5, 1.5), (np.nan, 3.0)):
@@ -176,6 +176,8 @@ def test_what_is_no_range_is_nothing_seen_and_what_lacks_is_said_with_its_angle(
         scanned(plain[:360])
     with pytest.raises(InputError, match="no range at"):
         scanned(plain[:30], angle_increment=2 * math.pi / 30)
+    closed = scanned(np.full(n + 1, 3.0), angle_min=-math.pi)
+    assert (closed == 3.0).all(), "as one whose first and last range look the same way, at a stamp of ROS"
     assert (scanned(plain[:360].copy(), angle_increment=2 * math.pi / 360) == 3.0).all(), "coarser, but in every sector"
 
 
@@ -244,6 +246,7 @@ def test_speeds_change_at_the_robots_limits_and_stop_at_the_goal() -> None:
     scan = Scan(0.0, 0.0, 2 * math.pi / 720, 0.0, 6.0, np.full(720, 6.0))
     assert controller.step(scan, Odometry(0, 1, 1, 0, 1, -2), (1.2, 1)) == Command(0.9, pytest.approx(-1.8))
     assert controller.arrived
+    assert controller.laser == (0.0, 0.0, 0.0)
     controller.reset()
     assert controller.command == Command(0.0, 0.0)
 

@@ -32,7 +32,8 @@ class Controller:
         """laser: where the robot's lidar is (x, y in m, yaw in rad), where that is not as the policy learned. Raises
         BundleError for a policy that reads what nothing on a robot tells."""
         self._bundle, found = bundle, bundle.manifest
-        self._observe = Observer(found, laser)
+        self._laser = laser or (found.lidar.x, found.lidar.y, found.lidar.yaw)
+        self._observe = Observer(found, self._laser)
         self._goal, self._person = found.place("goal_distance") or 0, found.place("person_distance") or 0
         self._weights, self._driving = dict(bundle.weights), bundle.at(bundle.weights)
         self.reset()
@@ -68,6 +69,11 @@ class Controller:
     @property
     def robot(self) -> Robot:
         return self._bundle.manifest.robot
+
+    @property
+    def laser(self) -> Mount:
+        """Where the lidar whose scans it is given is in the robot's frame: x, y (m), yaw (rad)."""
+        return self._laser
 
     @property
     def objectives(self) -> tuple[str, ...]:

@@ -106,7 +106,11 @@ def check_goal(goal: tuple[float, float]) -> tuple[float, float]:
 
 def _require_finite(of: Any, what: str, leave: str = "") -> None:
     for one in fields(of):
-        if one.name != leave and not _is_number(value := getattr(of, one.name)):
+        value = getattr(of, one.name)
+        if one.name == "stamp_s":
+            if not math.isfinite(value):
+                raise InputError(f"{what} field 'stamp_s' = {value!r}: must be a number, seconds")
+        elif one.name != leave and not _is_number(value):
             raise InputError(f"{what} field {one.name!r} = {value!r}: must be a number within {MOST_M:g}")
 
 
