@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
 import tarfile
 from pathlib import Path
 
@@ -69,6 +71,43 @@ def test_paths_that_participants_drew_and_tasks_of_sweeps_come_back_too(study: S
     for one in read_demonstrations(files.get(made.id))[1]:
         assert files.exists(one.demonstration)
     assert (files.get(drawn), files.get(task)) == (b"as it was drawn", b"what a worker computed")
+
+
+def test_setups_that_were_brought_come_back_with_what_was_trained(
+    study: SmallStudy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("DESIREPATH_DATA", str(tmp_path / "old"))
+    files = {"flat/setup.yaml": b"robot: turtlebot2", "flat/ensemble/0.npz": b"weights", "flat/.training/base": b"half"}
+    for name, content in files.items():
+        (tmp_path / "old/setups" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "old/setups" / name).write_bytes(content)
+    (tmp_path / "old/setups/flat/map.pgm").symlink_to("/etc/hostname")
+    assert backup(study.database, study.files, tmp_path / "a.tar")["setup_files"] == 2
+    assert restore(tmp_path / "a.tar", tmp_path / "new")["setup_files"] == 2
+    back = {
+        p.relative_to(tmp_path / "new/setups").as_posix() for p in (tmp_path / "new/setups").rglob("*") if p.is_file()
+    }
+    assert back == {"flat/setup.yaml", "flat/ensemble/0.npz"}
+    assert (tmp_path / "new/setups/flat/ensemble/0.npz").read_bytes() == b"weights"
+
+
+def test_a_backup_made_by_hand_writes_nowhere_else(study: SmallStudy, tmp_path: Path):
+    backup(study.database, study.files, tmp_path / "good.tar")
+    forged = tmp_path / "forged.tar"
+    with tarfile.open(tmp_path / "good.tar") as good, tarfile.open(forged, "w") as bad:
+        members = {m.name: good.extractfile(m).read() for m in good.getmembers()}
+        manifest = json.loads(members["manifest.json"])
+        for name in ("setups/../../escaped", "setups/.hidden/a", "/setups/a"):
+            members[name] = b"x"
+            manifest["sha256"][name] = hashlib.sha256(b"x").hexdigest()
+        members["manifest.json"] = json.dumps(manifest).encode()
+        for name, content in members.items():
+            info = tarfile.TarInfo(name)
+            info.size = len(content)
+            bad.addfile(info, io.BytesIO(content))
+    restore(forged, tmp_path / "new" / "data")
+    assert not (tmp_path / "new" / "data" / "setups").exists()
+    assert not list(tmp_path.rglob("escaped"))
 
 
 def test_a_damaged_or_foreign_file_is_refused_and_nothing_is_put_in_place(study: SmallStudy, tmp_path: Path):

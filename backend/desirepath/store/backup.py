@@ -1,4 +1,5 @@
-"""Copies an installation into one file, its database and its artefacts, and brings it back into an empty one.
+"""Copies an installation into one file (database, artefacts, setups that were brought), and brings it back into an
+empty one.
 
 The jobs' own tables (DBOS's) are not copied: what a job needs is its row, and a worker starts unfinished ones again.
 How PostgreSQL's part is made and brought back lives in `postgres_dump.py`.
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from desirepath.os_errors import in_words
+from desirepath.simulation.setups import UPLOADED, uploaded_setups
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database, StorageError
 from desirepath.store.demonstration_snapshots import programmed_files
@@ -34,14 +36,17 @@ ARTEFACT_FOLDER = "artefacts"
 MANIFEST_MEMBER = "manifest.json"
 FILES_AT_ONCE = 256  # held in memory while restoring
 ARTEFACT_MEMBER = re.compile(rf"{ARTEFACT_FOLDER}/([0-9a-f]{{64}})")
+SETUP_MEMBER = re.compile(rf"{UPLOADED}(/[A-Za-z0-9_-][A-Za-z0-9_.-]*)+")
+"""A file of a setup that somebody brought; no part of the path begins with a point."""
 
 __all__ = ["BackupError", "backup", "restore"]
 
 
 def backup(db: Database, files: ArtefactStore, out: Path) -> dict[str, Any]:
-    """Write database and artefacts into the tar file `out`; the server may keep running.
+    """Write database, artefacts and the setups that were brought into the tar file `out`; the server may keep running.
 
-    Returns {"file", "bytes", "artefacts", "missing"}; missing: files that rows name but the store does not have.
+    Returns {"file", "bytes", "artefacts", "setup_files", "missing"}; missing: files that rows name but the store does
+    not have.
     A backup holds everything that the database holds, recruiting ids included, and it is not reached by a later
     erasure: keep it as safe as the data folder, and not longer than needed. Raises BackupError if `out` exists or
     PostgreSQL's own programs are not there.
@@ -65,6 +70,8 @@ def backup(db: Database, files: ArtefactStore, out: Path) -> dict[str, Any]:
             missing = [name for name, quarantined in named.items() if name not in names and not quarantined]
             sums = {copy.name: hashlib.sha256(copy.read_bytes()).hexdigest()}
             sums |= {f"{ARTEFACT_FOLDER}/{name}": name for name in names}
+            brought = _setup_files()
+            sums |= {name: hashlib.sha256(content).hexdigest() for name, content in brought.items()}
             manifest = {"format": form, "made_at": utc_now().isoformat(), "sha256": sums, "missing": missing}
             partial.touch(mode=0o600)
             with tarfile.open(partial, "w") as tar:
@@ -72,10 +79,29 @@ def backup(db: Database, files: ArtefactStore, out: Path) -> dict[str, Any]:
                 tar.add(copy, copy.name)
                 for name in names:
                     _add(tar, f"{ARTEFACT_FOLDER}/{name}", files.get(name))
+                for name, content in brought.items():
+                    _add(tar, name, content)
         partial.rename(out)
     finally:
         partial.unlink(missing_ok=True)
-    return {"file": str(out), "bytes": out.stat().st_size, "artefacts": len(names), "missing": missing}
+    return {
+        "file": str(out),
+        "bytes": out.stat().st_size,
+        "artefacts": len(names),
+        "setup_files": len(brought),
+        "missing": missing,
+    }
+
+
+def _setup_files() -> dict[str, bytes]:
+    """What lies in the folders of setups that somebody brought, by member; not what a training left on its way."""
+    folder = uploaded_setups()
+    files = {f"{UPLOADED}/{path.relative_to(folder).as_posix()}": path for path in sorted(folder.rglob("*"))}
+    return {
+        name: path.read_bytes()
+        for name, path in files.items()
+        if SETUP_MEMBER.fullmatch(name) and path.is_file() and not path.is_symlink()
+    }
 
 
 def restore(
@@ -84,8 +110,8 @@ def restore(
     """Bring a backup back: of SQLite into the data folder, which must hold no database; of PostgreSQL into the empty
     database of that URL. artefacts_url: where the artefacts go, by default into the data folder.
 
-    Returns {"data", "artefacts", "made_at"}. Everything is checked against its sha256 before the database is put in
-    place. Raises BackupError.
+    Returns {"data", "artefacts", "setup_files", "made_at"}. Everything is checked against its sha256 before the
+    database is put in place. Raises BackupError.
     """
     on_postgres = database_url is not None and not database_url.startswith("sqlite")
     wanted, member = (POSTGRES_FORMAT, POSTGRES_MEMBER) if on_postgres else (FORMAT, DATABASE_MEMBER)
@@ -101,20 +127,28 @@ def restore(
         with tarfile.open(source, "r:") as tar:
             manifest = json.loads(_member(tar, MANIFEST_MEMBER))
             _check_format(source, manifest.get("format"), wanted)
-            _unpack(source, tar, manifest["sha256"], partial, files)
+            setup_files = _unpack(source, tar, manifest["sha256"], partial, files)
         if not partial.exists():
             raise BackupError(f"{source}: holds no database")
         if on_postgres:
             bring_back(str(database_url), partial)
         else:
             shutil.move(partial, target)
+        for name, content in setup_files.items():
+            (data / name).parent.mkdir(parents=True, exist_ok=True)
+            (data / name).write_bytes(content)
     except StorageError:
         raise
     except (OSError, tarfile.TarError, KeyError, json.JSONDecodeError) as problem:
         raise BackupError(f"{source}: is no whole backup ({in_words(problem)})") from problem
     finally:
         partial.unlink(missing_ok=True)
-    return {"data": str(data), "artefacts": len(manifest["sha256"]) - 1, "made_at": manifest["made_at"]}
+    return {
+        "data": str(data),
+        "artefacts": len(manifest["sha256"]) - 1 - len(setup_files),
+        "setup_files": len(setup_files),
+        "made_at": manifest["made_at"],
+    }
 
 
 def _check_format(source: Path, stated: object, wanted: str) -> None:
@@ -130,9 +164,12 @@ def _check_format(source: Path, stated: object, wanted: str) -> None:
     raise BackupError(f"{source}: format {stated!r} is unknown; this version reads {FORMAT!r} and {POSTGRES_FORMAT!r}")
 
 
-def _unpack(source: Path, tar: tarfile.TarFile, sums: dict[str, str], partial: Path, files: ArtefactStore) -> None:
-    """Every member, checked: artefacts into the store, the database to `partial`."""
+def _unpack(
+    source: Path, tar: tarfile.TarFile, sums: dict[str, str], partial: Path, files: ArtefactStore
+) -> dict[str, bytes]:
+    """Every member, checked: artefacts into the store, the database to `partial`. Returns the files of setups."""
     waiting: list[bytes] = []
+    setup_files: dict[str, bytes] = {}
     for name, sha in sums.items():
         content = _member(tar, name)
         if hashlib.sha256(content).hexdigest() != sha:
@@ -145,7 +182,10 @@ def _unpack(source: Path, tar: tarfile.TarFile, sums: dict[str, str], partial: P
         elif name in (DATABASE_MEMBER, POSTGRES_MEMBER):
             partial.touch(mode=0o600)
             partial.write_bytes(content)
+        elif SETUP_MEMBER.fullmatch(name):
+            setup_files[name] = content
     files.put_all(waiting)
+    return setup_files
 
 
 def _copy_database(file: Path, copy: Path) -> None:
