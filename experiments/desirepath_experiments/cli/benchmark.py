@@ -37,6 +37,10 @@ BENCHMARKS = {
         "Kill servers, workers and connections at random moments under load, fill the disk: what was lost? On a "
         "PostgreSQL server of its own.",
     ),
+    "robot-safety": (
+        "benchmarks.robot_safety",
+        "A million scans and odometries with everything wrong in them: what was a supervised robot told? Simulated time.",
+    ),
     "rest": (
         "benchmarks.at_rest",
         "The demo with nobody there: processor time, disk writes, wake-ups, memory; seconds to start; how soon a job "

@@ -1,0 +1,518 @@
+"""What stands between a controller and a robot's wheels: when it may drive, how fast, and what stops it.
+
+Pure: a clock is passed in, messages come in, commands go out; one thread. No ROS, no files.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from enum import Enum
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.deploy.inputs import Command, InputError, Odometry, Person, Scan, check_goal
+
+Points = NDArray[np.float64]
+MOST_POINTS = 720  # of a scan, in the stop zone; of denser ones the nearest of neighbours
+FINEST_M = 0.02  # how far a robot moves between two looks along its way
+FRESH_TO_START = 3  # messages in a row
+DRIFT = 2e-4  # of two clocks
+PROMPT = 0.85  # of a control period: a scan that comes so early is acted on at once, not left until the period is over
+JUMP_M = 0.5  # that odometry may be corrected by, beside what a robot can drive
+STANDING = Command(0.0, 0.0)
+
+
+class State(str, Enum):  # noqa: UP042  (a robot's Python 3.10 has no StrEnum)
+    """off: commands nothing. armed: stands, and may be started. driving. stopped: stands until it is armed again."""
+
+    OFF = "off"
+    ARMED = "armed"
+    DRIVING = "driving"
+    STOPPED = "stopped"
+
+
+class Refused(RuntimeError):
+    """An arm or start that is not done, and why."""
+
+
+@dataclass(frozen=True)
+class Transition:
+    """That the state changed: at_s on the supervisor's clock, and why."""
+
+    at_s: float
+    state: State
+    reason: str
+
+
+@dataclass(frozen=True)
+class Rules:
+    """stale_s: a robot stands so long after its last fresh scan or odometry; tick_s: how often the supervisor is asked.
+    people_stale_s: and after the last news of people, where they come by messages. keep_out_m: between the centres of
+    robot and person. collision_s: it stops where it would touch something so soon on the way that it is commanded, or
+    before it stands: braking, m/s^2, is how hard it brakes. armed_s: how long an armed robot waits to be started.
+    v_max, w_max, v_change, w_change (m/s, rad/s, and those a second): tighter limits than the controller's own.
+
+    The numbers are ours.
+    """
+
+    stale_s: float = 0.3
+    tick_s: float = 0.02
+    people_stale_s: float = 1.0
+    keep_out_m: float = 0.5
+    collision_s: float = 0.2
+    braking: float = 2.5
+    armed_s: float = 60.0
+    v_max: float | None = None
+    w_max: float | None = None
+    v_change: float | None = None
+    w_change: float | None = None
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            may_be_nothing = one.name in ("keep_out_m", "collision_s")
+            if value is None and one.default is None:
+                continue
+            if not (math.isfinite(value) and (value > 0 or (value == 0 and may_be_nothing))):
+                least = "0 or more" if may_be_nothing else "above 0"
+                raise InputError(f"rule {one.name} = {value!r}: must be a number, {least}")
+        if self.tick_s > self.stale_s / 3:
+            raise InputError(f"rule tick_s = {self.tick_s:g}: must be at most a third of stale_s, {self.stale_s:g}")
+
+
+class Limits(Protocol):
+    """What a robot can: m/s, rad/s, and those a second (None: as quick as commanded)."""
+
+    @property
+    def v_min(self) -> float: ...
+    @property
+    def v_max(self) -> float: ...
+    @property
+    def w_max(self) -> float: ...
+    @property
+    def v_change(self) -> float | None: ...
+    @property
+    def w_change(self) -> float | None: ...
+
+
+class Body(Protocol):
+    """A robot's outline, metres: a disc, or corners around its centre."""
+
+    @property
+    def radius_m(self) -> float: ...
+    @property
+    def footprint(self) -> Sequence[tuple[float, float]] | None: ...
+
+
+class Controls(Protocol):
+    """What is supervised: `deploy.controller.Controller`."""
+
+    command: Command
+
+    @property
+    def limits(self) -> Limits: ...
+    @property
+    def robot(self) -> Body: ...
+    @property
+    def laser(self) -> tuple[float, float, float]: ...
+    @property
+    def period_s(self) -> float: ...
+    @property
+    def arrived(self) -> bool: ...
+
+    def step(
+        self, scan: Scan, odometry: Odometry, goal: tuple[float, float], people: Sequence[Person] = ()
+    ) -> Command: ...
+    def reset(self) -> None: ...
+
+
+@dataclass
+class _Stream:
+    """Messages of one kind with the sender's stamps, of which only the order and the pace are believed.
+
+    fresh_at: when the last fresh one was measured, on our clock. trouble: what was wrong with the last one.
+    """
+
+    name: str
+    stale_s: float
+    fresh_at: float = -math.inf
+    in_a_row: int = 0
+    trouble: str = ""
+    _stamp: float | None = None
+    _heard_at: float = -math.inf
+    _behind: float = math.inf  # least of what our clock was ahead of stamps
+    _at_first: float = -math.inf  # the same of the first message
+
+    def forget(self) -> None:
+        """Begin anew: nothing is fresh, another clock may be behind the stamps."""
+        self.__init__(self.name, self.stale_s)  # type: ignore[misc]
+
+    def refuse(self, why: str) -> None:
+        self.trouble, self.in_a_row = why, 0
+
+    def take(self, stamp: float, now: float) -> bool:
+        """Whether a message of that stamp, which is here now, is fresh."""
+        if self._stamp is not None:
+            passed = stamp - self._stamp
+            if passed <= 0:
+                self.refuse(f"its time went {'back' if passed else 'not on'} from {self._stamp:.3f} to {stamp:.3f}")
+                return False
+            self._behind += DRIFT * (now - self._heard_at)
+            self._at_first -= DRIFT * passed
+        else:
+            self._at_first = now - stamp
+        if self._at_first - (now - stamp) > self.stale_s:
+            self.refuse(f"its clock gained {self._at_first - (now - stamp):.3f} s on ours")
+            self.fresh_at = -math.inf  # or ours stands still: then nothing would ever be too old
+            return False
+        self._behind = min(self._behind, now - stamp)
+        self._stamp, self._heard_at = stamp, now
+        if now - stamp - self._behind >= self.stale_s:
+            self.refuse(f"it came {now - stamp - self._behind:.3f} s late")
+            return False
+        self.fresh_at, self.trouble = stamp + self._behind, ""
+        self.in_a_row += 1
+        return True
+
+    def missing(self, now: float, since_s: float) -> str | None:
+        """Why nothing fresh is there; None where it is."""
+        if now - self.fresh_at < since_s:
+            return None
+        ago = "none yet" if self.fresh_at == -math.inf else f"the last {now - self.fresh_at:.2f} s ago"
+        return f"no fresh {self.name}: {ago}" + (f"; {self.trouble}" if self.trouble else "")
+
+
+class Supervisor:
+    """Asks a controller for commands while it is driving, and sends nothing that breaks a rule.
+
+    `off -> arm() -> armed -> start() -> driving -> stopped`, and `arm()` again: nothing else makes it drive. A stop
+    commands 0 at once, whatever the accelerations; otherwise speeds change within a control period by no more than the
+    accelerations allow in it.
+    """
+
+    def __init__(
+        self,
+        controller: Controls,
+        clock: Callable[[], float],
+        rules: Rules | None = None,
+        told: Callable[[Transition], None] | None = None,
+        needs_people: bool = False,
+    ) -> None:
+        """clock: seconds that only go on (`time.monotonic`). told: hears of every change of state. needs_people: it is
+        not started before `people` said where they are. Raises InputError for a robot that cannot stand."""
+        limits = controller.limits
+        if not (limits.v_min <= 0 < limits.v_max and limits.w_max > 0):
+            raise InputError(
+                f"limits v_min = {limits.v_min:g}, v_max = {limits.v_max:g}, w_max = {limits.w_max:g}: "
+                "v_min <= 0 < v_max and w_max > 0 are needed; a robot that cannot stand cannot stop"
+            )
+        self.controller, self.rules = controller, rules or Rules()
+        self._clock, self._told = clock, told
+        self.state, self.reason = State.OFF, "not armed yet"
+        self.command = STANDING
+        self._scans, self._odometry = (_Stream(name, self.rules.stale_s) for name in ("scan", "odometry"))
+        self._scan: Scan | None = None
+        self._shape: tuple[float, ...] | None = None  # of the scans since arming
+        self._points: Points = np.zeros((0, 2))
+        self._where: Odometry | None = None
+        self._goal: tuple[float, float] | None = None
+        self._people: tuple[Person, ...] | None = None if needs_people else ()
+        self._people_at: float | None = None  # None: they stay where they are
+        self._held = ""  # who holds the stop
+        self._due = self._new = False  # a scan came that nothing was done about; it came just now
+        self._now, self._since, self._stepped = -math.inf, -math.inf, -math.inf
+        self._body = _Outline(controller.robot)
+
+    # What comes in
+
+    def scan(self, scan: Scan) -> None:
+        """A turn of the lidar. One that is not fresh or not whole counts as none."""
+        now = self._time()
+        shape = (len(scan.ranges), scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
+        before = self._shape
+        if before is not None and shape != before and self.state is not State.OFF:
+            return self._scans.refuse(
+                f"{shape[0]} ranges from {shape[1]:g} by {shape[2]:g} rad, of {shape[3]:g} to {shape[4]:g} m; were "
+                f"{before[0]} from {before[1]:g} by {before[2]:g} rad, of {before[3]:g} to {before[4]:g} m"
+            )
+        if invalid := int(np.isnan(scan.ranges).sum()):
+            return self._scans.refuse(f"{invalid} of {len(scan.ranges)} ranges are NaN")
+        if self._fresh(self._scans, scan.stamp_s, now):
+            self._scan, self._shape, self._due, self._new = scan, shape, True, True
+            self._points = _seen(scan, self.controller.laser)
+
+    def odometry(self, odometry: Odometry) -> None:
+        """Where the robot is, and how it moves."""
+        now, limits = self._time(), self.controller.limits
+        fastest = 1.5 * max(limits.v_max, -limits.v_min) + 0.1
+        if abs(odometry.v) > fastest or abs(odometry.w) > 1.5 * limits.w_max + 0.5:
+            return self._odometry.refuse(f"it says {odometry.v:g} m/s and {odometry.w:g} rad/s; the robot cannot")
+        before = self._where
+        if before is not None and self.state is State.DRIVING:
+            moved = math.hypot(odometry.x - before.x, odometry.y - before.y)
+            if moved > JUMP_M + fastest * max(odometry.stamp_s - before.stamp_s, 0.0):
+                return self._odometry.refuse(f"it jumped by {moved:.2f} m")
+        if self._fresh(self._odometry, odometry.stamp_s, now):
+            self._where = odometry
+
+    def people(self, people: Sequence[Person], lasting: bool = False) -> None:
+        """Where people are now; lasting: and where they stay until something else is heard."""
+        self._people, self._people_at = tuple(people), None if lasting else self._time()
+
+    def goal(self, goal: tuple[float, float]) -> None:
+        """Where to; a robot that drives goes there from now on. Raises InputError."""
+        self._goal = check_goal(goal)
+        self._begin()
+
+    def broken(self, what: str, why: str) -> None:
+        """A scan or odometry came that could not be read."""
+        (self._scans if what == "scan" else self._odometry).refuse(why)
+
+    def hold(self, who: str, held: bool) -> None:
+        """A stop that lasts: while it is held, nothing arms the robot."""
+        self._held = who if held else ""
+        if held:
+            self.stop(f"{who} says stop")
+
+    # Acts of whoever answers for the robot
+
+    def arm(self) -> None:
+        """Get ready; the robot stands. Raises Refused."""
+        self._time()
+        if self._held:
+            raise Refused(f"not armed: {self._held} still says stop")
+        if self.state is State.DRIVING:
+            raise Refused("not armed: it is driving; stop it first")
+        self._scans.forget()
+        self._odometry.forget()
+        self._shape = self._scan = self._where = None
+        self._be(State.ARMED, "armed by hand")
+
+    def start(self) -> None:
+        """Drive. Raises Refused."""
+        now = self._time()
+        if not math.isfinite(now):
+            raise Refused("not started: the clock says nothing")
+        if self.state is not State.ARMED:
+            raise Refused(f"not started: it is {self.state.value} ({self.reason}); arm it first")
+        why = None
+        for stream in (self._scans, self._odometry):
+            if why is None and stream.in_a_row < FRESH_TO_START:
+                why = stream.missing(now, self.rules.stale_s) or f"only {stream.in_a_row} fresh {stream.name} in a row"
+        if why is None and self._goal is None:
+            why = "no goal yet"
+        if why is None and self._people is None:
+            why = "the policy observes people, and nobody said where they are, nor that there are none"
+        why = why or self._danger(now, STANDING)
+        if why is not None:
+            raise Refused(f"not started: {why}")
+        self._begin()
+        self._stepped = now - self.controller.period_s
+        self._be(State.DRIVING, "started by hand")
+
+    def stop(self, why: str) -> None:
+        """Stand at once, until somebody arms and starts again."""
+        self.command = self.controller.command = STANDING
+        if self.state in (State.ARMED, State.DRIVING):
+            self._be(State.STOPPED, why)
+
+    def off(self) -> None:
+        """Command nothing any more."""
+        self.stop("turned off")
+        self._be(State.OFF, "turned off by hand")
+
+    def tick(self) -> Command:
+        """What the robot is to do now: ask after every scan, and every `tick_s`."""
+        before, now = self._now, self._time()
+        if not now >= before:
+            self.stop(f"the clock went from {before:.3f} to {now:.3f}")
+        elif self.state is State.ARMED and now - self._since > self.rules.armed_s:
+            self._be(State.OFF, f"armed for {self.rules.armed_s:g} s and not started")
+        elif self.state is State.DRIVING:
+            why = self._danger(now, self.command)
+            share = PROMPT if self._new else 1.0
+            if why is None and self._due and now - self._stepped >= share * self.controller.period_s:
+                why = self._step(now)
+            if why is not None:
+                self.stop(why)
+        self._new = False
+        return self.command
+
+    # How
+
+    def _begin(self) -> None:
+        """Let the controller forget its way, not how fast it is."""
+        self.controller.reset()
+        self.controller.command = self.command
+
+    def _time(self) -> float:
+        """The clock; one that says nothing counts as one that went back."""
+        now = self._clock()
+        if not math.isfinite(now):
+            now = -math.inf
+        if now < self._now:
+            self._scans.forget()
+            self._odometry.forget()
+            self.stop(f"the clock went from {self._now:.3f} to {now:.3f}")
+        self._now = now
+        return now
+
+    def _be(self, state: State, reason: str) -> None:
+        self.state, self.reason, self._since = state, reason, self._now
+        self.command = STANDING
+        if self._told is not None:
+            try:
+                self._told(Transition(self._now, state, reason))
+            except Exception as problem:  # who listens must not keep a robot from standing
+                self.reason += f" (not recorded: {problem})"
+
+    def _fresh(self, stream: _Stream, stamp: float, now: float) -> bool:
+        fresh = stream.take(stamp, now)
+        if not fresh and self.state is not State.DRIVING:  # nobody drives by it: get used to another clock
+            trouble = stream.trouble
+            stream.forget()
+            stream.take(stamp, now)
+            stream.refuse(trouble)
+            stream.fresh_at = -math.inf
+        return fresh
+
+    def _danger(self, now: float, command: Command) -> str | None:
+        """What speaks against driving on as commanded."""
+        rules, where = self.rules, self._where
+        for stream in (self._scans, self._odometry):
+            if missing := stream.missing(now, rules.stale_s - rules.tick_s):
+                return missing
+        if self._people_at is not None and now - self._people_at > rules.people_stale_s:
+            return f"no news of people for {now - self._people_at:.2f} s"
+        for person in self._people or () if where is not None else ():
+            if (apart := math.hypot(person.x - where.x, person.y - where.y)) < rules.keep_out_m:
+                return f"somebody is {apart:.2f} m away, the keep-out distance is {rules.keep_out_m:g} m"
+        return self._ahead(command)
+
+    def _ahead(self, command: Command) -> str | None:
+        """What is in the stop zone of this command."""
+        if not self.rules.collision_s:
+            return None
+        speed = max(abs(command.v), abs(self._where.v) if self._where is not None else 0.0)
+        within = self.rules.collision_s + speed / self.rules.braking / 2
+        hit = self._body.first_touch(self._points, command, within)
+        if hit is None:
+            return None
+        when, (x, y) = hit
+        where = f"{math.hypot(x, y):.2f} m away at {math.degrees(math.atan2(y, x)):.0f} degrees"
+        return f"something {where} touches the robot{f' in {when:.2f} s' if when else ''}"
+
+    def _step(self, now: float) -> str | None:
+        """Ask the controller; why the robot must stop instead."""
+        scan, where, goal = self._scan, self._where, self._goal
+        if scan is None or where is None or goal is None:
+            return "no scan, odometry or goal"
+        try:
+            wanted = self.controller.step(scan, where, goal, self._people or ())
+        except Exception as problem:
+            return f"the controller failed: {problem or type(problem).__name__}"
+        if not (math.isfinite(wanted.v) and math.isfinite(wanted.w)):
+            return f"the controller commanded {wanted.v} m/s and {wanted.w} rad/s"
+        command = self.limited(wanted, now - self._stepped)
+        if why := self._ahead(command):
+            return why
+        self.command = self.controller.command = command
+        self._due, self._stepped = False, now
+        if self.controller.arrived and command == STANDING:
+            return "arrived"
+        return None
+
+    def limited(self, wanted: Command, passed_s: float) -> Command:
+        """A command within the limits, and within the accelerations of what is commanded now. Where it is too fast, it
+        turns less in the same measure: the way stays the same."""
+        limits, rules = self.controller.limits, self.rules
+        v_max = self._least(limits.v_max, rules.v_max) or limits.v_max
+        w_max = self._least(limits.w_max, rules.w_max) or limits.w_max
+        v_min = max(limits.v_min, -v_max)
+        v = min(max(wanted.v, v_min), v_max)
+        w = wanted.w * (v / wanted.v if wanted.v else 1.0)
+        w = min(max(w, -w_max), w_max)
+        passed = min(max(passed_s, 0.0), self.controller.period_s)
+        v = _near(v, self.command.v, self._least(limits.v_change, rules.v_change), passed)
+        w = _near(w, self.command.w, self._least(limits.w_change, rules.w_change), passed)
+        return Command(v, w)
+
+    @staticmethod
+    def _least(*numbers: float | None) -> float | None:
+        return min((number for number in numbers if number is not None), default=None)
+
+
+def _near(wanted: float, now: float, change: float | None, passed: float) -> float:
+    return wanted if change is None else min(max(wanted, now - change * passed), now + change * passed)
+
+
+def _seen(scan: Scan, laser: tuple[float, float, float]) -> Points:
+    """(n, 2) x, y in the robot's frame of what a scan saw, metres."""
+    ranges = np.where(np.isneginf(scan.ranges), scan.range_min, scan.ranges).astype(np.float64)
+    angles = scan.angles
+    seen = (ranges >= scan.range_min) & (ranges <= scan.range_max)
+    ranges, angles = ranges[seen], angles[seen]
+    if (groups := -(-len(ranges) // MOST_POINTS)) > 1:
+        padded = np.pad(ranges, (0, -len(ranges) % groups), constant_values=np.inf).reshape(-1, groups)
+        nearest = padded.argmin(axis=1) + groups * np.arange(len(padded))
+        ranges, angles = ranges[nearest], angles[nearest]
+    x, y, yaw = laser
+    return np.column_stack([x + ranges * np.cos(angles + yaw), y + ranges * np.sin(angles + yaw)])
+
+
+@dataclass
+class _Outline:
+    """A robot's outline, and what it touches on its way."""
+
+    robot: Body
+    around_m: float = field(init=False)
+    _sides: NDArray[np.float64] | None = field(init=False, default=None)  # (corners, 2, 2)
+
+    def __post_init__(self) -> None:
+        corners = self.robot.footprint
+        self.around_m = self.robot.radius_m
+        if corners is not None:
+            a = np.asarray(corners, dtype=np.float64)
+            self._sides = np.stack([a, np.roll(a, -1, axis=0)], axis=1)
+            self.around_m = float(np.hypot(*a.T).max())
+
+    def first_touch(self, points: Points, command: Command, within_s: float) -> tuple[float, Points] | None:
+        """(when, s; which point) the outline first holds one of (n, 2) points, where the robot keeps to a command."""
+        far = self.around_m + abs(command.v) * within_s
+        points = points[np.hypot(points[:, 0], points[:, 1]) <= far]
+        if not len(points):
+            return None
+        looks = 1 + math.ceil((abs(command.v) + abs(command.w) * self.around_m) * within_s / FINEST_M)
+        for t in np.linspace(0.0, within_s, looks):
+            turned = command.w * t
+            if abs(command.w) > 1e-6:
+                x = command.v / command.w * math.sin(turned)
+                y = command.v / command.w * (1 - math.cos(turned))
+            else:
+                x, y = command.v * t, 0.0
+            c, s = math.cos(turned), math.sin(turned)
+            there = (points - (x, y)) @ np.array([[c, -s], [s, c]])
+            inside = self._holds(there)
+            if inside.any():
+                return float(t), points[int(inside.argmax())]
+        return None
+
+    def _holds(self, points: Points) -> NDArray[np.bool_]:
+        """(n,) whether points in the robot's frame are within its outline."""
+        if self._sides is None:
+            return np.hypot(points[:, 0], points[:, 1]) < self.robot.radius_m
+        a, b = self._sides[:, 0], self._sides[:, 1]
+        px, py = points[:, :1], points[:, 1:]
+        across = (a[:, 1] > py) != (b[:, 1] > py)
+        rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
+        crossing = px < (b[:, 0] - a[:, 0]) * (py - a[:, 1]) / rise + a[:, 0]
+        return np.asarray((across & crossing).sum(axis=1) % 2 == 1)
+
+
+def describe(rules: Rules) -> Mapping[str, Any]:
+    """The rules, for recordings and diagnostics."""
+    return {one.name: getattr(rules, one.name) for one in fields(rules)}

@@ -1,0 +1,322 @@
+"""What a supervised robot is told: nothing before somebody starts it, nothing beyond its limits, and 0 with the reason
+as soon as something is wrong."""
+
+import itertools
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from desirepath.deploy.inputs import Command, InputError, Odometry, Person, Scan
+from desirepath.deploy.manifest import Limits, Robot
+from desirepath.deploy.safety import Refused, Rules, State, Supervisor, Transition
+from desirepath_experiments.benchmarks.robot_safety import RobotSafetyConfig, benchmark_robot_safety
+
+LIMITS = Limits(v_min=0.0, v_max=1.0, w_max=3.0, v_change=None, w_change=None)
+STANDING = Command(0.0, 0.0)
+
+
+class Scripted:
+    """Commands what the test says: which policy it is does not matter to who supervises it."""
+
+    period_s, laser = 0.2, (0.0, 0.0, 0.0)
+
+    def __init__(self, limits: Limits, robot: Robot) -> None:
+        self.limits, self.robot = limits, robot
+        self.command, self.wanted, self.arrived, self.steps = STANDING, Command(0.5, 0.0), False, 0
+
+    def reset(self) -> None:
+        self.command = STANDING
+
+    def step(self, scan, odometry, goal, people=()):
+        self.steps += 1
+        if isinstance(self.wanted, Exception):
+            raise self.wanted
+        return self.wanted
+
+
+class Rig:
+    """A supervised robot whose scans (10 Hz) and odometry (20 Hz) come as they should until the test says otherwise."""
+
+    def __init__(self, limits=LIMITS, robot=Robot("disc", 0.2, None), rules=Rules(), **more):  # noqa: B008
+        self.t, self.changes = 100.0, []
+        self.controller = Scripted(limits, robot)
+        self.supervisor = Supervisor(self.controller, lambda: self.t, rules, told=self.changes.append, **more)
+        self.supervisor.goal((9.0, 0.0))
+        self.scans, self.odometry, self.told = {}, {}, []
+        self.scan_off = self.odometry_off = False
+
+    def scan(self, **values):
+        ranges = np.full(360, 5.0)
+        for degrees, metres in values.pop("at", {}).items():
+            ranges[degrees % 360] = metres
+        good = {
+            "stamp_s": self.t,
+            "angle_min": 0.0,
+            "angle_increment": math.tau / 360,
+            "range_min": 0.05,
+            "range_max": 6.0,
+        }
+        self.supervisor.scan(Scan(**{**good, "ranges": ranges, **values}))
+
+    def pass_time(self, seconds):
+        for k in range(1, round(seconds / 0.01) + 1):
+            self.t += 0.01
+            if k % 10 == 0 and not self.scan_off:
+                self.scan(**self.scans)
+            if k % 5 == 0 and not self.odometry_off:
+                good = {"stamp_s": self.t, "x": 0, "y": 0, "yaw": 0, "v": 0, "w": 0}
+                self.supervisor.odometry(Odometry(**{**good, **self.odometry}))
+            self.told.append((self.t, self.supervisor.tick()))
+
+    def drive(self):
+        self.supervisor.arm()
+        self.pass_time(0.5)
+        self.supervisor.start()
+        self.pass_time(0.5)
+        return self
+
+    @property
+    def stopped(self):
+        """That it stands, and why."""
+        assert self.supervisor.tick() == STANDING
+        assert self.supervisor.state is State.STOPPED
+        return self.supervisor.reason
+
+
+def test_drives_by_the_controllers_commands_once_armed_and_started():
+    rig = Rig().drive()
+    assert rig.supervisor.tick() == Command(0.5, 0.0) == rig.controller.command
+    rig.pass_time(2.0)
+    assert 9 <= rig.controller.steps <= 13, "one step per control period of 0.2 s"
+    assert [(change.state.value, change.reason) for change in rig.changes] == [
+        ("armed", "armed by hand"),
+        ("driving", "started by hand"),
+    ]
+
+
+def test_nothing_but_arming_and_starting_makes_it_drive():
+    rig = Rig()
+    rig.pass_time(1)
+    with pytest.raises(Refused, match=r"it is off .*arm it first"):
+        rig.supervisor.start()
+    rig.supervisor.arm()
+    with pytest.raises(Refused, match="no fresh scan: none yet"):
+        rig.supervisor.start()
+    rig.pass_time(1)
+    rig.supervisor.goal((1.0, 1.0))
+    assert {command for _, command in rig.told} == {STANDING}
+    assert rig.controller.steps == 0
+    rig.supervisor.stop("the stop topic")
+    with pytest.raises(Refused, match=r"it is stopped \(the stop topic\)"):
+        rig.supervisor.start()
+
+
+def test_an_armed_robot_that_nobody_starts_turns_off():
+    rig = Rig(rules=Rules(armed_s=2.0))
+    rig.supervisor.arm()
+    rig.pass_time(2.1)
+    assert (rig.supervisor.state, rig.supervisor.reason) == (State.OFF, "armed for 2 s and not started")
+
+
+def test_a_stop_that_is_held_lets_nobody_arm():
+    rig = Rig().drive()
+    rig.supervisor.hold("/stop", True)
+    assert rig.stopped == "/stop says stop"
+    with pytest.raises(Refused, match="/stop still says stop"):
+        rig.supervisor.arm()
+    rig.supervisor.hold("/stop", False)
+    rig.drive()
+    assert rig.supervisor.state is State.DRIVING
+
+
+@pytest.mark.parametrize(
+    ("wrong", "reason"),
+    [
+        (lambda rig: setattr(rig, "scan_off", True), "no fresh scan: the last 0.28 s ago"),
+        (lambda rig: setattr(rig, "odometry_off", True), "no fresh odometry"),
+        (lambda rig: rig.scans.update(ranges=np.full(360, math.nan)), "360 of 360 ranges are NaN"),
+        (lambda rig: rig.scans.update(ranges=np.full(180, 5.0)), "180 ranges from 0 by .* were 360"),
+        (lambda rig: rig.scans.update(angle_increment=-math.tau / 360), "by -0.01.* were 360 from 0 by 0.01"),
+        (lambda rig: rig.scans.update(stamp_s=rig.t), "its time went not on"),
+        (lambda rig: rig.scans.update(stamp_s=3.0), "its time went back"),
+        (lambda rig: rig.scans.update(stamp_s=9e5), "its clock gained"),
+        (lambda rig: rig.odometry.update(stamp_s=-9e5), "no fresh odometry.*its time went back"),
+        (lambda rig: rig.odometry.update(x=30.0), "no fresh odometry.*it jumped by 30.00 m"),
+        (lambda rig: rig.odometry.update(v=1e5), "no fresh odometry.*the robot cannot"),
+    ],
+)  # fmt: skip
+def test_stands_within_0_3_s_of_the_last_good_message(wrong, reason):
+    rig = Rig().drive()
+    wrong(rig)
+    last = rig.t
+    rig.pass_time(0.5)
+    assert max(t for t, command in rig.told if command != STANDING) <= last + 0.3
+    assert re.search(reason, rig.stopped), rig.stopped
+
+
+def test_scans_that_come_ever_later_are_stale():
+    rig = Rig().drive()
+    for k in range(8):
+        rig.scans["stamp_s"] = rig.t + 0.1 - 0.05 * k
+        rig.pass_time(0.1)
+    assert "s late" in rig.stopped or "no fresh scan" in rig.stopped
+
+
+@pytest.mark.parametrize("command", [Command(math.nan, 0.0), Command(0.1, math.inf), ValueError("no network")])
+def test_a_command_that_is_none_stops_at_once(command):
+    rig = Rig().drive()
+    rig.controller.wanted = command
+    rig.pass_time(0.3)
+    assert "commanded" in rig.stopped or "the controller failed: no network" in rig.stopped
+    assert all(math.isfinite(told.v + told.w) for _, told in rig.told)
+
+
+def test_no_command_beyond_limits_and_accelerations():
+    limits = Limits(v_min=-0.2, v_max=0.6, w_max=1.0, v_change=1.0, w_change=2.0)
+    rig = Rig(limits, rules=Rules(v_max=0.4, collision_s=0)).drive()
+    for wanted in (Command(9.0, -50.0), Command(-9.0, 50.0), Command(0.3, 0.0)):
+        rig.controller.wanted = wanted
+        rig.pass_time(2.0)
+    told = [command for _, command in rig.told]
+    assert (min(c.v for c in told), max(c.v for c in told)) == pytest.approx((-0.2, 0.4))
+    assert max(abs(c.w) for c in told) <= 1.0
+    assert max(abs(b.v - a.v) for a, b in itertools.pairwise(told)) <= 0.2 + 1e-9
+    assert max(abs(b.w - a.w) for a, b in itertools.pairwise(told)) <= 0.4 + 1e-9
+
+
+def test_a_tighter_limit_keeps_the_way_and_slows_it():
+    rig = Rig(rules=Rules(v_max=0.25))
+    assert rig.supervisor.limited(Command(1.0, 1.2), 0.2) == Command(0.25, pytest.approx(0.3))
+
+
+def test_stops_for_what_it_would_touch_and_says_where():
+    rig = Rig().drive()
+    rig.controller.wanted = Command(0.5, 0.0)
+    rig.scans["at"] = {90: 0.25, 270: 0.25, 0: 1.0}
+    rig.pass_time(0.4)
+    assert rig.supervisor.state is State.DRIVING, "beside it, and far enough ahead"
+    rig.scans["at"] = {0: 0.3}
+    rig.pass_time(0.1)
+    assert rig.stopped.startswith("something 0.30 m away at 0 degrees touches the robot in 0.2")
+
+
+def test_the_stop_zone_follows_the_way_it_is_commanded_also_backwards():
+    rig = Rig(replace(LIMITS, v_min=-1.0))
+    rig.controller.wanted = Command(-0.5, 0.0)
+    rig.drive()
+    rig.scans["at"] = {0: 0.3}
+    rig.pass_time(0.4)
+    assert rig.supervisor.state is State.DRIVING
+    rig.scans["at"] = {180: 0.3}
+    rig.pass_time(0.2)
+    assert "at 180 degrees" in rig.stopped or "at -180 degrees" in rig.stopped
+
+
+def test_a_long_robot_may_not_turn_into_what_stands_beside_it():
+    long = Robot("long", 0.54, ((0.5, 0.2), (-0.5, 0.2), (-0.5, -0.2), (0.5, -0.2)))
+    rig = Rig(robot=long).drive()
+    rig.controller.wanted = Command(0.0, 0.0)
+    rig.scans["at"] = {40: 0.45}
+    rig.pass_time(0.5)
+    assert rig.supervisor.state is State.DRIVING
+    rig.controller.wanted = Command(0.0, 1.5)
+    rig.pass_time(0.4)
+    assert "0.45 m away at 40 degrees" in rig.stopped
+
+
+def test_too_near_to_be_measured_counts_as_there():
+    rig = Rig().drive()
+    rig.scans["at"] = {10: -math.inf}
+    rig.pass_time(0.2)
+    assert "at 10 degrees" in rig.stopped
+
+
+def test_a_person_within_the_keep_out_distance_stops_it_and_keeps_it_from_starting():
+    rig = Rig().drive()
+    rig.supervisor.people([Person(0.7, 0.0)], lasting=True)
+    rig.pass_time(0.1)
+    assert rig.supervisor.state is State.DRIVING
+    rig.supervisor.people([Person(0.4, 0.1)], lasting=True)
+    assert rig.stopped == "somebody is 0.41 m away, the keep-out distance is 0.5 m"
+    with pytest.raises(Refused, match=r"somebody is 0\.41 m away"):
+        rig.drive()
+
+
+def test_people_who_come_by_messages_must_go_on_coming():
+    rig = Rig().drive()
+    rig.supervisor.people([Person(3.0, 0.0)])
+    rig.pass_time(1.2)
+    assert rig.stopped.startswith("no news of people for 1.0")
+
+
+def test_a_policy_that_observes_people_is_not_started_before_somebody_tells_of_them():
+    rig = Rig(needs_people=True)
+    with pytest.raises(Refused, match="nobody said where they are"):
+        rig.drive()
+    rig.supervisor.people([], lasting=True)
+    assert rig.drive().supervisor.state is State.DRIVING
+
+
+@pytest.mark.parametrize("now", [99.0, -1e9, math.nan, -math.inf, math.inf])
+def test_a_clock_that_goes_back_or_says_nothing_stops_it(now):
+    rig = Rig().drive()
+    rig.t = now
+    assert rig.supervisor.tick() == STANDING
+    assert "the clock went from" in rig.stopped
+
+
+def test_a_clock_that_stands_is_noticed_by_the_messages():
+    rig = Rig().drive()
+    for k in range(1, 6):
+        rig.scan(stamp_s=rig.t + 0.1 * k)
+        rig.supervisor.tick()
+    assert "its clock gained" in rig.stopped
+
+
+def test_arrives_and_waits_to_be_armed_again():
+    rig = Rig().drive()
+    rig.controller.wanted, rig.controller.arrived = STANDING, True
+    rig.pass_time(0.3)
+    assert rig.stopped == "arrived"
+
+
+def test_a_goal_on_the_way_forgets_the_way_but_not_the_speed():
+    limits = replace(LIMITS, v_change=0.5)
+    rig = Rig(limits).drive()
+    rig.pass_time(1.0)
+    rig.supervisor.goal((2.0, 2.0))
+    assert rig.controller.command == rig.supervisor.command == Command(0.5, 0.0)
+
+
+def test_who_listens_cannot_keep_it_from_standing():
+    def full(change: Transition) -> None:
+        raise OSError("no space left")
+
+    rig = Rig().drive()
+    rig.supervisor._told = full
+    rig.supervisor.stop("by hand")
+    assert rig.stopped == "by hand (not recorded: no space left)"
+
+
+@pytest.mark.parametrize("limits", [replace(LIMITS, v_min=0.1), replace(LIMITS, w_max=0.0)])
+def test_refuses_a_robot_that_cannot_stand(limits):
+    with pytest.raises(InputError, match="v_min <= 0 < v_max and w_max > 0 are needed"):
+        Rig(limits)
+
+
+@pytest.mark.parametrize("wrong", [{"v_max": 0.0}, {"stale_s": math.nan}, {"keep_out_m": -1}, {"tick_s": 0.2}])
+def test_refuses_rules_that_are_none(wrong):
+    with pytest.raises(InputError, match=f"rule {next(iter(wrong))}"):
+        Rules(**wrong)
+
+
+def test_a_few_thousand_messages_of_every_trouble_never_make_it_drive_on():
+    found = benchmark_robot_safety(RobotSafetyConfig(messages=6_000, seed=3))
+    counts = {key: value for key, value in found.items() if key.startswith(("commands_", "stops_without", "refusals"))}
+    assert set(counts.values()) == {0}
+    assert 0.2 < found["stop_s"] <= 0.3
+    assert found["drove_s"] > 20
+    assert len(found["stops_by_trouble"]) > 12
