@@ -5,6 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Whole files go to a process, long ones first: a browser draws in software, so that more processes than cores hinder each other.
 TEST_PROCESSES ?= $(shell nproc)
+EXTRAS := postgres s3 reference openid recordings dev
 SIDE_BY_SIDE = -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
 
 .PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test lint lock secrets clean
@@ -48,13 +49,13 @@ $(VENV)/.tools-ready: $(VENV)/.ready scripts/tools.lock scripts/setup_tools.sh
 	scripts/setup_tools.sh
 	@touch $@
 
-# Resolve pyproject.toml anew. torch stays outside: its CPU build differs by machine.
+# Resolve pyproject.toml anew. torch stays outside: its CPU build differs by machine; ROS comes to the tools' environment.
 lock:
 	$(BIN)/pip install -q uv
 	printf 'torch ; python_version < "3"\n' > $(VENV)/without-torch.txt
-	$(BIN)/python -m uv pip compile pyproject.toml --all-extras --override $(VENV)/without-torch.txt \
+	$(BIN)/python -m uv pip compile pyproject.toml $(EXTRAS:%=--extra %) --override $(VENV)/without-torch.txt \
 	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o requirements.lock
-	$(BIN)/python -m uv pip compile scripts/tools.in -c requirements.lock --override $(VENV)/without-torch.txt \
+	$(BIN)/python -m uv pip compile scripts/tools.in pyproject.toml --extra ros -c requirements.lock --override $(VENV)/without-torch.txt \
 	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o scripts/tools.lock \
 	  $$(sed -n 's/^\([A-Za-z0-9._-]*\).*==.*/--no-emit-package \1/p' requirements.lock)
 

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
-# Make .venv-tools: Hugging Face's datasets, TRL and Minari, with which tests open our data sets. An environment of its
-# own, because datasets brings another HTTP library, to which the test client of .venv would change. What .venv has
-# (torch, NumPy, pyarrow, ...) is not installed twice: it is found behind the tools' own packages.
+# Make .venv-tools: Hugging Face's datasets, TRL and Minari, with which tests open our data sets, and ROS 2, on which they
+# drive. An environment of its own, because datasets brings another HTTP library, to which the test client of .venv would
+# change, and ROS's wheels start every Python of theirs once more, with LD_LIBRARY_PATH set, for whatever it starts. What
+# .venv has (torch, NumPy, pyarrow, ...) is not installed twice: it is found behind the tools' own packages.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 venv=$(realpath .venv)

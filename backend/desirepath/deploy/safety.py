@@ -201,9 +201,11 @@ class Supervisor:
         rules: Rules | None = None,
         told: Callable[[Transition], None] | None = None,
         needs_people: bool = False,
+        body: Body | None = None,
     ) -> None:
         """clock: seconds that only go on (`time.monotonic`). told: hears of every change of state. needs_people: it is
-        not started before `people` said where they are. Raises InputError for a robot that cannot stand."""
+        not started before `people` said where they are. body: the robot's outline, if not the controller's. Raises
+        InputError for a robot that cannot stand."""
         limits = controller.limits
         if not (limits.v_min <= 0 < limits.v_max and limits.w_max > 0):
             raise InputError(
@@ -225,7 +227,8 @@ class Supervisor:
         self._held = ""  # who holds the stop
         self._due = self._new = False  # a scan came that nothing was done about; it came just now
         self._now, self._since, self._stepped = -math.inf, -math.inf, -math.inf
-        self._body = _Outline(controller.robot)
+        self._body = _Outline(body or controller.robot)
+        self.steps = 0  # that the controller was asked for
 
     # What comes in
 
@@ -421,7 +424,7 @@ class Supervisor:
         if why := self._ahead(command):
             return why
         self.command = self.controller.command = command
-        self._due, self._stepped = False, now
+        self._due, self._stepped, self.steps = False, now, self.steps + 1
         if self.controller.arrived and command == STANDING:
             return "arrived"
         return None

@@ -39,7 +39,7 @@ BENCHMARKS = {
     ),
     "robot-safety": (
         "benchmarks.robot_safety",
-        "A million scans and odometries with everything wrong in them: what was a supervised robot told? Simulated time.",
+        "Simulated: a million scans and odometries with everything wrong in them, and what the robot was told.",
     ),
     "rest": (
         "benchmarks.at_rest",

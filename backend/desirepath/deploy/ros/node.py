@@ -1,0 +1,318 @@
+"""The node: what comes over topics goes to the supervisor, what it commands goes to the robot. It decides nothing.
+
+scan (sensor_msgs/LaserScan), odom (nav_msgs/Odometry), goal_pose (geometry_msgs/PoseStamped), people (PoseArray),
+map_to_odom (TransformStamped), stop (std_msgs/Bool) -> cmd_vel (Twist or TwistStamped), diagnostics, ~/state
+(std_msgs/String). Services ~/arm, ~/start, ~/stop, ~/off (std_srvs/Trigger).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Protocol
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseArray, PoseStamped, TransformStamped, Twist, TwistStamped
+from nav_msgs.msg import Odometry as OdometryMessage
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Bool, String
+from std_srvs.srv import Trigger
+
+from desirepath.deploy.controller import Controller
+from desirepath.deploy.inputs import Command, InputError, Odometry, Person, Scan
+from desirepath.deploy.ros.messages import Place, moved, odometry_of, people_of, scan_of
+from desirepath.deploy.safety import Body, Refused, Rules, State, Supervisor, Transition
+
+DIAGNOSED_EVERY_S = 1.0
+KEPT_LATENCIES = 10_000
+STILL = ("arrived", "by hand")
+"""Ends of reasons of stops that nothing was wrong in."""
+
+
+class Listener(Protocol):
+    """Who hears what a node hears and does: a recorder."""
+
+    def scan(self, scan: Scan) -> None: ...
+    def odometry(self, odometry: Odometry) -> None: ...
+    def people(self, at_s: float, people: Sequence[Person]) -> None: ...
+    def goal(self, at_s: float, goal: tuple[float, float]) -> None: ...
+    def command(self, at_s: float, command: Command) -> None: ...
+    def weights(self, at_s: float, weights: Mapping[str, float]) -> None: ...
+    def state(self, at_s: float, state: str, reason: str) -> None: ...
+
+
+@dataclass(frozen=True)
+class Drive:
+    """How a policy drives here. Every field but body, weights, people and nobody is a parameter of the node too.
+
+    goal: (x, y) in the odometry's frame, or none yet. people: where they stand; nobody: there is nobody. stamped: tell
+    the robot by TwistStamped, with the time of the scan that is answered. laser: where the lidar is, if not where the
+    policy's was; map_to_odom: where the odometry's frame is in the map's. body: the robot's outline, if not the one of
+    the policy's.
+    """
+
+    goal: tuple[float, ...] = ()
+    people: tuple[tuple[float, float], ...] = ()
+    nobody: bool = False
+    stamped: bool = False
+    laser: tuple[float, ...] = ()
+    map_to_odom: tuple[float, ...] = (0.0, 0.0, 0.0)
+    map_frame: str = "map"
+    rules: Rules = field(default_factory=Rules)
+    weights: Mapping[str, float] = field(default_factory=dict)
+    body: Body | None = None
+
+
+class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
+    """One run: a bundle's `controller`, under its `supervisor`, between a robot's topics."""
+
+    def __init__(self, bundle: Any, drive: Drive, listener: Listener | None = None, **node: Any) -> None:
+        """bundle: what `Controller.load` takes. Raises BundleError, InputError."""
+        super().__init__("desirepath", **node)
+        self.drive = drive = self._with_parameters(drive)
+        laser: Any = drive.laser or None
+        self.controller = Controller.load(bundle, laser)
+        if drive.weights:
+            self.controller.weights = drive.weights
+        self.said: deque[str] = deque(maxlen=1_000)
+        self.latencies_s: deque[float] = deque(maxlen=KEPT_LATENCIES)
+        self._listener = listener
+        simulated = bool(self.get_parameter("use_sim_time").value)
+        clock = self.get_clock()
+        self.now: Callable[[], float] = (lambda: clock.now().nanoseconds * 1e-9) if simulated else time.monotonic
+        names = [one["name"] for one in self.controller.manifest["observation"]["layout"]]
+        self.supervisor = Supervisor(
+            self.controller,
+            self.now,
+            drive.rules,
+            told=self._changed,
+            needs_people=any(name.startswith(("person_", "pedestrian_")) for name in names),
+            body=drive.body,
+        )
+        self._odom_frame, self._stamp = "", None
+        self._map_in_odom = _inverse(drive.map_to_odom)
+        self._diagnosed_at = -math.inf
+        self._connect()
+        if drive.goal:
+            self.set_goal((drive.goal[0], drive.goal[1]))
+        if drive.people or drive.nobody:
+            self.set_people([Person(x, y) for x, y in drive.people], lasting=True)
+        steady = clock if simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(drive.rules.tick_s, self._tick, clock=steady)
+
+    def _connect(self) -> None:
+        latest = QoSProfile(depth=1)
+        self.create_subscription(LaserScan, "scan", self._scan, qos_profile_sensor_data)
+        self.create_subscription(OdometryMessage, "odom", self._odometry, qos_profile_sensor_data)
+        self.create_subscription(PoseStamped, "goal_pose", self._goal, latest)
+        self.create_subscription(PoseArray, "people", self._people, qos_profile_sensor_data)
+        self.create_subscription(TransformStamped, "map_to_odom", self._transform, latest)
+        self.create_subscription(Bool, "stop", self._stop, QoSProfile(depth=10))
+        kind = TwistStamped if self.drive.stamped else Twist
+        self._told = self.create_publisher(kind, "cmd_vel", latest)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", QoSProfile(depth=10))
+        kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._state = self.create_publisher(String, "~/state", kept)
+        one = self.supervisor
+        for name in ("arm", "start", "stop", "off"):
+            self.create_service(Trigger, f"~/{name}", self._service(name))
+        self._changed(Transition(self.now(), one.state, one.reason))
+
+    def _with_parameters(self, drive: Drive) -> Drive:
+        """With what launch files and `--ros-args -p` say."""
+        told: dict[str, Any] = {}
+        for name in ("goal", "stamped", "laser", "map_to_odom", "map_frame"):
+            default = getattr(drive, name)
+            value = self.declare_parameter(name, list(default) if isinstance(default, tuple) else default).value
+            told[name] = tuple(value) if isinstance(default, tuple) else value
+        for name, counts in (("goal", (0, 2)), ("laser", (0, 3)), ("map_to_odom", (3,))):
+            if len(told[name]) not in counts or not all(math.isfinite(value) for value in told[name]):
+                raise InputError(f"{name} = {list(told[name])}: must be {counts[-1]} numbers")
+        rules = {}
+        for one in fields(drive.rules):
+            if one.name not in ("stale_s", "tick_s"):
+                value = self.declare_parameter(one.name, getattr(drive.rules, one.name) or 0.0).value
+                rules[one.name] = None if one.default is None and not value else float(value)
+        return replace(drive, **told, rules=replace(drive.rules, **rules))
+
+    # What comes in
+
+    def _scan(self, message: Any) -> None:
+        began = time.perf_counter()
+        steps = self.supervisor.steps
+        try:
+            scan = scan_of(message)
+        except InputError as problem:
+            return self.supervisor.broken("scan", str(problem))
+        self.supervisor.scan(scan)
+        self._stamp = message.header.stamp
+        self._tell()
+        if self.supervisor.steps > steps:
+            self.latencies_s.append(time.perf_counter() - began)
+        if self._listener is not None:
+            self._listener.scan(scan)
+
+    def _odometry(self, message: Any) -> None:
+        self._odom_frame = message.header.frame_id
+        try:
+            odometry = odometry_of(message)
+        except InputError as problem:
+            return self.supervisor.broken("odometry", str(problem))
+        self.supervisor.odometry(odometry)
+        if self._listener is not None:
+            self._listener.odometry(odometry)
+
+    def _goal(self, message: Any) -> None:
+        try:
+            at = message.pose.position
+            self.set_goal(moved((at.x, at.y), self._frame(message.header.frame_id, "goal_pose")))
+        except InputError as problem:
+            self.supervisor.stop(f"a goal that is none: {problem}")
+
+    def _people(self, message: Any) -> None:
+        try:
+            self.set_people(people_of(message, self._frame(message.header.frame_id, "people")))
+        except InputError as problem:
+            self.supervisor.stop(f"people who are none: {problem}")
+
+    def _transform(self, message: Any) -> None:
+        at, turn = message.transform.translation, message.transform.rotation
+        place = (at.x, at.y, 2 * math.atan2(turn.z, turn.w))
+        if not all(math.isfinite(value) for value in place):
+            return self.supervisor.stop(f"map_to_odom = {place}: must be numbers")
+        self._map_in_odom = _inverse(place)
+
+    def _stop(self, message: Any) -> None:
+        self.supervisor.hold("the stop topic", bool(message.data))
+
+    def _frame(self, named: str, topic: str) -> Place:
+        """Where that frame is in the odometry's."""
+        if named in ("", self._odom_frame):
+            return (0.0, 0.0, 0.0)
+        if named == self.drive.map_frame:
+            return self._map_in_odom
+        raise InputError(
+            f"{topic} field 'frame_id' = {named!r}: must be the odometry's frame, {self._odom_frame!r}, or "
+            f"{self.drive.map_frame!r}"
+        )
+
+    def set_goal(self, goal: tuple[float, float]) -> None:
+        """Where to, in the odometry's frame. Raises InputError."""
+        self.supervisor.goal(goal)
+        if self._listener is not None:
+            self._listener.goal(self.now(), goal)
+
+    def set_people(self, people: Sequence[Person], lasting: bool = False) -> None:
+        """Where people are, in the odometry's frame; lasting: until something else is heard."""
+        self.supervisor.people(people, lasting)
+        if self._listener is not None:
+            self._listener.people(self.now(), people)
+
+    def set_weights(self, weights: Mapping[str, float]) -> None:
+        """Of a conditioned policy, while it drives. Raises WeightsError."""
+        self.controller.weights = weights
+        if self._listener is not None:
+            self._listener.weights(self.now(), self.controller.weights)
+
+    # Acts
+
+    def act(self, name: str) -> str:
+        """arm, start, stop or off by somebody's hand: what came of it, in words."""
+        one = self.supervisor
+        acts = {"arm": one.arm, "start": one.start, "stop": lambda: one.stop("stopped by hand"), "off": one.off}
+        try:
+            acts[name]()
+        except Refused as why:
+            self._say(str(why))
+            return str(why)
+        self._tell()
+        return f"{one.state.value}: {one.reason}"
+
+    def _service(self, name: str) -> Callable[[Any, Any], Any]:
+        def serve(_: Any, response: Any) -> Any:
+            response.message = self.act(name)
+            response.success = not response.message.startswith("not ")
+            return response
+
+        return serve
+
+    # What goes out
+
+    def _tick(self) -> None:
+        self._tell()
+        if self.now() - self._diagnosed_at >= DIAGNOSED_EVERY_S:
+            self._diagnose()
+
+    def _tell(self) -> None:
+        """Ask the supervisor, tell the robot. A robot that is off is told nothing: others may steer it."""
+        before = self.supervisor.command
+        command = self.supervisor.tick()
+        if self.supervisor.state is not State.OFF:
+            self.publish(command)
+        if self._listener is not None and command != before:
+            self._listener.command(self.now(), command)
+
+    def publish(self, command: Command) -> None:
+        """Tell the robot."""
+        message: Any = TwistStamped() if self.drive.stamped else Twist()
+        twist = message
+        if self.drive.stamped:
+            message.header.frame_id = "base_link"
+            message.header.stamp = self._stamp or self.get_clock().now().to_msg()
+            twist = message.twist
+        twist.linear.x, twist.angular.z = float(command.v), float(command.w)
+        self._told.publish(message)
+
+    def _changed(self, change: Transition) -> None:
+        self._say(f"{change.state.value}: {change.reason}")
+        self._state.publish(String(data=f"{change.state.value}: {change.reason}"))
+        if self._listener is not None:
+            self._listener.state(change.at_s, change.state.value, change.reason)
+        if change.state is State.OFF:
+            self.publish(Command(0.0, 0.0))
+        self._diagnosed_at = -math.inf
+
+    def _say(self, words: str) -> None:
+        self.said.append(words)
+        self.get_logger().info(words)
+
+    def _diagnose(self) -> None:
+        self._diagnosed_at = self.now()
+        one = self.supervisor
+        wrong = one.state is State.STOPPED and not one.reason.endswith(STILL)
+        values = {
+            "state": one.state.value,
+            "v_m_s": f"{one.command.v:.3f}",
+            "w_rad_s": f"{one.command.w:.3f}",
+            "driven_by": self.controller.driven_by,
+            "scan_to_command_p99_ms": f"{self.latency_p99_ms():.2f}",
+            **{f"weight_{name}": f"{value:g}" for name, value in self.controller.weights.items()},
+        }
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.ERROR if wrong else DiagnosticStatus.OK,
+            name="desirepath: driving",
+            message=f"{one.state.value}: {one.reason}",
+            hardware_id=str(self.controller.robot.name),
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def latency_p99_ms(self) -> float:
+        """From a scan's arrival to the command that answers it; 0 where there was none."""
+        return float(np.percentile(self.latencies_s, 99) * 1e3) if self.latencies_s else 0.0
+
+
+def _inverse(frame: Sequence[float]) -> Place:
+    """Where we are in a frame that is there in ours."""
+    x, y, yaw = frame
+    c, s = math.cos(yaw), math.sin(yaw)
+    return (-c * x - s * y, s * x - c * y, -yaw)
