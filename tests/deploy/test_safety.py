@@ -145,6 +145,8 @@ def test_a_stop_that_is_held_lets_nobody_arm():
         (lambda rig: rig.scans.update(stamp_s=9e5), "its clock gained"),
         (lambda rig: rig.odometry.update(stamp_s=-9e5), "no fresh odometry.*its time went back"),
         (lambda rig: rig.odometry.update(x=30.0), "no fresh odometry.*it jumped by 30.00 m"),
+        (lambda rig: rig.odometry.update(yaw=3.0), "it jumped by 0.00 m and 3.00 rad"),
+        (lambda rig: rig.scans.update(stamp_s=1e18), "its clock gained"),
         (lambda rig: rig.odometry.update(v=1e5), "no fresh odometry.*the robot cannot"),
     ],
 )  # fmt: skip
@@ -266,6 +268,43 @@ def test_a_clock_that_goes_back_or_says_nothing_stops_it(now):
     rig.t = now
     assert rig.supervisor.tick() == STANDING
     assert "the clock went from" in rig.stopped
+
+
+def test_stamps_too_huge_to_count_in_do_not_keep_a_silent_lidar_fresh():
+    rig = Rig()
+    rig.scans["stamp_s"] = 1e18
+    rig.supervisor.arm()
+    for _ in range(5):
+        rig.scans["stamp_s"] += 128
+        rig.pass_time(0.1)
+    with pytest.raises(Refused, match="no fresh scan"):
+        rig.supervisor.start()
+    rig = Rig()
+    rig.scan(stamp_s=1e17)
+    assert rig.supervisor._scans.fresh_at <= rig.t
+
+
+@pytest.mark.parametrize("scan", [{"range_max": 0.4}, {"range_min": 1.0}])
+def test_a_lidar_that_does_not_see_the_stop_zone_starts_nothing(scan):
+    rig = Rig()
+    rig.scans.update(scan)
+    with pytest.raises(Refused, match=r"the stop zone reaches to 0\.6"):
+        rig.drive()
+
+
+def test_when_scans_cease_it_stands_before_what_the_last_one_saw():
+    """At 1 m/s, braking by 2.5 m/s^2: it needs 0.2 m, and what it saw is 0.45 m ahead of it."""
+    rig = Rig(rules=Rules(braking=2.5))
+    rig.controller.wanted = Command(1.0, 0.0)
+    rig.drive()
+    rig.scans["at"], rig.odometry["v"] = {0: 0.2 + 0.45}, 1.0
+    rig.pass_time(0.1)
+    assert rig.supervisor.state is State.DRIVING
+    seen, rig.scan_off = rig.t, True
+    rig.pass_time(0.5)
+    assert "touches the robot" in rig.stopped
+    driven = max(t for t, command in rig.told if command != STANDING) + 0.01 - seen
+    assert driven + 1.0 / 2.5 / 2 <= 0.45
 
 
 def test_a_clock_that_stands_is_noticed_by_the_messages():

@@ -16,6 +16,7 @@ with ended_by_interrupt(), without_collecting():
 
     from desirepath.cli import (
         data,
+        drive,
         jobs,
         places,
         plots,
@@ -56,6 +57,7 @@ def common(
 with ended_by_interrupt():
     serve.register(app)
     data.register(app)
+    drive.register(app)
     science.register(app)
     recordings.register(science.queries)
     plots.register(app)

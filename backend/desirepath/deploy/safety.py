@@ -21,8 +21,9 @@ MOST_POINTS = 720  # of a scan, in the stop zone; of denser ones the nearest of 
 FINEST_M = 0.02  # how far a robot moves between two looks along its way
 FRESH_TO_START = 3  # messages in a row
 DRIFT = 2e-4  # of two clocks
+NEAR_M = 0.3  # beyond its outline that a robot's lidar may not see
 PROMPT = 0.85  # of a control period: a scan that comes so early is acted on at once, not left until the period is over
-JUMP_M = 0.5  # that odometry may be corrected by, beside what a robot can drive
+JUMP_M, JUMP_RAD = 0.2, 0.5  # that odometry may be corrected by at once, beside what a robot can drive
 STANDING = Command(0.0, 0.0)
 
 
@@ -53,7 +54,8 @@ class Rules:
     """stale_s: a robot stands so long after its last fresh scan or odometry; tick_s: how often the supervisor is asked.
     people_stale_s: and after the last news of people, where they come by messages. keep_out_m: between the centres of
     robot and person. collision_s: it stops where it would touch something so soon on the way that it is commanded, or
-    before it stands: braking, m/s^2, is how hard it brakes. armed_s: how long an armed robot waits to be started.
+    before it stands; braking, m/s^2: how hard it brakes. 0: no stop zone. armed_s: how long an armed robot waits to be
+    started.
     v_max, w_max, v_change, w_change (m/s, rad/s, and those a second): tighter limits than the controller's own.
 
     The numbers are ours.
@@ -171,10 +173,11 @@ class _Stream:
             return False
         self._behind = min(self._behind, now - stamp)
         self._stamp, self._heard_at = stamp, now
-        if now - stamp - self._behind >= self.stale_s:
-            self.refuse(f"it came {now - stamp - self._behind:.3f} s late")
+        late = now - stamp - self._behind
+        if late >= self.stale_s:
+            self.refuse(f"it came {late:.3f} s late")
             return False
-        self.fresh_at, self.trouble = stamp + self._behind, ""
+        self.fresh_at, self.trouble = now - late, ""  # not by the stamp, which may be too huge to count in
         self.in_a_row += 1
         return True
 
@@ -257,8 +260,10 @@ class Supervisor:
         before = self._where
         if before is not None and self.state is State.DRIVING:
             moved = math.hypot(odometry.x - before.x, odometry.y - before.y)
-            if moved > JUMP_M + fastest * max(odometry.stamp_s - before.stamp_s, 0.0):
-                return self._odometry.refuse(f"it jumped by {moved:.2f} m")
+            turned = abs(math.remainder(odometry.yaw - before.yaw, math.tau))
+            passed = max(odometry.stamp_s - before.stamp_s, 0.0)
+            if moved > JUMP_M + fastest * passed or turned > JUMP_RAD + 1.5 * limits.w_max * passed:
+                return self._odometry.refuse(f"it jumped by {moved:.2f} m and {turned:.2f} rad")
         if self._fresh(self._odometry, odometry.stamp_s, now):
             self._where = odometry
 
@@ -305,12 +310,14 @@ class Supervisor:
         why = None
         for stream in (self._scans, self._odometry):
             if why is None and stream.in_a_row < FRESH_TO_START:
-                why = stream.missing(now, self.rules.stale_s) or f"only {stream.in_a_row} fresh {stream.name} in a row"
+                why = stream.missing(now, self.rules.stale_s) or (
+                    f"only {stream.in_a_row} messages of {stream.name} in a row were fresh, {FRESH_TO_START} are needed"
+                )
         if why is None and self._goal is None:
             why = "no goal yet"
         if why is None and self._people is None:
             why = "the policy observes people, and nobody said where they are, nor that there are none"
-        why = why or self._danger(now, STANDING)
+        why = why or self._blind() or self._danger(now, STANDING)
         if why is not None:
             raise Refused(f"not started: {why}")
         self._begin()
@@ -394,14 +401,31 @@ class Supervisor:
         for person in self._people or () if where is not None else ():
             if (apart := math.hypot(person.x - where.x, person.y - where.y)) < rules.keep_out_m:
                 return f"somebody is {apart:.2f} m away, the keep-out distance is {rules.keep_out_m:g} m"
-        return self._ahead(command)
+        return self._ahead(now, command)
 
-    def _ahead(self, command: Command) -> str | None:
+    def _blind(self) -> str | None:
+        """Whether the lidar cannot see what the stop zone is about."""
+        fastest = max(self.controller.limits.v_max, -self.controller.limits.v_min)
+        needed = self._body.around_m + fastest * self._horizon(fastest, 0.0)
+        scan = self._scan
+        if (
+            not self.rules.collision_s
+            or scan is None
+            or (scan.range_min <= self._body.around_m + NEAR_M and scan.range_max >= needed)
+        ):
+            return None
+        return f"the scan sees from {scan.range_min:g} to {scan.range_max:g} m; the stop zone reaches to {needed:.2f} m"
+
+    def _horizon(self, speed: float, age: float) -> float:
+        """How long after the last scan the way must be free: until the next is acted on or missed, and it stands."""
+        return max(self.rules.collision_s, age + self.rules.tick_s) + speed / self.rules.braking / 2
+
+    def _ahead(self, now: float, command: Command) -> str | None:
         """What is in the stop zone of this command."""
         if not self.rules.collision_s:
             return None
         speed = max(abs(command.v), abs(self._where.v) if self._where is not None else 0.0)
-        within = self.rules.collision_s + speed / self.rules.braking / 2
+        within = self._horizon(speed, now - self._scans.fresh_at)
         hit = self._body.first_touch(self._points, command, within)
         if hit is None:
             return None
@@ -421,7 +445,7 @@ class Supervisor:
         if not (math.isfinite(wanted.v) and math.isfinite(wanted.w)):
             return f"the controller commanded {wanted.v} m/s and {wanted.w} rad/s"
         command = self.limited(wanted, now - self._stepped)
-        if why := self._ahead(command):
+        if why := self._ahead(now, command):
             return why
         self.command = self.controller.command = command
         self._due, self._stepped, self.steps = False, now, self.steps + 1

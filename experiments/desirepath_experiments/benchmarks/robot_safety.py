@@ -275,6 +275,7 @@ _SCANS: dict[str, Callable[[_Trial, dict[str, Any]], bool]] = {
     "scans of long ago": _set(stamp_s=_shift(-1e5, -0.31)),
     "scans of the future": _set(stamp_s=_shift(0.45, 1e5)),
     "huge stamps": _set(stamp_s=_any_of(1e18, 9.9e5, -9.9e5)),
+    "stamps too huge to count in": _set(stamp_s=lambda trial, values: 1e18 + values["stamp_s"] * 1e3),
 }
 _ODOMETRIES: dict[str, Callable[[_Trial, dict[str, Any]], bool]] = {
     "no odometry": lambda trial, values: False,
@@ -293,7 +294,13 @@ _ALIKE = {
     "odometry of the future",
     "odometry elsewhere",
 }
-_ALIKE |= {"reversed angles", "ranges that are none", "wrong count", "turning that no robot does"}
+_ALIKE |= {
+    "reversed angles",
+    "ranges that are none",
+    "wrong count",
+    "stamps too huge to count in",
+    "turning that no robot does",
+}
 """Troubles that look like another robot where they were there from the start: nobody starts in them."""
 _OTHERS = ("burst", "clock back", "clock ahead", "clock stands", "person near", "nobody there", "stop held")
 

@@ -10,6 +10,7 @@ import gc
 import math
 import os
 import queue
+import re
 import signal
 import subprocess
 import sys
@@ -57,10 +58,22 @@ def parser(prog: str) -> argparse.ArgumentParser:
     add("--nobody", action="store_true", help="there is nobody, whatever the policy observes")
     add("--robot", metavar="FILE", help="the robot.yaml of a robot that is not the policy's")
     add("--laser", type=_numbers(3), metavar="X,Y,YAW", help="where its lidar is, m and rad, if not as in the policy's")
-    add("--map-to-odom", type=_numbers(3), default=(0.0, 0.0, 0.0), metavar="X,Y,YAW", help="the odometry's frame in the map's")
+    add(
+        "--map-to-odom",
+        type=_numbers(3),
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,YAW",
+        help="the odometry's frame in the map's",
+    )
     add("--stamped", action="store_true", help="tell the robot by TwistStamped, not by Twist")
     add("--once", action="store_true", help="end when the robot has driven and stands; exit code 0 where it arrived")
-    add("--simulated", nargs="?", const=str(WORLD), metavar="WORLD", help="with a robot of ir-sim, in that world or ours")
+    add(
+        "--simulated",
+        nargs="?",
+        const=str(WORLD),
+        metavar="WORLD",
+        help="with a robot of ir-sim, in that world or ours",
+    )
     for one in fields(Rules):
         if one.name not in ("stale_s", "tick_s"):
             said = "as the robot's" if one.default is None else f"default {one.default:g}"
@@ -77,7 +90,7 @@ def main(
     """Drive until somebody ends it; the exit code. find: what `Controller.load` takes, of the policy's name. Raises
     ValueError for what cannot be driven by, RuntimeError where ROS is missing."""
     end = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
-    asked = parser(prog).parse_args(arguments[:end])
+    asked = parser(prog).parse_args(_with_negatives(arguments[:end]))
     ros = _ros()
     bundle, here = find(asked.policy), None
     if asked.robot is not None:
@@ -188,6 +201,17 @@ def _simulated(asked: argparse.Namespace) -> Iterator[tuple[float, ...]]:
     finally:
         robot.terminate()
         robot.wait()
+
+
+def _with_negatives(arguments: Sequence[str]) -> list[str]:
+    """`--goal -1,2` as `--goal=-1,2`: argparse takes the former for two options."""
+    joined: list[str] = []
+    for one in arguments:
+        if re.match(r"-[\d.]", one) and joined:
+            joined[-1] += f"={one}"
+        else:
+            joined.append(one)
+    return joined
 
 
 def _numbers(count: int) -> Callable[[str], tuple[float, ...]]:

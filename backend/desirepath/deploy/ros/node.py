@@ -207,19 +207,19 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         """Where to, in the odometry's frame. Raises InputError."""
         self.supervisor.goal(goal)
         if self._listener is not None:
-            self._listener.goal(self.now(), goal)
+            self._listener.goal(self._stamped(), goal)
 
     def set_people(self, people: Sequence[Person], lasting: bool = False) -> None:
         """Where people are, in the odometry's frame; lasting: until something else is heard."""
         self.supervisor.people(people, lasting)
         if self._listener is not None:
-            self._listener.people(self.now(), people)
+            self._listener.people(self._stamped(), people)
 
     def set_weights(self, weights: Mapping[str, float]) -> None:
         """Of a conditioned policy, while it drives. Raises WeightsError."""
         self.controller.weights = weights
         if self._listener is not None:
-            self._listener.weights(self.now(), self.controller.weights)
+            self._listener.weights(self._stamped(), self.controller.weights)
 
     # Acts
 
@@ -257,7 +257,7 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         if self.supervisor.state is not State.OFF:
             self.publish(command)
         if self._listener is not None and command != before:
-            self._listener.command(self.now(), command)
+            self._listener.command(self._stamped(), command)
 
     def publish(self, command: Command) -> None:
         """Tell the robot."""
@@ -274,10 +274,14 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         self._say(f"{change.state.value}: {change.reason}")
         self._state.publish(String(data=f"{change.state.value}: {change.reason}"))
         if self._listener is not None:
-            self._listener.state(change.at_s, change.state.value, change.reason)
+            self._listener.state(self._stamped(), change.state.value, change.reason)
         if change.state is State.OFF:
             self.publish(Command(0.0, 0.0))
         self._diagnosed_at = -math.inf
+
+    def _stamped(self) -> float:
+        """Now, on the clock that messages have their stamps of."""
+        return float(self.get_clock().now().nanoseconds) * 1e-9
 
     def _say(self, words: str) -> None:
         self.said.append(words)
