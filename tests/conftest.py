@@ -47,7 +47,7 @@ SERVER_FIXTURES = frozenset({"postgres_server", "either", "installation", "rig",
 # Places whose tests ask the whole application over HTTP, or start servers, workers and training processes.
 SERVER_PLACES = (
     *("web", "frontend", "faults", "jobs", "journeys", "cli", "test_wheel.py"),
-    *("store/test_files_on_s3.py", "stage/test_viser_hooks.py"),
+    *("store/test_files_on_s3.py", "stage/test_viser_hooks.py", "deploy/test_node.py"),
 )
 # Places whose tests train, compute chapters and benchmarks, draw many cohorts, run the documentation's code or compile.
 SLOW_PLACES = (

@@ -12,6 +12,7 @@ import typer
 import yaml
 
 from desirepath.cli.main import app
+from desirepath.deploy.ros.__main__ import parser
 from desirepath.grammar.error_words import example_of
 from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.source import Source
@@ -32,12 +33,13 @@ RUN_BY = {
     (EXTENDING, "A building"): "simulation/test_ground_maps.py",
     ("docs/experimenters-guide.md", "Your recordings"): "here",
     ("docs/analysts-guide.md", "People whom the nine objectives cannot describe"): "here",
+    ("docs/your-robot.md", "With your own stack"): "deploy/test_node.py",
     (REFERENCE, "Blocks"): "here",
     (REFERENCE, "Every stage, worked"): "here",
     (REFERENCE, "Questionnaires"): "here",
 }
 COMMANDS = fences_of(language="bash")
-OF_OTHERS = {"git", "docker"}
+OF_OTHERS = {"git", "docker", "pip"}
 
 
 def named(fence: Fence) -> str:
@@ -81,6 +83,8 @@ def test_every_command_in_a_fence_is_one_that_there_is(fence: Fence) -> None:
                     parse([program, *words])
             case "make":
                 assert re.search(rf"^{words[0]}:", (ROOT / "Makefile").read_text(), re.MULTILINE), words
+            case "python" if words[:2] == ["-m", "desirepath.deploy.ros"]:
+                assert parser("drive").parse_args(words[2:]).policy
             case "python":
                 assert words[:2] == ["-m", "pytest"]
                 assert all((ROOT / word).exists() for word in words[2:] if not word.startswith("-")), words

@@ -1,5 +1,5 @@
-"""Whoever operates a robot, as a program of ROS's environment: starts robot and node, drives, stops, kills either side, and
-writes what it saw as JSON on stdout. `test_node.py` runs it.
+"""Whoever operates a robot, as a program of ROS's environment: starts robot and node, drives, stops, kills either side,
+and writes what it saw as JSON on stdout. `test_node.py` runs it.
 
     python robots_operator.py BUNDLE WORLD
 """

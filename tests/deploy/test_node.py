@@ -14,6 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
+
 from desirepath.cli.main import app
 from desirepath.deploy.inputs import Command, InputError, Odometry, Scan
 from desirepath.deploy.ros.__main__ import main, parser
@@ -22,8 +24,6 @@ from desirepath.installed import ROOT
 from desirepath.learning.policies.bundles import bundle_files
 from desirepath.learning.policies.policy import read_policy
 from desirepath.learning.shipped_files import resolve
-from typer.testing import CliRunner
-
 from tests.fences import fences_of
 from tests.test_fences import commands_of
 
@@ -55,7 +55,8 @@ def ros() -> dict[str, str]:
 @needs_ros
 def test_it_stands_whatever_is_killed_and_says_why(bundle, ros):
     words = [str(PYTHON), str(HERE / "robots_operator.py"), str(bundle), str(WORLD)]
-    ran = subprocess.run(words, env=ros, capture_output=True, text=True, timeout=200)
+    alone = ros | {"PYTHONPATH": str(bundle)}  # nothing of Desire Path but what was exported
+    ran = subprocess.run(words, env=alone, capture_output=True, text=True, timeout=200)
     assert ran.returncode == 0, ran.stderr[-4_000:]
     saw = json.loads(ran.stdout.splitlines()[-1])
     assert saw["before"] == ["off: not armed yet", "not started: it is off (not armed yet); arm it first"]
@@ -63,7 +64,9 @@ def test_it_stands_whatever_is_killed_and_says_why(bundle, ros):
     assert re.match(r"stopped: no fresh (scan|odometry): the last 0\.\d\d s ago", saw["robot killed"])
     assert saw["told afterwards"] == [[0.0, 0.0]]
     assert saw["node ended"] == ["stopped: the node ends: signal 15", 0]
-    assert saw["node killed"].startswith("driving"), "it had no time to say anything; the robot's own watchdog stopped it"
+    assert saw["node killed"].startswith("driving"), (
+        "it had no time to say anything; the robot's own watchdog stopped it"
+    )
 
 
 @needs_ros
@@ -109,13 +112,11 @@ def test_options_that_are_none_are_named(words, capsys):
 
 
 def test_every_drive_of_the_page_is_one_that_there_is():
-    drives = [words for fence in fences_of(PAGE, language="bash") for words in commands_of(fence)]
-    asked = [words[words.index("drive") + 1 :] for words in drives if "drive" in words]
-    asked += [words[words.index("desirepath.deploy.ros") + 1 :] for words in drives if "desirepath.deploy.ros" in words]
-    assert len(asked) == 4
-    for words in asked:
+    drives = [words for fence in fences_of(PAGE, language="bash") for words in commands_of(fence) if "drive" in words]
+    assert len(drives) == 3
+    for words in drives:
         end = words.index("--ros-args") if "--ros-args" in words else len(words)
-        assert parser("drive").parse_args(words[:end]).policy
+        assert parser("drive").parse_args(words[2:end]).policy
 
 
 def test_the_loop_of_the_page_drives_a_robot_of_ones_own(bundle):

@@ -27,7 +27,7 @@ JUMP_M, JUMP_RAD = 0.2, 0.5  # that odometry may be corrected by at once, beside
 STANDING = Command(0.0, 0.0)
 
 
-class State(str, Enum):  # noqa: UP042  (a robot's Python 3.10 has no StrEnum)
+class State(str, Enum):
     """off: commands nothing. armed: stands, and may be started. driving. stopped: stands until it is armed again."""
 
     OFF = "off"
@@ -398,8 +398,9 @@ class Supervisor:
                 return missing
         if self._people_at is not None and now - self._people_at > rules.people_stale_s:
             return f"no news of people for {now - self._people_at:.2f} s"
-        for person in self._people or () if where is not None else ():
-            if (apart := math.hypot(person.x - where.x, person.y - where.y)) < rules.keep_out_m:
+        for person in self._people or ():
+            apart = math.inf if where is None else math.hypot(person.x - where.x, person.y - where.y)
+            if apart < rules.keep_out_m:
                 return f"somebody is {apart:.2f} m away, the keep-out distance is {rules.keep_out_m:g} m"
         return self._ahead(now, command)
 

@@ -144,7 +144,7 @@ class _Trial:
             self._try(one.arm)
         elif chance < 0.1 and self.t > self.alike_until:
             self._try(one.start)
-            if one.state is State.DRIVING:
+            if self.allowed:
                 self.forbidden, self.changed_at = "", self.t - 0.2
         if self.rng.random() < 0.05:
             near = self.trouble == "person near"

@@ -27,7 +27,7 @@ from desirepath.deploy.safety import Body, Rules
 
 WORDS = ("arm", "start", "stop", "off", "quit")
 HELP = "arm, start, stop (or only Enter), off, quit"
-WORLD = Path(__file__).with_name("world.yaml")
+WORLD, GOAL = Path(__file__).with_name("world.yaml"), (-0.6, 4.2)
 NO_ROS = (
     "ROS 2 is not to be found here: {problem}. On a robot: source /opt/ros/DISTRO/setup.bash and use its own Python. "
     'Elsewhere (Python 3.11, Linux): pip install "desirepath[ros]", in an environment of its own'
@@ -186,18 +186,14 @@ def _hear() -> queue.SimpleQueue[str]:
 
 @contextmanager
 def _simulated(asked: argparse.Namespace) -> Iterator[tuple[float, ...]]:
-    """A simulated robot in a process of its own while it is needed; yields its goal."""
+    """A simulated robot in a process of its own while it is needed; yields a goal in our world."""
     if asked.simulated is None:
         yield ()
         return
-    import yaml
-
-    world = yaml.safe_load(Path(asked.simulated).read_text(encoding="utf-8"))
-    goal = tuple(float(value) for value in world["robot"][0]["goal"][:2])
     command = [sys.executable, "-m", "desirepath.deploy.ros.simulated", asked.simulated, str(os.getpid())]
     robot = subprocess.Popen(command, stdin=subprocess.DEVNULL, env={**os.environ, "MPLBACKEND": "agg"})
     try:
-        yield goal
+        yield GOAL if asked.simulated == str(WORLD) else ()
     finally:
         robot.terminate()
         robot.wait()

@@ -135,7 +135,7 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         for name, counts in (("goal", (0, 2)), ("laser", (0, 3)), ("map_to_odom", (3,))):
             if len(told[name]) not in counts or not all(math.isfinite(value) for value in told[name]):
                 raise InputError(f"{name} = {list(told[name])}: must be {counts[-1]} numbers")
-        rules = {}
+        rules: dict[str, Any] = {}
         for one in fields(drive.rules):
             if one.name not in ("stale_s", "tick_s"):
                 value = self.declare_parameter(one.name, getattr(drive.rules, one.name) or 0.0).value
