@@ -71,9 +71,7 @@ def test_the_product_imports_only_what_its_wheel_asks_for():
     extras = project["optional-dependencies"]
     asked = [*project["dependencies"], *(one for name, more in extras.items() if name != "dev" for one in more)]
     named = {re.split(r"[^A-Za-z0-9._-]", one)[0].lower().replace("_", "-") for one in asked}
-    named |= {
-        one.removeprefix("ros-jazzy-") for one in named
-    }  # in an environment of its own
+    named |= {one.removeprefix("ros-jazzy-") for one in named}  # in an environment of its own
     of_module = packages_distributions()
     imported = {
         (node.module if isinstance(node, ast.ImportFrom) else alias.name).partition(".")[0]
