@@ -32,6 +32,7 @@ RUN_BY = {
     **{(EXTENDING, section): "test_own_setup.py" for section in test_own_setup.SECTIONS},
     (EXTENDING, "A building"): "simulation/test_ground_maps.py",
     ("docs/experimenters-guide.md", "Your recordings"): "here",
+    ("docs/analysts-guide.md", "A policy on a robot"): "deploy/test_bundle.py",
     ("docs/analysts-guide.md", "People whom the nine objectives cannot describe"): "here",
     ("docs/your-robot.md", "With your own stack"): "deploy/test_node.py",
     (REFERENCE, "Blocks"): "here",

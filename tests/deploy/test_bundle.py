@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import onnxruntime
 import pytest
 from typer.testing import CliRunner
@@ -21,6 +22,7 @@ from desirepath.deploy.manifest import BundleError
 from desirepath.learning.policies.bundles import bundle_files, zipped
 from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.npz import from_npz, to_npz
+from tests.fences import fences_of
 
 DRIVE = """
 import json, sys
@@ -64,6 +66,15 @@ def test_it_drives_a_robot_that_has_numpy_and_nothing_else_of_the_house(exported
     found = json.loads(done.stdout)
     assert found["apart"] < 1e-5
     assert found["house"] == []
+
+
+def test_the_guides_lines_drive(exported: Path) -> None:
+    (fence,) = fences_of("docs/analysts-guide.md", "A policy on a robot", "python")
+    told: list[tuple[float, float]] = []
+    given = {"ranges": np.full(360, 4.0), "drive": lambda v, w: told.append((v, w))}
+    exec(fence.text.replace('"DIR"', repr(str(exported))), given)
+    assert len(told) == 1
+    assert 0 < told[0][0] <= 1
 
 
 def test_the_product_itself_loads_the_room_without_what_takes_seconds() -> None:
@@ -193,6 +204,37 @@ def test_a_policy_that_cannot_drive_is_refused(files: dict[str, bytes]) -> None:
     ):
         with pytest.raises(BundleError, match=said):
             Bundle.read(with_policy(files, header | other, there))
+
+
+def network(*nodes: onnx.NodeProto, weights: onnx.TensorProto, rows: int | str = "n") -> np.ndarray:
+    """Of a policy of others, as its file holds it."""
+    given, actions = (
+        onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [rows, size])
+        for name, size in (("observation", 66), ("action", 2))
+    )
+    graph = onnx.helper.make_graph(list(nodes), "network", [given], [actions], [weights])
+    opset = onnx.helper.make_opsetid("", 17)
+    made = onnx.helper.make_model(graph, opset_imports=[opset], ir_version=9)
+    return np.frombuffer(made.SerializeToString(), dtype=np.uint8)
+
+
+def test_a_network_of_others_is_run_only_where_all_of_it_is_inside(
+    files: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    header = {"format": "desirepath-foreign-1", "setup": "study_room"}
+    product = onnx.helper.make_node("MatMul", ["observation", "w"], ["action"])
+    inside = onnx.numpy_helper.from_array(np.zeros((66, 2), np.float32), "w")
+    for rows in ("n", 1, 4):
+        found = Bundle.read(with_policy(files, header, {"network": network(product, weights=inside, rows=rows)}))
+        assert found.at({}).networks[0](np.ones((1, 66), np.float32)).tolist() == [[0.0, 0.0]]
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "weights.bin").write_bytes(bytes(66 * 2 * 4))
+    outside = onnx.TensorProto(name="w", data_type=onnx.TensorProto.FLOAT, dims=[66, 2], data_location=1)
+    outside.external_data.add(key="location", value="weights.bin")
+    wide = onnx.numpy_helper.from_array(np.zeros((66, 3), np.float32), "w")
+    for weights, said in ((outside, "weights in other files"), (wide, "cannot be r(ead|un)|shape")):
+        with pytest.raises(BundleError, match=said):
+            Bundle.read(with_policy(files, header, {"network": network(product, weights=weights)}))
 
 
 def test_what_is_no_bundle_is_refused(files: dict[str, bytes], tmp_path: Path) -> None:

@@ -13,9 +13,14 @@ Act = Callable[[Floats], Floats]
 """(n, obs) observations -> (n, 2) actions."""
 ACTIONS = 2
 MOST_LAYERS = 24
+MOST_ROWS = 4_096
 FEWEST_ROWS = 4
 """Fewer states are asked about several times at once: libraries multiply one row by another rule, whose sums are
 rounded otherwise (by 2e-5 of an action). From four on they are the same, so that one robot acts as one of many."""
+
+
+LOOPS, ELSEWHERE = b"\x22\x04Loop", b"\x0a\x08location"
+"""As ONNX files write an operator that may never end, and weights in another file: the runtime would do both."""
 
 
 class NetworkError(ValueError):
@@ -101,6 +106,8 @@ def onnx_network(content: bytes, inputs: int) -> Act:
         import onnxruntime
     except ImportError:
         raise NetworkError("the policy's network is ONNX: `pip install onnxruntime` is needed") from None
+    if LOOPS in content or ELSEWHERE in content:
+        raise NetworkError("the policy's network has loops, or weights in other files: export a plain one, all inside")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
@@ -109,17 +116,24 @@ def onnx_network(content: bytes, inputs: int) -> Act:
     except Exception as problem:  # onnxruntime's errors have no class of their own above them
         raise NetworkError(f"the policy's network cannot be read as ONNX: {str(problem)[:300]}") from None
     taken, given = session.get_inputs(), session.get_outputs()
-    if len(taken) != 1 or len(given) != 1 or list(taken[0].shape[1:]) != [inputs]:
-        raise NetworkError(
-            f"the policy's network reads {[list(one.shape) for one in taken]}: must be one input (n, {inputs})"
-        )
-    name = taken[0].name
+    shapes = [list(one.shape) for one in taken]
+    if len(taken) != 1 or len(given) != 1 or shapes[0][1:] not in ([inputs], []):
+        raise NetworkError(f"the policy's network reads {shapes}: must be one input (n, {inputs})")
+    name, fixed = taken[0].name, shapes[0][0] if shapes[0] and isinstance(shapes[0][0], int) else 1
+    if not 1 <= fixed <= MOST_ROWS:
+        raise NetworkError(f"the policy's network reads {fixed} states at once; at most {MOST_ROWS:,}")
 
     def act(observations: Floats) -> Floats:
-        actions = np.asarray(session.run(None, {name: observations})[0], dtype=np.float32)
-        if actions.shape != (len(observations), ACTIONS):
+        actions = np.asarray(session.run(None, {name: np.repeat(observations, fixed, axis=0)})[0], dtype=np.float32)
+        if actions.shape != (len(observations) * fixed, ACTIONS):
             raise NetworkError(f"the policy's network gave actions of shape {actions.shape}")
-        clipped: Floats = np.clip(actions, -1, 1)
+        clipped: Floats = np.clip(actions[::fixed], -1, 1)
         return clipped
 
+    try:
+        act(np.zeros((1, inputs), dtype=np.float32))
+    except NetworkError:
+        raise
+    except Exception as problem:
+        raise NetworkError(f"the policy's network cannot be run: {str(problem)[:300]}") from None
     return act
