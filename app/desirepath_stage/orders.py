@@ -241,6 +241,15 @@ class PathsMessage(TypedDict):
     legend: list[LegendEntry]
 
 
+class MirrorOrder(TypedDict):
+    """From the page: where a real robot is (x, y, yaw), what its lidar hit, where it would go, where people stand."""
+
+    pose: list[float]
+    scan: list[list[float]]
+    plan: list[list[float]]
+    people: list[list[float]]
+
+
 class RobotsMoved(TypedDict):
     """The event `moved`: where the robots are on their paths, and for how many seconds each has been under way."""
 

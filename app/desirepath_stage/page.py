@@ -18,12 +18,14 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `stroke` | `id, points, speeds, times_s, pointer, walk` | a drawn path, finished: metres, m/s, s; for which walk |
 | `drawn` | `id` | paths that the page sent have been drawn |
 | `moved` | `poses, seconds, driving, over` | where the robots are on these paths; several times a second |
+| `floor` | `place` | the floor was pressed there, where a real robot is mirrored |
 | `picked`, `pointed` | `thing` | an explained object was clicked; the pointer is over it, or over none (null) |
 | `state` | `connected, ready, webgl, playback_id, keys` | the answer to the parent's `{type: "hello"}` |
 
 The parent may also send `{type: "draw", do, ...}`: words, undo, redo, clear, cut, finish, speed, problem, choose, key
 to the pen (`client/draw.js`), step to the feet (`client/walk.js`), look to the camera; and `{type: "steer", do, ...}`
-(`client/steer.js`): `paths` (`orders.PathsMessage`), drive, stop; and `{type: "explain", ...}`:
+(`client/steer.js`): `paths` (`orders.PathsMessage`), drive, stop; and `{type: "mirror", ...}` (`orders.MirrorOrder`,
+`client/mirror.js`); and `{type: "explain", ...}`:
 words, ranks and which objects can be picked (`client/explained.js`).
 """
 
@@ -40,7 +42,7 @@ from desirepath_stage import viser_hooks
 _CLIENT = Path(__file__).parent / "client"
 _PEN = ("clearance.js", "ink.js", "sections.js", "draw.js", "walk.js")
 _EXPLAINED = ("rays.js", "attention.js", "explained.js", "picking.js")
-_LATER = ("steer.js", *_EXPLAINED, "stage.js")
+_LATER = ("steer.js", "mirror.js", *_EXPLAINED, "stage.js")
 _PLACE = ("scheme.js", "bodies.js", "sheet.js", "camera.js", "finder.js", "trail.js", "pictures.js", "player.js")
 _SCRIPTS = ("bridge.js", "viser_hooks.js", *_PLACE, *_PEN, *_LATER)
 

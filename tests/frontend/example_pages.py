@@ -131,6 +131,15 @@ STEPS: dict[str, dict[str, Any]] = {
         "question": None,
         "start": {"farther": 0.5, "smoother": 0.25},
     },
+    "robot_drive": {
+        "setup": "study_room",
+        "view": "top_down",
+        "scenes": 1,
+        "controls": CONTROLS,
+        "question": None,
+        "start": {"farther": 0.5},
+        "points": 7,
+    },
     "words": {
         "setup": "study_room",
         "view": "top_down",

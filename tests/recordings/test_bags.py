@@ -14,13 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from desirepath.learning.policies.shipped import load_queries
-from desirepath.recordings.bags import read_bag, to_mcap
-from desirepath.recordings.importing import import_recordings
-from desirepath.recordings.mapping import Mapping, Topics
-from desirepath.recordings.recording import BOUNDS, RecordingError
-from desirepath.recordings.ros_messages import (
-    GRID,
+from desirepath.deploy.ros_messages import (
     ODOMETRY,
     POSE_ARRAY,
     SCHEMAS,
@@ -30,6 +24,12 @@ from desirepath.recordings.ros_messages import (
     encode_poses,
     encode_transform,
 )
+from desirepath.learning.policies.shipped import load_queries
+from desirepath.recordings.bags import read_bag, to_mcap
+from desirepath.recordings.importing import import_recordings
+from desirepath.recordings.mapping import Mapping, Topics
+from desirepath.recordings.recording import BOUNDS, RecordingError
+from desirepath.recordings.ros_messages import GRID
 from desirepath.simulation.trajectory import Outcome
 from tests.recordings.walks import ANNA, RUNS, refusal, robot_at, times
 

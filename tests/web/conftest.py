@@ -21,6 +21,7 @@ from tests.web.lab_services import (
     walked_services,
 )
 from tests.web.participant_services import client, furnished, link, services, token
+from tests.web.robot_services import robot_data, robot_lab, turtle
 
 __all__ = [
     "as_role",
@@ -31,8 +32,11 @@ __all__ = [
     "lab",
     "lab_services",
     "link",
+    "robot_data",
+    "robot_lab",
     "services",
     "token",
+    "turtle",
     "two_studies",
     "visitor",
     "walked",

@@ -1,7 +1,7 @@
 // @ts-check
 /**
  * The wire to the page that holds this stage: events go up; `hello`, orders for the pen (`draw`), for explained objects
- * (`explain`) and paths to drive (`steer`) come down. Origins
+ * (`explain`), paths to drive (`steer`) and where a real robot is (`mirror`) come down. Origins
  * are checked both ways.
  *
  * Every event is `{source: "desirepath-stage", type, ...}`; the types are listed in app/desirepath_stage/page.py.
@@ -24,6 +24,7 @@
     if (event.data?.type === "hello") post("state", state);
     else if (event.data?.type === "draw") window.desirePath.draw?.obey(event.data);
     else if (event.data?.type === "steer") window.desirePath.steer?.obey(event.data);
+    else if (event.data?.type === "mirror") window.desirePath.mirror?.show(event.data);
     else if (event.data?.type === "explain") window.desirePath.explained?.obey(event.data);
   });
 

@@ -17,6 +17,7 @@ type Round = import("../../../frontend/static/js/contract.js").Round;
 type Surroundings = import("../../../frontend/static/js/contract.js").Surroundings;
 type DrawnStroke = import("../../../frontend/static/js/contract.js").Drawn;
 type LivePath = import("../../../frontend/static/js/contract.js").LivePath;
+type MirrorOrder = import("../../../frontend/static/js/contract.js").MirrorOrder;
 type PenState = import("../../../frontend/static/js/contract.js").PenState;
 /** Rows of [t, x, y, yaw], s, m and radians. */
 type Track = number[][];
@@ -151,6 +152,7 @@ interface DesirePath {
     press(event: PointerEvent): boolean;
     key(event: KeyPressed): boolean;
   };
+  mirror: { show(order: MirrorOrder): void; stop(): void };
   steer: {
     obey(message: any): void;
     stop(): void;

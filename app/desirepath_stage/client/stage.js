@@ -2,7 +2,7 @@
 /** What the server may order (app/desirepath_stage/stage.py): show, play, draw, replay, clear, replaced. One order at a time, in sequence. */
 (() => {
   "use strict";
-  const { bridge, viser, camera, player, sheet, scheme, bodies, trail, pictures, draw, steer, walk, explained } = window.desirePath;
+  const { bridge, viser, camera, player, sheet, scheme, bodies, trail, pictures, draw, steer, mirror, walk, explained } = window.desirePath;
   bridge.state.keys = { pen: draw.KEYS, feet: walk.KEYS };
   /** Counts scenes; waiting for one ends when the next comes. */
   let shown = 0;
@@ -19,6 +19,7 @@
     pictures.use([]);
     draw.stop();
     steer.stop();
+    mirror.stop();
     player.use(order.robots, order.person, [...order.stands], order.crowd, order.goal);
     const whenStanding = () => {
       if (mine !== shown) return;
@@ -85,6 +86,7 @@
       explained.use(null);
       draw.stop();
       steer.stop();
+      mirror.stop();
       sheet.legend([]);
       pictures.use([]);
     } else if (order.type === "replaced") {

@@ -20,6 +20,17 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.deploy.ros_messages import (
+    ODOMETRY,
+    POSE,
+    POSE_ARRAY,
+    SCAN,
+    SCHEMAS,
+    TRANSFORMS,
+    encode_odometry,
+    encode_pose,
+    encode_poses,
+)
 from desirepath.recordings.frames import Frames
 from desirepath.recordings.grids import grid_of, walls_of
 from desirepath.recordings.mapping import Mapping
@@ -38,23 +49,14 @@ from desirepath.recordings.recording import (
 from desirepath.recordings.resampling import body_speeds
 from desirepath.recordings.ros_messages import (
     GRID,
-    ODOMETRY,
     PEOPLE,
-    POSE,
-    POSE_ARRAY,
     POSE_WITH_COVARIANCE,
-    SCAN,
-    SCHEMAS,
-    TRANSFORMS,
     CdrError,
     GridMessage,
     Stamped,
     decode,
     decode_grid,
     decode_transforms,
-    encode_odometry,
-    encode_pose,
-    encode_poses,
 )
 from desirepath.simulation.trajectory import Trajectory
 

@@ -1,16 +1,16 @@
-"""The few ROS 2 messages that a recording needs, from CDR and to it: plain numbers."""
+"""The few ROS 2 messages that are read of a recording, from CDR: plain numbers. To it: `deploy/ros_messages.py`."""
 
 from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+
+from desirepath.deploy.ros_messages import ODOMETRY, POSE, POSE_ARRAY, Placed
 
 MOST_PEOPLE = 1_000  # of one message
 LONGEST_TEXT = 4_096
-Placed = tuple[float, float, float]
-"""x, y (m), yaw (rad)."""
 
 
 class CdrError(ValueError):
@@ -110,19 +110,14 @@ def _people(cdr: _Cdr) -> Stamped:
     return Stamped(time_s, frame, tuple(found))
 
 
-ODOMETRY, POSE, POSE_WITH_COVARIANCE = (
-    "nav_msgs/msg/Odometry",
-    "geometry_msgs/msg/PoseStamped",
-    "geometry_msgs/msg/PoseWithCovarianceStamped",
-)
-POSE_ARRAY, PEOPLE, SCAN = "geometry_msgs/msg/PoseArray", "people_msgs/msg/People", "sensor_msgs/msg/LaserScan"
+POSE_WITH_COVARIANCE, PEOPLE = "geometry_msgs/msg/PoseWithCovarianceStamped", "people_msgs/msg/People"
 DECODED: dict[str, Callable[[_Cdr], Stamped]] = {
     ODOMETRY: _odometry, POSE: _pose, POSE_WITH_COVARIANCE: _pose, POSE_ARRAY: _poses, PEOPLE: _people,
 }  # fmt: skip
 """By type."""
 
 
-TRANSFORMS, GRID = "tf2_msgs/msg/TFMessage", "nav_msgs/msg/OccupancyGrid"
+GRID = "nav_msgs/msg/OccupancyGrid"
 
 
 def decode_transforms(data: bytes) -> list[tuple[float, str, str, Placed]]:
@@ -161,128 +156,3 @@ def decode_grid(data: bytes) -> GridMessage:
 def decode(kind: str, data: bytes) -> Stamped:
     """Raises CdrError; KeyError for a type that is not read."""
     return DECODED[kind](_Cdr(data))
-
-
-# ---- out -------------------------------------------------------------------------------------------------------------
-
-
-class _Writer:
-    def __init__(self, time_s: float, frame: str, inside: int | None = None) -> None:
-        """inside: of a message that is a list of so many, before the first."""
-        self._parts = bytearray()
-        if inside is not None:
-            self.put("I", 4, inside)
-        seconds = math.floor(time_s)
-        self.put("i", 4, seconds)
-        self.put("I", 4, min(round((time_s - seconds) * 1e9), 999_999_999))
-        self.text(frame)
-
-    def put(self, form: str, size: int, *values: float) -> None:
-        self._parts += bytes(-len(self._parts) % size)
-        self._parts += struct.pack(f"<{len(values)}{form}", *values)
-
-    def text(self, value: str) -> None:
-        raw = value.encode() + b"\0"
-        self.put("I", 4, len(raw))
-        self._parts += raw
-
-    def pose(self, x: float, y: float, yaw: float) -> None:
-        self.put("d", 8, x, y, 0.0, 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-
-    def bytes(self) -> bytes:
-        return b"\x00\x01\x00\x00" + bytes(self._parts)
-
-
-def encode_odometry(time_s: float, frame: str, place: Placed, speeds: Sequence[float]) -> bytes:
-    """speeds: ahead, to the left (m/s), turning (rad/s), in base_link."""
-    out = _Writer(time_s, frame)
-    out.text("base_link")
-    out.pose(*place)
-    out.put("d", 8, *([0.0] * 36))
-    out.put("d", 8, speeds[0], speeds[1], 0.0, 0.0, 0.0, speeds[2])
-    out.put("d", 8, *([0.0] * 36))
-    return out.bytes()
-
-
-def encode_pose(time_s: float, frame: str, place: Placed) -> bytes:
-    out = _Writer(time_s, frame)
-    out.pose(*place)
-    return out.bytes()
-
-
-def encode_transform(time_s: float, parent: str, child: str, place: Placed) -> bytes:
-    out = _Writer(time_s, parent, inside=1)
-    out.text(child)
-    out.pose(*place)
-    return out.bytes()
-
-
-def encode_grid(frame: str, cells: bytes, width: int, height: int, cell_m: float, origin: Placed) -> bytes:
-    out = _Writer(0.0, frame)
-    out.put("I", 4, 0, 0)
-    out.put("f", 4, cell_m)
-    out.put("I", 4, width, height)
-    out.pose(*origin)
-    out.put("I", 4, len(cells))
-    out.put("B", 1, *cells)
-    return out.bytes()
-
-
-def encode_poses(time_s: float, frame: str, places: Sequence[Placed]) -> bytes:
-    out = _Writer(time_s, frame)
-    out.put("I", 4, len(places))
-    for place in places:
-        out.pose(*place)
-    return out.bytes()
-
-
-_HEADER = """
-================================================================================
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-================================================================================
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec"""
-_POSE = """
-================================================================================
-MSG: geometry_msgs/Pose
-geometry_msgs/Point position
-geometry_msgs/Quaternion orientation
-================================================================================
-MSG: geometry_msgs/Point
-float64 x
-float64 y
-float64 z
-================================================================================
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w"""
-_TWIST = """
-================================================================================
-MSG: geometry_msgs/PoseWithCovariance
-geometry_msgs/Pose pose
-float64[36] covariance
-================================================================================
-MSG: geometry_msgs/TwistWithCovariance
-geometry_msgs/Twist twist
-float64[36] covariance
-================================================================================
-MSG: geometry_msgs/Twist
-geometry_msgs/Vector3 linear
-geometry_msgs/Vector3 angular
-================================================================================
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z"""
-SCHEMAS = {
-    ODOMETRY: "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n"
-    f"geometry_msgs/TwistWithCovariance twist{_HEADER}{_POSE}{_TWIST}\n",
-    POSE: f"std_msgs/Header header\ngeometry_msgs/Pose pose{_HEADER}{_POSE}\n",
-    POSE_ARRAY: f"std_msgs/Header header\ngeometry_msgs/Pose[] poses{_HEADER}{_POSE}\n",
-}
-"""By type, as MCAP holds it (`ros2msg`)."""

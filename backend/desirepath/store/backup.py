@@ -27,6 +27,7 @@ from desirepath.store.database import Database, StorageError
 from desirepath.store.demonstration_snapshots import programmed_files
 from desirepath.store.models import utc_now
 from desirepath.store.postgres_dump import NAMED_FILES, BackupError, bring_back, check_empty, dump
+from desirepath.store.robot_recordings import recordings_of
 
 FORMAT = "desirepath-backup-1"
 POSTGRES_FORMAT = "desirepath-backup-postgresql-1"
@@ -65,7 +66,7 @@ def backup(db: Database, files: ArtefactStore, out: Path) -> dict[str, Any]:
                 form, copy = POSTGRES_FORMAT, Path(folder) / POSTGRES_MEMBER
                 named = dump(db, copy)
             with db.session() as s:
-                named = dict.fromkeys(sorted(programmed_files(s, files)), False) | named
+                named = dict.fromkeys(sorted(programmed_files(s, files) | recordings_of(s)), False) | named
             names = [name for name in named if files.exists(name)]
             missing = [name for name, quarantined in named.items() if name not in names and not quarantined]
             sums = {copy.name: hashlib.sha256(copy.read_bytes()).hexdigest()}

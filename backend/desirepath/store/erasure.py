@@ -51,6 +51,7 @@ from desirepath.store.models import (
 )
 from desirepath.store.models import Session as SessionRow
 from desirepath.store.plain_data import copy_data, mentions
+from desirepath.store.robot_recordings import delete_runs, recordings_of
 from desirepath.store.snapshots import SnapshotError, retake_snapshot
 
 ORPHAN_AGE_S = 3600.0  # ours: a file without a row this old was left by a crash, not by a save that is still running
@@ -88,6 +89,7 @@ class _Doomed:
     opened: set[str] = field(default_factory=set)  # pooled ones whose file holds the answers themselves
     trajectories: set[str] = field(default_factory=set)
     demonstrations: set[str] = field(default_factory=set)  # files made of their strokes
+    recordings: set[str] = field(default_factory=set)  # of robots that drove for them
 
 
 def erase_participant(
@@ -115,13 +117,16 @@ def erase_participant(
             "artefacts": len(doomed.artefacts),
             "trajectories": len(doomed.trajectories),
             "demonstrations": len(doomed.demonstrations),
+            "recordings": len(doomed.recordings),
             "jobs": len(doomed.jobs),
         }
         s.add(Erasing(participant_id=participant.id))
         s.flush()
         taken_apart = _quarantine(s, doomed)
         counts |= _delete_rows(s, participant, doomed)
-        for sha in sorted(doomed.trajectories | doomed.demonstrations | doomed.artefacts | doomed.opened):
+        for sha in sorted(
+            doomed.trajectories | doomed.demonstrations | doomed.recordings | doomed.artefacts | doomed.opened
+        ):
             files.delete(sha)
         counts["orphans"] = _sweep_orphans(s, files)
         counts["job_files"] = _delete_job_files(data, doomed.jobs)
@@ -149,6 +154,7 @@ def _find(s: Session, participant: Participant) -> _Doomed:
     doomed.ids |= doomed.artefacts
     jobs = select(Artefact.job_id).where(Artefact.id.in_(doomed.artefacts), Artefact.job_id.is_not(None))
     doomed.jobs = {job_id for job_id in s.scalars(jobs) if job_id}
+    doomed.recordings = recordings_of(s, sessions)
     shown = select(Trial.trajectory_a, Trial.trajectory_b)
     own = {t for row in s.execute(shown.where(Trial.session_id.in_(sessions))) for t in row}
     own |= set(s.scalars(select(TrajectoryRow.id).where(TrajectoryRow.made_by.in_(doomed.artefacts))))
@@ -236,6 +242,7 @@ def replace_artefacts(s: Session, files: ArtefactStore, study_id: str, others: d
 def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[str, int]:
     """Delete everything that refers to the participant, children first. Returns how many of what."""
     of_sessions = doomed.sessions
+    delete_runs(s, of_sessions)
     answers = select(Response.id).where(Response.session_id.in_(of_sessions))
     drawn = list(s.scalars(select(StrokeRow.id).where(StrokeRow.session_id.in_(of_sessions))))
     strokes = _count(s, delete(StrokeRow).where(StrokeRow.session_id.in_(of_sessions)))
@@ -299,7 +306,7 @@ def _sweep_orphans(s: Session, files: ArtefactStore) -> int:
     known |= {sha for sha in s.scalars(select(StrokeRow.demonstration)) if sha} | set(
         s.scalars(select(TaskFile.sha256))
     )
-    known |= programmed_files(s, files)
+    known |= programmed_files(s, files) | recordings_of(s)
     now = time.time()
     orphans = [name for name in files.names() if name not in known and files.age_s(name, now) > ORPHAN_AGE_S]
     for name in orphans:

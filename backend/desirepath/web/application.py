@@ -41,6 +41,7 @@ from desirepath.web.participant.requests import refusal_page
 from desirepath.web.replicas.notices import notices_for
 from desirepath.web.replicas.peers import Peers
 from desirepath.web.replicas.shared_limits import SharedCounts
+from desirepath.web.robot.mirror import Mirror
 from desirepath.web.stage.admission import Admission
 from desirepath.web.stage.listening import Listeners
 from desirepath.web.stage.presenting import Presenter
@@ -85,6 +86,7 @@ def build_services(settings: Settings) -> Services:
         limiter=limiter_for(counts),
         notices=notices,
         peers=peers,
+        mirror=Mirror(notices),
         replays=replays,
         figures=FigureProcess(),
         reports=Reports(settings),
@@ -124,6 +126,7 @@ def create_application(services: Services) -> Application:
     from desirepath.web.core.guard import Guard, trouble
     from desirepath.web.lab import account_pages, learnt_pages, openid_pages, setup_pages, sign_in_pages, study_pages
     from desirepath.web.participant import session_pages
+    from desirepath.web.robot import robot_requests
 
     application = Application(
         services, title="Desire Path", version="1", docs_url=None, redoc_url=None, openapi_url=None
@@ -135,7 +138,7 @@ def create_application(services: Services) -> Application:
     policies = (compare_pages, flow_pages, explanation_pages, live_pages, attention_pages)
     foreign = (policy_files, reward_files, recording_pages, video_pages)
     analyst = (job_curves, job_pages, artefact_pages, *policies, demonstration_pages, *foreign, upkeep_pages)
-    for module in (session_pages, *lab, *analyst, published, server_routes):
+    for module in (session_pages, *lab, *analyst, robot_requests, published, server_routes):
         application.include_router(module.router)
     application.include_router(openid_pages.behind)
     for exception, handler in (auth.exception_handlers | {Refused: refusal_page}).items():

@@ -69,6 +69,7 @@ from desirepath.store.models import (
 )
 from desirepath.store.models import Session as SessionRow
 from desirepath.store.plain_data import Unstorable
+from desirepath.store.robot_recordings import add_recordings
 
 
 def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str, Any]:
@@ -89,6 +90,7 @@ def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str
             _add_trajectories(s, files, folder, tables[TRAJECTORIES.name])
             _add_rows(s, about.study, tables)
             add_strokes(s, files, folder, tables[STROKES.name])
+            add_recordings(files, folder, tables[RESPONSES.name])
             add_codings(s, about.study, tables[CODEBOOK.name], tables[CODINGS.name])
     except KeyError as missing:
         raise DatasetError(f"{folder}: {missing} is missing or names nothing in the data set") from missing

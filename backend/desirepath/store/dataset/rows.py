@@ -35,7 +35,7 @@ from desirepath.store.sides import chosen_and_rejected, is_side
 from desirepath.store.who_counts import is_practice, left_out_of_study, may_be_published, reason_not_to_learn
 
 Row = dict[str, Any]
-TUNED = ("tuning", "words", "meet_your_robot")  # kinds of answers that hold a history of changed weights
+TUNED = ("tuning", "words", "meet_your_robot", "robot_drive")  # kinds of answers that hold a history of changed weights
 WRITTEN = ("sentence", "marked")  # of an answer of kind words: free text, as a questionnaire's
 REMOVED = "[removed]"
 MIN_SCRUBBED_LENGTH = 6  # a recruiting id shorter than this would blot out ordinary words

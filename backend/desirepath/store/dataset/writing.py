@@ -54,6 +54,7 @@ from desirepath.store.dataset.tables import (
 from desirepath.store.dataset.trajectory_files import write_trajectories
 from desirepath.store.models import ProtocolVersion, Study, Tombstone, TrajectoryRow, protocol_digest
 from desirepath.store.payment_codes import changes_without, data_without, yaml_without
+from desirepath.store.robot_recordings import write_recordings
 
 Row = dict[str, Any]
 
@@ -131,6 +132,7 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
         STROKES: list(stroke_rows(strokes, content.of_session)),
     }
     write_demonstrations(files, strokes, out)
+    write_recordings(s, files, list(content.by_id), out)
     written = write_trajectories(files, [stored[name] for name in shown], out)
     tables[TRAJECTORIES], tables[METRICS] = written.rows, written.metrics
     may = content.learned_from()

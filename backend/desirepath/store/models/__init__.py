@@ -32,6 +32,7 @@ from desirepath.store.models.learned import (
     JobMetric,
     TaskFile,
 )
+from desirepath.store.models.robots import RobotRun, StudyRobot
 from desirepath.store.models.server import RateWindow, ServerProcess, WorkerProcess
 from desirepath.store.models.studies import (
     Erasing,
@@ -67,6 +68,7 @@ __all__ = [
     "RecoveryCode",
     "RecruitingId",
     "Response",
+    "RobotRun",
     "SecondFactor",
     "ServerProcess",
     "Session",
@@ -75,6 +77,7 @@ __all__ = [
     "SignInUnderWay",
     "StrokeRow",
     "Study",
+    "StudyRobot",
     "StudyRole",
     "TaskFile",
     "Tombstone",

@@ -20,12 +20,14 @@ from desirepath.simulation.setups import preference_setups, setups_with
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Event
 from desirepath.study.kind import Kind, Moment, Page, Simulated
-from desirepath.study.personalising.live_rollouts import condition_on
+from desirepath.study.personalising.live_rollouts import condition_on, scenes_of, typical_rollouts
 from desirepath.study.steps import Pace, Stage, Step
 from desirepath.study.wire import Answer, BadValue, Besides
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import Policy
+    from desirepath.simulation.scene import Scene
+    from desirepath.simulation.trajectory import Trajectory
 
 TAKES_S = 120.0  # ours
 MOST_CHANGES = 2_400  # ours: so many fit a request; the page forgets the oldest from 2,300 on
@@ -256,6 +258,11 @@ class LiveKind(Kind[S, A]):
     ) -> list[Policy]:
         """What drives each of them. weights: as the controls stand; None: as the step begins."""
         return [condition_on(step.setup, weights or {})]
+
+    def scene(self, step: S, place: int) -> tuple[Scene, tuple[Trajectory, ...]]:
+        """What stands on its stage, and what the robot may do there, so that the view from above is wide enough."""
+        scene = scenes_of(step.setup)[place]
+        return scene, typical_rollouts(step.setup, place) if scene.room is None else ()
 
     def payload(self, step: S, page: Page) -> dict[str, Any]:
         shown = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": controls_of(step.setup)}

@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.store.events import log_event
 from desirepath.store.models import Participant, ProblemReport, Session
 from desirepath.store.snapshots import set_aside_snapshots
+from desirepath.study import robots
 from desirepath.study.kind import kind_of
 from desirepath.study.personalising import alignment_jobs
 from desirepath.study.session import states
@@ -56,6 +57,7 @@ def withdraw(s: DatabaseSession, session: Session, *, now: datetime) -> None:
     if session.state != "withdrawn":
         states.change(session, "withdraw", "participant")
     alignment_jobs.end_trainings(s, session, by="withdrawal")
+    robots.end_runs_of(s, participant.id, now, "withdrawn")
     set_aside_snapshots(s, participant.id)
     log_event(s, "withdrawn", session_id=session.id, step=step_of(session).key)
 

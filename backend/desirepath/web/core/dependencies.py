@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from desirepath.web.participant.joining_together import Doors
     from desirepath.web.replicas.notices import Notices
     from desirepath.web.replicas.peers import Peers
+    from desirepath.web.robot.mirror import Mirror
     from desirepath.web.stage.admission import Admission
     from desirepath.web.stage.listening import Listeners
     from desirepath.web.stage.presenting import Presenter
@@ -47,6 +48,7 @@ class Services:
     limiter: RateLimiter
     notices: Notices
     peers: Peers
+    mirror: Mirror
     replays: ReplayStages
     figures: FigureProcess
     reports: Reports

@@ -30,6 +30,7 @@ from desirepath.web.core.media import ANY_FILE
 from desirepath.web.core.throttle import (
     LARGEST_BODY,
     LARGEST_OPEN_BODY,
+    LARGEST_RECORDING,
     LARGEST_STREAM,
     TooLarge,
     is_declared_too_large,
@@ -40,6 +41,8 @@ BEHIND_SIGN_IN = ("/lab/", "/api/lab/")
 SIGN_IN = "/lab/sign-in"
 STREAMED = ("/api/lab/recordings/files",)
 """Routes that write a file as it comes in, and count it themselves."""
+RECORDED = "/api/robot/recording"
+"""Another such route, opened by a robot's token, which it looks at before it reads."""
 LARGER = {"/lab/settings/setups": 66 * 1024**2, "/lab/policy-files": 16 * 1024**2}
 """Largest body (bytes) of a form with files, of those that take more: parts of a form go to the disk from 1 MB on."""
 NUL = re.compile("\x00")
@@ -90,7 +93,8 @@ def _limit_of(request: Request) -> int:
     """The largest body that is taken. A file that its route writes down as it comes in may be larger: nothing parses
     it, so nothing holds it."""
     if not _behind_sign_in(request):
-        return LARGEST_OPEN_BODY
+        recorded = request.url.path == RECORDED and request.headers.get("content-type") == ANY_FILE
+        return LARGEST_RECORDING if recorded else LARGEST_OPEN_BODY
     streamed = request.headers.get("content-type") == ANY_FILE and request.url.path in STREAMED
     return LARGEST_STREAM if streamed else LARGER.get(request.url.path, LARGEST_BODY)
 

@@ -49,6 +49,7 @@ from desirepath.web.lab import (
     preview,
     protocol_editor,
     protocol_pages,
+    robot_pages,
     settings_pages,
     study_rows,
     team_pages,
@@ -71,6 +72,7 @@ router.include_router(power_pages.router)
 router.include_router(protocol_editor.router)
 router.include_router(preview.router)
 router.include_router(protocol_pages.router)
+router.include_router(robot_pages.router)
 router.include_router(settings_pages.router)
 router.include_router(team_pages.router)
 

@@ -12,6 +12,7 @@ from starlette.responses import Response
 from desirepath.store.models import utc_now
 from desirepath.study.kind import Moment, kind_of
 from desirepath.study.kinds.live import LiveKind, LiveStep, clean_weights
+from desirepath.study.kinds.robot_drive import RobotDriveStep
 from desirepath.study.kinds.words import MEANT, MOST_QUESTIONS, WordsStep, language_of, mark_stretches, understand
 from desirepath.study.session.versions import protocol_of
 from desirepath.study.wire import BadValue
@@ -78,7 +79,7 @@ def words(token: str, key: str, services: TheServices, body: WordsRead) -> Respo
     with looking(services, token) as (_, session):
         step = current_step(session, key, LiveStep)
         language = language_of(session.language)
-        if not isinstance(step, WordsStep):
+        if not isinstance(step, WordsStep | RobotDriveStep):
             raise BadValue("key", key[:80], "must be a step at which a wish is written down")
     got = understand(body.sentence, language)  # outside the transaction: it computes
     questions = [

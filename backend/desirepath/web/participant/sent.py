@@ -18,6 +18,7 @@ from pydantic import (
 from desirepath.learning.words.lexicon import LONGEST as LONGEST_SENTENCE
 from desirepath.study.drawing.strokes import MOST_POINTS
 from desirepath.study.drawing.walks import MOST_POSES
+from desirepath.study.robots import REACH_M
 from desirepath.study.session.leaving import LONGEST_PROBLEM
 from desirepath.study.session.platforms import PARAMETERS
 from desirepath.web.core.contract import Clock, MaybeObject, OpenObject, Sent, storable
@@ -30,6 +31,7 @@ LONGEST_ID = 200  # characters of what may be a recruiting platform's id, or a p
 
 Side = Literal["a", "b"]
 Cut = Literal["hidden", "webgl_lost", "connection"]
+WithinReach = Annotated[float, Field(allow_inf_nan=False, ge=-REACH_M, le=REACH_M)]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 # The first mistake is all that is told, and thousands cost tens of milliseconds in the loop that serves everybody.
 Point = Annotated[list[Number], Field(min_length=2, max_length=2), FailFast()]
@@ -128,6 +130,18 @@ class LiveAsked(Sent):
     place: int = Field(0, ge=0, le=99)
     poses: list[Pose] | None = Field(None, max_length=2)
     since: list[Annotated[float, Field(ge=0, le=LONGEST_UNDER_WAY_S)]] | None = Field(None, max_length=2)
+
+
+class RobotWeights(Sent):
+    """How a robot is to drive from now on: objective -> 0 to 1."""
+
+    weights: dict[str, Number] = Field(max_length=20)
+
+
+class PersonPointed(Sent):
+    """Where a person stands, x, y in m from where the robot began, x ahead; None: nobody stands there any more."""
+
+    place: list[WithinReach] | None = Field(None, min_length=2, max_length=2)
 
 
 class WordsRead(Sent):

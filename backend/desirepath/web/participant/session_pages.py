@@ -33,6 +33,7 @@ from desirepath.web.participant import (
     device_check,
     live_requests,
     recruiting,
+    robot_requests,
     shown_videos,
     stream,
     stroke_requests,
@@ -223,5 +224,5 @@ def _change(
     return reply_of(SessionState, reply)
 
 
-for part in (recruiting, device_check, trials, shown_videos, stroke_requests, live_requests, stream):
+for part in (recruiting, device_check, trials, shown_videos, stroke_requests, live_requests, robot_requests, stream):
     router.include_router(part.router)

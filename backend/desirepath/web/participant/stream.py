@@ -15,9 +15,11 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.database import DatabaseBusy
 from desirepath.store.models import Session, utc_now
+from desirepath.study import robots
 from desirepath.study.drawing import paths
 from desirepath.study.kind import kind_of
 from desirepath.study.kinds.demonstration import DemonstrationStep
+from desirepath.study.kinds.robot_drive import RobotDriveStep
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
 from desirepath.study.session.finding import acting
@@ -58,6 +60,9 @@ class _Glance:
         if isinstance(step, DemonstrationStep):
             stroke = paths.latest_stroke(s, session.id, step.key)
             shown = (stroke.attempt, stroke.state, stroke.shown_since) if stroke is not None else None
+        if isinstance(step, RobotDriveStep):
+            run = robots.run_at(s, session, step.key)
+            shown = (run.state, run.robot_id, run.moved_at) if run is not None else None
         self.state = (session.state, session.position, shown)
         self.position = session.position
         self.waiting = kind_of(step).goes_on and session.state == "active"

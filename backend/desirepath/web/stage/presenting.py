@@ -283,7 +283,7 @@ def _explained(s: DatabaseSession, session: Session) -> ShownExplanation | None:
 def _present_live(database: Database, stage: Stage, session_id: str, place: int = 0) -> None:
     """Show one of the places of a step at which weights are changed by hand, with its goal, unless the session went on
     meanwhile. The paths come from the page itself (`participant/live_requests.py`)."""
-    from desirepath.study.personalising.live_rollouts import scenes_of, typical_rollouts, warm_up
+    from desirepath.study.personalising.live_rollouts import warm_up
 
     with database.session() as s:
         session = s.get_one(Session, session_id)
@@ -292,8 +292,7 @@ def _present_live(database: Database, stage: Stage, session_id: str, place: int 
     kind = kind_of(step)
     if not isinstance(step, LiveStep) or not isinstance(kind, LiveKind) or place >= step.scenes:
         return
-    scene = scenes_of(step.setup)[place]
-    beside = typical_rollouts(step.setup, place) if scene.room is None else ()
+    scene, beside = kind.scene(step, place)
     stage.detail = "light" if light else "full"
     stage.live(scene, step.view, trajectories=beside, robots=kind.robots_in(step))
     warm_up(step.setup)  # while the browser builds the room, so that the first path is not waited for

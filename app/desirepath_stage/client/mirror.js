@@ -1,0 +1,103 @@
+// @ts-check
+/**
+ * A real robot on the floor: where it is, what its lidar hit, where it would go, where people stand. The page tells it
+ * as the robot does (`steer`, do: mirror); a press on the floor is told back (`floor`).
+ */
+(() => {
+  "use strict";
+  const { bridge, viser, scheme } = window.desirePath;
+  const MOST_PIXELS_PER_POINT = 2;
+  const STILL_PX = 8; // a press that moves farther turns the head
+  const PERSON_M = 0.3;
+  const canvas = document.createElement("canvas");
+  canvas.id = "desire-path-mirror";
+  const pen = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  /** @type {MirrorOrder | null} */
+  let now = null;
+  let painted = "";
+  /** @type {{x: number, y: number} | null} */
+  let press = null;
+
+  function fit() {
+    const density = Math.min(MOST_PIXELS_PER_POINT, window.devicePixelRatio || 1);
+    const [width, height] = [Math.round(window.innerWidth * density), Math.round(window.innerHeight * density)];
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    pen.setTransform(density, 0, 0, density, 0, 0);
+    pen.clearRect(0, 0, window.innerWidth, window.innerHeight);
+    pen.lineCap = pen.lineJoin = "round";
+  }
+
+  /** @param {number[] | null} spot @param {number} radius px @param {string} fill */
+  function dot(spot, radius, fill) {
+    if (!spot) return;
+    pen.fillStyle = fill;
+    pen.beginPath();
+    pen.arc(spot[0], spot[1], radius, 0, 2 * Math.PI);
+    pen.fill();
+  }
+
+  /** @param {MirrorOrder} seen */
+  function draw(seen) {
+    const project = viser.projector();
+    const metre = (/** @type {number} */ x, /** @type {number} */ y) => {
+      const [a, b] = [project(x, y), project(x, y + 1)];
+      return a && b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 40;
+    };
+    const plan = [seen.pose.slice(0, 2), ...seen.plan].map(([x, y]) => project(x, y));
+    for (const [width, ink] of /** @type {[number, string][]} */ ([[10, scheme.colour("--paper")], [6, "rgb(47 106 61)"]])) {
+      pen.lineWidth = width;
+      pen.strokeStyle = ink;
+      pen.beginPath();
+      plan.forEach((spot, i) => spot && (i ? pen.lineTo(spot[0], spot[1]) : pen.moveTo(spot[0], spot[1])));
+      if (seen.plan.length) pen.stroke();
+    }
+    for (const [x, y] of seen.scan) dot(project(x, y), 3.5, "rgb(176 58 46)");
+    for (const [x, y] of seen.people) {
+      const spot = project(x, y);
+      dot(spot, PERSON_M * metre(x, y), "rgb(52 110 180 / 45%)");
+      dot(spot, 4, "rgb(52 110 180)");
+    }
+    window.desirePath.bodies.uncover(pen, project);
+  }
+
+  function step() {
+    if (!now) return;
+    const project = viser.isUp() ? viser.projector() : null;
+    const what = project ? JSON.stringify([window.innerWidth, window.innerHeight, scheme.isDark(), now, project(0, 0), project(1, 1)]) : "";
+    if (project && what !== painted) {
+      painted = what;
+      fit();
+      draw(now);
+    }
+    requestAnimationFrame(step);
+  }
+
+  addEventListener("pointerdown", (event) => {
+    press = now && event.isPrimary ? { x: event.clientX, y: event.clientY } : null;
+  });
+  addEventListener("pointerup", (event) => {
+    const still = press && Math.hypot(event.clientX - press.x, event.clientY - press.y) < STILL_PX;
+    press = null;
+    const place = still && now ? viser.floorAt(event.clientX, event.clientY) : null;
+    if (place) bridge.post("floor", { place });
+  });
+
+  window.desirePath.mirror = {
+    /** @param {MirrorOrder} order */
+    show(order) {
+      const first = !now;
+      now = order;
+      window.desirePath.player.place(0, order.pose, true);
+      if (first) {
+        window.desirePath.sheet.element.prepend(canvas);
+        requestAnimationFrame(step);
+      }
+    },
+    /** Another scene stands there. */
+    stop() {
+      now = null;
+      painted = "";
+      canvas.remove();
+    },
+  };
+})();

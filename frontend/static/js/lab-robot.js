@@ -1,0 +1,67 @@
+// @ts-check
+/** The lab's page of one robot: it is mirrored on a stage, its weights are moved, a person is put where the floor is pressed. */
+
+import { RobotPanel } from "./robot.js";
+import { pause, Refused } from "./send.js";
+import { StageFrame } from "./stage-frame.js";
+
+/** The run's own page shows what it became. */
+const RELOAD_MS = 600;
+
+class LabRobot extends RobotPanel {
+  said() {
+    const state = this.robot?.state;
+    this.text("#robot-state", state ? this.own(`states.${state}`) : this.own("away"));
+    const speed = this.robot ? this.own("speed", { speed: Math.abs(this.robot.speed[0]).toFixed(2) }) : "";
+    this.text("#live-way", [this.robot?.reason, speed].filter(Boolean).join(" · "));
+    const { run, runState } = this.root.dataset;
+    const over = run && runState === "started" && this.robot && this.robot.run !== run;
+    if (over || (!run && this.robot?.run) || this.robot?.wheels_after_s) setTimeout(() => location.reload(), RELOAD_MS);
+  }
+
+  /** @param {string} selector @param {string} text */
+  text(selector, text) {
+    const found = document.querySelector(selector);
+    if (found && found.textContent !== text) found.textContent = text;
+  }
+
+  show() {}
+}
+
+const panel = /** @type {HTMLElement} */ (document.getElementById("live-panel"));
+const holder = /** @type {HTMLElement} */ (document.getElementById("stage-frame"));
+const live = /** @type {HTMLElement} */ (document.getElementById("live"));
+const { src = "", origin = "", title = "" } = holder.dataset;
+const { api = "", csrf = "", run = "" } = panel.dataset;
+const nothing = async () => {};
+const stage = new StageFrame(holder, origin, (message) => bar.hear(message));
+
+/** @param {string} path @param {object} body @returns {Promise<any>} */
+async function post(path, body) {
+  if (!["weights", "person"].includes(path) || (path === "weights" && !run)) return {};
+  const headers = { "Content-Type": "application/json", "X-CSRF": csrf };
+  const answered = await fetch(`${api}/${path}`, { method: "POST", headers, body: JSON.stringify(body) });
+  if (answered.status === 429) await pause(500);
+  else if (!answered.ok) throw new Refused(answered.status, (await answered.json().catch(() => ({}))).error ?? {});
+  return {};
+}
+
+const bar = new LabRobot(panel, {
+  key: "lab",
+  post,
+  answer: nothing,
+  refresh: nothing,
+  say: (key) => key,
+  announce: (text) => (live.textContent = text),
+  cover: () => {},
+  reloadStage: () => stage.reload(),
+  greetStage: () => stage.greet(),
+  notice: () => {},
+  moveOut: () => {},
+  tell: (order) => stage.draw(order),
+  language: document.documentElement.lang,
+  keep: () => {},
+  kept: null,
+});
+stage.open(src, title);
+bar.mirrorFrom(`${api}/stream`);
