@@ -1,7 +1,5 @@
-"""An empty database comes to the newest revision, on SQLite and PostgreSQL, and then is what the models say.
-
-There is one revision. The next one brings the test of how rows of this one fare.
-"""
+"""An empty database comes to the newest revision, on SQLite and PostgreSQL, and then is what the models say; rows of
+older revisions stay as they are."""
 
 from __future__ import annotations
 
@@ -38,6 +36,7 @@ from desirepath.store.models import (
     User,
 )
 from desirepath.store.snapshots import take_snapshot
+from desirepath.study.robots import admit_robot, find_robot
 from tests.store.small_study import SmallStudy
 
 
@@ -103,6 +102,26 @@ def test_the_next_revision_is_drafted_from_the_models(tmp_path: Path, monkeypatc
     newest = ScriptDirectory(str(MIGRATIONS)).get_current_head()
     assert f"down_revision = '{newest}'" in drafted.read_text()
     assert "sa.Column('remark', sa.String(length=20), nullable=True)" in drafted.read_text()
+
+
+def test_a_study_of_before_robots_goes_on_with_them(either: Database, files: ArtefactStore):
+    with either.engine.begin() as connection:
+        command.upgrade(migration_config(connection), "0001")
+    study = SmallStudy(either, files)
+    study.participant("P1")
+    kept = ("study", "participant", "session", "response", "event")
+
+    def rows() -> dict[str, list[tuple]]:
+        with either.engine.connect() as connection:
+            return {name: [tuple(row) for row in connection.execute(text(f'SELECT * FROM "{name}"'))] for name in kept}
+
+    before = rows()
+    assert before["participant"]
+    either.migrate()
+    assert rows() == before
+    with either.transaction() as s:
+        robot, token = admit_robot(s, study.study_id, "Turtle", "experimenter")
+        assert find_robot(s, token).id == robot.id
 
 
 def test_migrations_can_be_taken_back(either: Database):

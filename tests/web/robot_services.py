@@ -12,19 +12,19 @@ from datetime import timedelta
 from pathlib import Path
 
 import httpx
-import numpy as np
 import pytest
 
-from desirepath.deploy.inputs import Command, Odometry, Person, Scan
+from desirepath.deploy.controller import Controller
+from desirepath.deploy.inputs import Odometry, Person
 from desirepath.deploy.link import Frame, Link, Orders, describe
 from desirepath.deploy.recorder import Recorder
+from desirepath.learning.policies.bundles import scan_in
 from desirepath.settings import Settings
-from desirepath.simulation.fast import raw_ranges
 from desirepath.simulation.scene import Pose
 from desirepath.simulation.setups import get_setup
 from desirepath.store.models import Study
 from desirepath.study import robots
-from desirepath.study.personalising.live_rollouts import condition_on, roll_out, scenes_of
+from desirepath.study.personalising.live_rollouts import scenes_of
 from desirepath.study.studies import create_study
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
@@ -34,12 +34,17 @@ from tests.study.small_protocol import BLOCK, small_protocol
 from tests.study.walking import GIVEN, Walker
 from tests.web.lab_services import csrf, sign_in
 
-DRIVE = {"robot_drive": {"goal": [4.0, 0.0], "start": "learned"}}
+
+def drive_stage() -> dict:
+    """The step, to the goal of the room that the robot stands in."""
+    scene = scenes_of("study_room")[0]
+    goal = Frame(scene.start.x, scene.start.y, scene.start.yaw).into(scene.goal.x, scene.goal.y)
+    return {"robot_drive": {"goal": [round(v, 3) for v in goal], "start": "learned"}}
 
 
 @dataclass
 class FakeRobot:
-    """Drives in the first place of the study room, one control period per `tick`, by the weights that it hears of."""
+    """Drives in the first place of the study room by the bundle that it fetches and the weights that it hears of."""
 
     link: Link
     period_s: float = 0.02  # of the wall's clock: ten times as fast as a robot
@@ -75,60 +80,48 @@ class FakeRobot:
                 self._drive(orders.run, at_s)
                 self.pose = (self.scene.start.x, self.scene.start.y, self.scene.start.yaw)
             odometry = Odometry(at_s, *self.pose, 0.0, 0.0)
-            self.link.say(describe(Frame.at(odometry), "armed", odometry, scan=self._scan(at_s)))
+            scan = scan_in(self.setup, self.scene, Pose(*self.pose), at_s)
+            self.link.say(describe(Frame.at(odometry), "armed", odometry, scan=scan))
             time.sleep(self.period_s)
 
     def _drive(self, run: str, at_s: float) -> None:
-        recorder, frame = Recorder(), Frame(*self.pose)
+        controller, recorder, frame = Controller.load(self.link.bundle()), Recorder(), Frame(*self.pose)
+        goal = frame.out_of(self.link.orders.goal)
+        recorder.goal(at_s, goal)
         recorder.state(at_s, "driving")
-        person = Person(self.scene.person.pose.x, self.scene.person.pose.y)
-        began, reached, last = at_s, False, -1
+        people = [Person(self.scene.person.pose.x, self.scene.person.pose.y)]
+        began, last = at_s, -1
+        odometry = Odometry(at_s, *self.pose, 0.0, 0.0)
         for _ in range(self.longest):
             orders = self.link.orders
             if orders.number != last:
                 self.heard.append((time.monotonic(), orders))
                 last = orders.number
-            if orders.run != run or not orders.drive:
+            if orders.run != run or not orders.drive or controller.arrived:
                 break
-            way = roll_out(condition_on("study_room", orders.weights or {}), self.scene, self.pose)
-            before, self.pose = self.pose, tuple(float(v) for v in way.poses[1])
+            controller.weights = orders.weights or {}
+            scan = scan_in(self.setup, self.scene, Pose(*self.pose), at_s)
+            command = controller.step(scan, odometry, goal, people)
+            turned = self.pose[2] + 0.1 * command.w
+            x = self.pose[0] + 0.2 * command.v * math.cos(turned)
+            y = self.pose[1] + 0.2 * command.v * math.sin(turned)
+            self.pose = (x, y, self.pose[2] + 0.2 * command.w)
             at_s += 0.2
-            v = math.dist(before[:2], self.pose[:2]) / 0.2
-            odometry = Odometry(at_s, *self.pose, v, math.remainder(self.pose[2] - before[2], math.tau) / 0.2)
+            odometry = Odometry(at_s, *self.pose, command.v, command.w)
+            recorder.scan(scan)
             recorder.odometry(odometry)
-            recorder.scan(self._scan(at_s))
-            recorder.people(at_s, [person])
-            recorder.command(at_s, Command(v, odometry.w))
-            recorder.weights(at_s, orders.weights or {})
-            plan = [(float(x), float(y)) for x, y, _ in way.poses[1:]]
-            said = describe(frame, "driving", odometry, scan=self._scan(at_s), people=[person], plan=plan)
-            self.link.say(said)
-            if len(way.poses) <= 3:
-                reached = True
-                break
+            recorder.people(at_s, people)
+            recorder.command(at_s, command)
+            recorder.weights(at_s, controller.weights)
+            self.link.say(describe(frame, "driving", odometry, scan=scan, goal=goal, people=people, command=command))
             time.sleep(self.period_s)
+        reached = controller.arrived
         recorder.state(at_s, "stopped", "goal" if reached else "told to")
         stops = [(stop - began, why) for stop, why in recorder.stops]
-        self.handed_in.append(
-            self.link.over(
-                run, driven_s=at_s - began, way_m=recorder.way_m, reached=reached, stops=stops,
-                recording=recorder.finish(),
-            )
-        )  # fmt: skip
+        told = {"driven_s": at_s - began, "way_m": recorder.way_m, "reached": reached, "stops": stops}
+        self.handed_in.append(self.link.over(run, **told, recording=recorder.finish()))
         while self.link.orders.run == run and not self._stop.is_set():
             self.link.wait(self.link.orders.number, 0.1)
-
-    def _scan(self, at_s: float) -> Scan:
-        ranges = raw_ranges(self.setup, self.scene, Pose(*self.pose))
-        lidar = self.setup.robot.lidar
-        return Scan(
-            at_s,
-            float(lidar.bearings()[0]),
-            math.tau / lidar.beams,
-            0.05,
-            lidar.range_m,
-            np.asarray(ranges, np.float64),
-        )
 
 
 @dataclass
@@ -188,7 +181,7 @@ def robot_data(fresh_data: Path, tmp_path_factory: pytest.TempPathFactory) -> tu
     data = shutil.copytree(fresh_data, folder / "data")
     queries = walking.twenty_queries(folder)
     services = build_services(Settings(data=data, _env_file=None))
-    frozen = small_protocol(folder, [BLOCK, DRIVE], query_set=str(queries))
+    frozen = small_protocol(folder, [BLOCK, drive_stage()], query_set=str(queries))
     studies = {}
     with services.database.transaction() as s:
         for name in ("Robots", "Others"):

@@ -44,10 +44,7 @@ def bundle_files(stored: StoredPolicy, weights: str = "") -> dict[str, bytes]:
     Raises LearningError, SetupError or BundleError for a policy that no robot can be driven by.
     """
     policy = stored.driving(weights) if weights else stored
-    if not isinstance(policy, Policy | ConditionedPolicy | AdaptablePolicy | ForeignPolicy):
-        raise LearningError(f"{type(policy).__name__} of {stored.setup} reads what a robot's scan does not tell")
-    require_lidar(get_setup(policy.setup))
-    files = {MANIFEST: _json(bundle_manifest(policy)), POLICY: policy.to_bytes()}
+    files = driving_files(policy)
     controller = Controller.load(zipped(files))
     driving = policy.driving()
     files[VECTORS] = _json({"vectors": test_vectors(controller, policy)})
@@ -61,6 +58,14 @@ def bundle_files(stored: StoredPolicy, weights: str = "") -> dict[str, bytes]:
         for file in sorted(package.glob(pattern)):
             files[f"desirepath/{file.relative_to(package).as_posix()}"] = file.read_bytes()
     return files
+
+
+def driving_files(policy: StoredPolicy) -> dict[str, bytes]:
+    """Of these, what `desirepath.deploy` drives by. Raises as `bundle_files`."""
+    if not isinstance(policy, Policy | ConditionedPolicy | AdaptablePolicy | ForeignPolicy):
+        raise LearningError(f"{type(policy).__name__} of {policy.setup} reads what a robot's scan does not tell")
+    require_lidar(get_setup(policy.setup))
+    return {MANIFEST: _json(bundle_manifest(policy)), POLICY: policy.to_bytes()}
 
 
 def zipped(files: Mapping[str, bytes]) -> bytes:

@@ -26,14 +26,14 @@ def bundle_for(
     """What makes the bundle: of a run, the conditioned policy of its setup, whose weights the robot hears; of somebody
     without one, the policy that was trained for them, else the conditioned one at what they taught. Raises Refused
     where they taught nothing."""
-    from desirepath.learning.policies.bundles import bundle_of
+    from desirepath.learning.policies.bundles import driving_files, zipped
 
     if run is not None and (session is None or session.id == run.session_id):
         setup = run.setup
-        return lambda: bundle_of(load_shipped_conditioned(setup))
+        return lambda: zipped(driving_files(load_shipped_conditioned(setup)))
     assert session is not None  # noqa: S101  one of the two is there
     policy = _personal(s, files, session)
-    return lambda: bundle_of(policy)
+    return lambda: zipped(driving_files(policy))
 
 
 def _personal(s: DatabaseSession, files: ArtefactStore, session: Session) -> StoredPolicy:

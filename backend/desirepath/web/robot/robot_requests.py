@@ -54,7 +54,7 @@ class RobotSaid(Sent):
     speed: Annotated[list[Number], Field(min_length=2, max_length=2)] = Field(description="m/s, rad/s")
     goal: Place | None = None
     scan: Annotated[list[Place], Field(max_length=120)] = Field([], description="what its lidar hit")
-    plan: Annotated[list[Place], Field(max_length=40)] = Field([], description="where it would go")
+    plan: Annotated[list[Place], Field(max_length=40)] = Field([], description="where it would go next")
     people: Annotated[list[Place], Field(max_length=20)] = []
 
 
