@@ -100,15 +100,21 @@ class Stage:
             self._run({"type": "draw", **paper.as_message(scene, view)})
 
     def live(
-        self, scene: Scene, view: View, *, trajectories: Sequence[Trajectory] = (), robots: Literal[1, 2] = 1
+        self,
+        scene: Scene,
+        view: View,
+        *,
+        trajectories: Sequence[Trajectory] = (),
+        robots: Literal[1, 2] = 1,
+        around_m: float = 0.0,
     ) -> None:
         """Show the scene with its goal for paths that the page sends itself (`client/steer.js`).
 
         trajectories: what the robot may do, so that the view from above is wide enough. robots: two are told apart by
-        colour. Raises ViewError for an unknown view.
+        colour. around_m: as for `camera_for`. Raises ViewError for an unknown view.
         """
         colours = (bodies.NEUTRAL,) if robots == 1 else (bodies.LEFT, bodies.RIGHT)
-        self._show(scene, require_view(view), trajectories, colours, goal=True)
+        self._show(scene, require_view(view), trajectories, colours, goal=True, around_m=around_m)
 
     def play(
         self,
@@ -255,8 +261,9 @@ class Stage:
         close: bool = False,
         explained: ShownExplanation | None = None,
         end: Floats | None = None,
+        around_m: float = 0.0,
     ) -> None:
-        camera = camera_for(scene, view, trajectories, close=close, goal=goal)
+        camera = camera_for(scene, view, trajectories, close=close, goal=goal, around_m=around_m)
         stands = scene.person.pose if scene.has_person else scene.start  # nobody was recorded: no body is put there
         showing = _Showing(scene, view, camera.frame, robots, goal, explained)
         with self._lock:

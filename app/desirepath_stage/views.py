@@ -147,12 +147,19 @@ def _room_frame(scene: Scene) -> Frame | None:
 
 
 def camera_for(
-    scene: Scene, view: View, trajectories: Sequence[Trajectory] = (), *, close: bool = False, goal: bool = False
+    scene: Scene,
+    view: View,
+    trajectories: Sequence[Trajectory] = (),
+    *,
+    close: bool = False,
+    goal: bool = False,
+    around_m: float = 0.0,
 ) -> Camera:
     """The camera of a view in a scene. `trajectories`: whatever will be played there, so that A and B share a frame;
-    close, goal: as for `frame_of`.
+    close, goal: as for `frame_of`; around_m: so much more is in sight from above, on each side.
     """
     frame = frame_of(scene, trajectories, close=close, goal=goal)
+    frame = (frame[0] - around_m, frame[1] - around_m, frame[2] + around_m, frame[3] + around_m)
     if view == "top_down":
         middle = ((frame[0] + frame[2]) / 2, (frame[1] + frame[3]) / 2)
         return Camera(view, (*middle, 60.0), (*middle, 0.0), TOP_DOWN_FOV_RAD, frame)

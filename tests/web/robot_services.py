@@ -51,6 +51,7 @@ class FakeRobot:
     heard: list[tuple[float, Orders]] = field(default_factory=list)
     handed_in: list[str | None] = field(default_factory=list)
     longest: int = 400
+    controllers: dict[str, Controller] = field(default_factory=dict)
     _stop: threading.Event = field(default_factory=threading.Event)
 
     def __post_init__(self) -> None:
@@ -76,6 +77,8 @@ class FakeRobot:
             if orders.number != last:
                 self.heard.append((time.monotonic(), orders))
                 last = orders.number
+            if orders.run is not None and orders.run not in self.controllers:  # while somebody still gets ready
+                self.controllers = {orders.run: Controller.load(self.link.bundle())}
             if orders.drive and orders.run is not None:
                 self._drive(orders.run, at_s)
                 self.pose = (self.scene.start.x, self.scene.start.y, self.scene.start.yaw)
@@ -85,7 +88,7 @@ class FakeRobot:
             time.sleep(self.period_s)
 
     def _drive(self, run: str, at_s: float) -> None:
-        controller, recorder, frame = Controller.load(self.link.bundle()), Recorder(), Frame(*self.pose)
+        controller, recorder, frame = self.controllers.pop(run), Recorder(), Frame(*self.pose)
         goal = frame.out_of(self.link.orders.goal)
         recorder.goal(at_s, goal)
         recorder.state(at_s, "driving")

@@ -248,6 +248,8 @@ class LiveKind(Kind[S, A]):
     """A kind whose page redraws the robot's way while weights are changed."""
 
     shows = "live"
+    around_m: ClassVar[float] = 0.0
+    """So much more of the floor is in sight from above, on each side."""
 
     def robots_in(self, step: S) -> Literal[1, 2]:
         """How many robots stand on its stage."""

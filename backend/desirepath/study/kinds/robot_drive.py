@@ -24,6 +24,7 @@ from desirepath.study.steps import Planning
 from desirepath.study.wire import Progress, WholeNumber
 
 POINTS = 7
+AROUND_M = 1.5  # ours: of the floor around start and goal, where the robot may go and its lidar sees
 Metres = Annotated[float, Field(ge=-robots.REACH_M, le=robots.REACH_M, allow_inf_nan=False)]
 Goal = tuple[Metres, Metres]
 
@@ -72,6 +73,7 @@ class RobotDrive(Tuning):
     answers = RobotDriveAnswer
     progress = RobotRunState
     stages = {"robot_drive": RobotDriveStage}
+    around_m = AROUND_M
     stored = Tuning.stored | {
         "liked": "how the robot drove: 1 not at all, 7 very much; null: it did not drive",
         "run": "the drive; null: there was none",

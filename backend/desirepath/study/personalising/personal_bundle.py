@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
 from sqlalchemy.orm import Session as DatabaseSession
@@ -29,11 +30,18 @@ def bundle_for(
     from desirepath.learning.policies.bundles import driving_files, zipped
 
     if run is not None and (session is None or session.id == run.session_id):
-        setup = run.setup
-        return lambda: zipped(driving_files(load_shipped_conditioned(setup)))
+        return partial(conditioned_bundle, run.setup)
     assert session is not None  # noqa: S101  one of the two is there
     policy = _personal(s, files, session)
     return lambda: zipped(driving_files(policy))
+
+
+@lru_cache(maxsize=4)
+def conditioned_bundle(setup: str) -> bytes:
+    """Of the conditioned policy that comes with the setup."""
+    from desirepath.learning.policies.bundles import driving_files, zipped
+
+    return zipped(driving_files(load_shipped_conditioned(setup)))
 
 
 def _personal(s: DatabaseSession, files: ArtefactStore, session: Session) -> StoredPolicy:

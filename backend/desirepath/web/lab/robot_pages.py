@@ -18,7 +18,7 @@ from desirepath.simulation.setups import preference_setups
 from desirepath.store.models import Participant, RobotRun, Session, Study, StudyRobot, utc_now
 from desirepath.study import robots
 from desirepath.study.kinds.live import clean_weights, controls_of, objectives_on
-from desirepath.study.kinds.robot_drive import empty_floor
+from desirepath.study.kinds.robot_drive import AROUND_M, empty_floor
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import Db, Files, TheServices
@@ -51,7 +51,7 @@ class Floor:
     goal: tuple[float, float]
 
     def show(self, stage: Stage) -> None:
-        stage.live(empty_floor(self.setup, self.goal), "top_down")
+        stage.live(empty_floor(self.setup, self.goal), "top_down", around_m=AROUND_M)
 
 
 @router.get("/lab/studies/{study_id}/robots")

@@ -50,7 +50,7 @@ class Mirror:
         return said[1] if said is not None and time.monotonic() - said[0] < FORGOTTEN_S else None
 
     def listen(self, key: str) -> Listener:
-        """Woken by `orders ID` or `robot ID`. Raises Refused for one too many."""
+        """Woken by `orders ID` of a robot, `robot ID`, or `run ID` of one. Raises Refused for one too many."""
         listener = Listener(asyncio.get_running_loop())
         with self._lock:
             listening = self._listeners.setdefault(key, set())
@@ -66,7 +66,7 @@ class Mirror:
             if not self._listeners.get(key):
                 self._listeners.pop(key, None)
 
-    async def stream(self, robot_id: str, run: str | None, listener: Listener) -> AsyncIterator[str]:
+    async def stream(self, robot_id: str, run: str | None, key: str, listener: Listener) -> AsyncIterator[str]:
         """Server-sent events: `robot` whenever it says something, `away` when it has long been silent. run: of other
         runs nothing is told; None: of all."""
         told: dict[str, Any] | None = {}
@@ -84,12 +84,13 @@ class Mirror:
                 told = state
                 await listener.wait(LOOK_S)
         finally:
-            self.leave(f"robot {robot_id}", listener)
+            self.leave(key, listener)
 
     def _heard(self, notice: Notice) -> None:
         with self._lock:
             self._said[notice.key] = (time.monotonic(), notice.data["state"])
         self._wake(f"robot {notice.key}")
+        self._wake(f"run {notice.data['state']['run']}")
 
     def _wake(self, key: str) -> None:
         with self._lock:
@@ -105,10 +106,12 @@ class Mirror:
 
 
 def mirrored(mirror: Mirror, robot_id: str, run: str | None) -> Response:
-    """The stream as an answer; for the event loop. Raises Refused where too many look."""
-    listener = mirror.listen(f"robot {robot_id}")
+    """The stream as an answer; for the event loop. Raises Refused where too many look; who watches a run takes no place
+    of who watches the robot."""
+    key = f"robot {robot_id}" if run is None else f"run {run}"
+    listener = mirror.listen(key)
     return StreamingResponse(
-        mirror.stream(robot_id, run, listener),
+        mirror.stream(robot_id, run, key, listener),
         media_type="text/event-stream",
         headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
     )

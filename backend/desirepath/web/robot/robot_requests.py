@@ -143,26 +143,32 @@ def about(request: Request, services: TheServices) -> Response:
 @router.get("/orders", response_model=Orders)
 async def orders(request: Request, services: TheServices, after: int = -1, wait: float = LONGEST_WAIT_S) -> Response:
     """What the robot is to do, as soon as its number is another than `after`; after `wait` seconds at the latest."""
-    robot_id, now = await run_in_threadpool(_orders, services, request)
+    robot_id, now = await run_in_threadpool(_first_orders, services, request)
     wait = min(max(wait, 0.0), LONGEST_WAIT_S)
     if now["number"] == after and wait > 0:
         mirror, key = services.mirror, f"orders {robot_id}"
         listener = mirror.listen(key)
         try:  # what changed between reading and listening is read once more
             until = asyncio.get_running_loop().time() + wait
-            _, now = await run_in_threadpool(_orders, services, request)
+            now = await run_in_threadpool(_orders, services, request)
             while now["number"] == after and (left := until - asyncio.get_running_loop().time()) > 0:
                 await listener.wait(min(left, LOOK_S))
-                _, now = await run_in_threadpool(_orders, services, request)
+                now = await run_in_threadpool(_orders, services, request)
         finally:
             mirror.leave(key, listener)
     return reply_of(Orders, now)
 
 
-def _orders(services: Services, request: Request) -> tuple[str, dict[str, Any]]:
+def _first_orders(services: Services, request: Request) -> tuple[str, dict[str, Any]]:
     with services.database.session() as s:
         robot = enter(request, s)
         return robot.id, robots.orders_of(s, robot)
+
+
+def _orders(services: Services, request: Request) -> dict[str, Any]:
+    """The same for who waits since then; raises Refused where access was ended meanwhile."""
+    with services.database.session() as s:
+        return robots.orders_of(s, robots.find_robot(s, token_of(request)))
 
 
 @router.get("/bundle", response_class=Response, responses=answers_with("zip"))

@@ -294,5 +294,5 @@ def _present_live(database: Database, stage: Stage, session_id: str, place: int 
         return
     scene, beside = kind.scene(step, place)
     stage.detail = "light" if light else "full"
-    stage.live(scene, step.view, trajectories=beside, robots=kind.robots_in(step))
+    stage.live(scene, step.view, trajectories=beside, robots=kind.robots_in(step), around_m=kind.around_m)
     warm_up(step.setup)  # while the browser builds the room, so that the first path is not waited for
