@@ -21,6 +21,7 @@ from desirepath.study.kinds.live import clean_weights, controls_of, objectives_o
 from desirepath.study.kinds.robot_drive import AROUND_M, empty_floor
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
+from desirepath.web.core.contract import storable
 from desirepath.web.core.dependencies import Db, Files, TheServices
 from desirepath.web.core.lab_frame import LabRefusal
 from desirepath.web.core.media import ANY_FILE
@@ -83,7 +84,7 @@ def admit(
     request: Request, study_id: str, services: TheServices, user: CheckedCsrf, name: Annotated[str, Form()] = ""
 ) -> Response:
     """Let a robot in; its token is shown this once."""
-    name = name.strip()
+    name = str(storable(name)).strip()
     if not 0 < len(name) <= 80:
         raise LabRefusal(422, "robot_name")
     with services.database.transaction() as s:

@@ -38,7 +38,7 @@ class Drive extends RobotPanel {
 
   /** Watches the robot of the drive, as long as there is one. */
   follow() {
-    const watched = this.run && this.run.phase !== "over" ? this.run.robot : null;
+    const watched = this.run?.phase === "over" ? null : (this.run?.robot ?? null);
     if (watched !== this.watched) {
       this.watched = watched;
       if (watched) this.mirrorFrom(this.stream);
@@ -52,9 +52,9 @@ class Drive extends RobotPanel {
     if (!this.run) return;
     const { phase, robot, drove, wheels_after_s: seconds, answers } = this.run;
     const words = [];
-    if (phase === "waiting") words.push(robot ? this.own("waiting_for", { robot }) : this.own("waiting"));
+    if (phase === "over") words.push(this.own(drove ? "over" : "no_drive"));
     else if (phase === "driving") words.push(this.own("driving", { robot: robot ?? "" }));
-    else words.push(this.own(drove ? "over" : "no_drive"));
+    else words.push(robot ? this.own("waiting_for", { robot }) : this.own("waiting"));
     if (seconds && answers) words.push(this.own("wheels", { seconds: Math.round(seconds * 10) / 10, answers }));
     this.text("#live-way", words.join(" "));
   }
