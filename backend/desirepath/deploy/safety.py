@@ -233,6 +233,21 @@ class Supervisor:
         self._body = _Outline(body or controller.robot)
         self.steps = 0  # that the controller was asked for
 
+    @property
+    def where(self) -> Odometry | None:
+        """The last good odometry since arming; before it, what there is."""
+        return self._where
+
+    @property
+    def seen(self) -> Scan | None:
+        """The last good scan likewise."""
+        return self._scan
+
+    @property
+    def told_of(self) -> tuple[Person, ...]:
+        """Where people are, as far as it was told."""
+        return self._people or ()
+
     # What comes in
 
     def scan(self, scan: Scan) -> None:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import gc
 import math
 import os
@@ -26,6 +27,7 @@ from desirepath.deploy.inputs import InputError
 from desirepath.deploy.safety import Body, Rules
 
 WORDS = ("arm", "start", "stop", "off", "quit")
+TOKEN = "DESIREPATH_ROBOT_TOKEN"  # noqa: S105  (the name of a variable)
 HELP = "arm, start, stop (or only Enter), off, quit"
 WORLD, GOAL = Path(__file__).with_name("world.yaml"), (-0.6, 4.2)
 NO_ROS = (
@@ -51,7 +53,12 @@ def parser(prog: str) -> argparse.ArgumentParser:
         f"{HELP}, or by the services of these names. After --ros-args: remappings and parameters, as for every node.",
     )
     add = made.add_argument
-    add("policy", metavar="POLICY", help="a bundle (folder or zip) that `desirepath policies export` wrote")
+    add("policy", metavar="POLICY", nargs="?", help="a bundle (folder or zip) that `desirepath policies export` wrote")
+    add("--from", dest="server", metavar="URL", help="a server's robot instead: its runs, as its lab starts them")
+    add("--token-file", type=Path, metavar="FILE", help=f"what the lab's page Robots told; else the variable {TOKEN}")
+    add("--participant", metavar="CODE", help="with --from: only this participant's policy, driven from here")
+    add("--arm", action="store_true", help="with --from: be armed as a run begins, so that the server alone starts it")
+    add("--record", type=Path, metavar="FILE", help="write the drive as MCAP (needs the package mcap)")
     add("--goal", type=_numbers(2), metavar="X,Y", help="where to, in the odometry's frame; else by goal_pose")
     add("--weights", type=_weights, default={}, metavar="NAME=W,...", help="of a policy that takes weights")
     add("--person", type=_numbers(2), action="append", default=[], metavar="X,Y", help="who stands there; may repeat")
@@ -91,12 +98,17 @@ def main(
     ValueError for what cannot be driven by, RuntimeError where ROS is missing."""
     end = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
     asked = parser(prog).parse_args(_with_negatives(arguments[:end]))
-    ros = _ros()
-    bundle, here = find(asked.policy), None
+    if (asked.policy is None) == (asked.server is None):
+        raise InputError("POLICY or --from URL is needed, one of them")
+    ros, here = _ros(), None
     if asked.robot is not None:
         if read_robot is None:
             raise InputError("--robot reads robot.yaml with the whole of Desire Path; here: --laser and the rules")
         here = read_robot(asked.robot)
+    link = _link(asked) if asked.server else None
+    bundle = None if asked.policy is None else find(asked.policy)
+    if link is not None and asked.participant:
+        bundle, link = _told(functools.partial(link.bundle, asked.participant)), None
     with _simulated(asked) as goal:
         drive = ros.Drive(
             goal=asked.goal or goal,
@@ -109,7 +121,47 @@ def main(
             weights=asked.weights,
             body=here.body if here else None,
         )
-        return _spin(ros, lambda: ros.DriveNode(bundle, drive), list(arguments[end:]), once=asked.once)
+        with _Ros(list(arguments[end:])) as session:
+            if link is not None:
+                return session.runs(link, lambda bundle, recorder: ros.DriveNode(bundle, drive, recorder), asked.arm)
+            recorder = _recorder(drive.laser) if asked.record else None
+            node = ros.DriveNode(bundle, drive, recorder)
+            session.drive(node, _once if asked.once else lambda node: False)
+            if recorder is not None:
+                asked.record.write_bytes(recorder.finish())
+            return int(asked.once and node.supervisor.reason != "arrived")
+
+
+def _once(node: Any) -> bool:
+    return bool(node.stops)
+
+
+def _link(asked: argparse.Namespace) -> Any:
+    from desirepath.deploy.link import Link
+
+    token = asked.token_file.read_text(encoding="utf-8") if asked.token_file else os.environ.get(TOKEN, "")
+    if not token.strip():
+        raise InputError(f"--from needs the robot's token: --token-file FILE, or the variable {TOKEN}")
+    return _told(lambda: Link(asked.server, token.strip()))
+
+
+def _told(ask: Callable[[], Any]) -> Any:
+    """What a server answers. Raises RuntimeError with what it says where it refuses."""
+    from desirepath.deploy.link import LinkError
+
+    try:
+        return ask()
+    except LinkError as problem:
+        raise RuntimeError(str(problem)) from None
+
+
+def _recorder(laser: Any) -> Any:
+    from desirepath.deploy.recorder import Recorder
+
+    try:
+        return Recorder(laser or (0.0, 0.0, 0.0))
+    except ModuleNotFoundError:
+        raise InputError("--record needs the package mcap: pip install mcap") from None
 
 
 def _ros() -> Any:
@@ -126,50 +178,80 @@ def _rules(asked: argparse.Namespace, here: RobotHere | None) -> Rules:
     return Rules(**told)  # type: ignore[arg-type]
 
 
-def _spin(ros: Any, make: Callable[[], Any], arguments: list[str], once: bool) -> int:
-    """The node, until a signal, `quit`, or the end of its one drive. Whatever ends it, the robot is told to stand."""
-    import rclpy
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.signals import SignalHandlerOptions
+class _Ros:
+    """rclpy, what somebody writes on the terminal, and the signals that end it, while the block lasts."""
 
-    ended: list[str] = []
-    before = {
-        number: signal.signal(number, lambda number, _: ended.append(f"signal {number}"))
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    }
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    node = None
-    try:
-        node, executor = make(), SingleThreadedExecutor()
-        executor.add_node(node)
-        said, drove = _hear(), False
-        node.get_logger().info(f"say: {HELP}")
-        gc.freeze()
-        while not ended:
-            executor.spin_once(timeout_sec=0.1)
-            while not said.empty():
-                if (word := said.get()) == "quit":
-                    ended.append("quit")
-                elif word in WORDS:
-                    node.act(word)
-                else:
-                    node.get_logger().warning(f"{word[:40]!r} is no word here; say: {HELP}")
-            state = node.supervisor.state.value
-            drove = drove or state == "driving"
-            if once and drove and state != "driving":
-                break
-        node.get_logger().info(f"scan to command, p99: {node.latency_p99_ms():.2f} ms")
-        return int(once and node.supervisor.reason != "arrived")
-    finally:
-        if node is not None:
-            node.supervisor.stop(f"the node ends: {ended[0] if ended else 'it is done'}")
+    def __init__(self, arguments: list[str]) -> None:
+        self._arguments, self._ended = arguments, ""
+
+    def __enter__(self) -> _Ros:
+        import rclpy
+        from rclpy.signals import SignalHandlerOptions
+
+        def end(number: int, _: Any) -> None:
+            self._ended = self._ended or f"signal {number}"
+
+        numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        self._before = {number: signal.signal(number, end) for number in numbers}
+        rclpy.init(args=self._arguments, signal_handler_options=SignalHandlerOptions.NO)
+        self._words = _hear()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        import rclpy
+
+        rclpy.shutdown()
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def drive(self, node: Any, over: Callable[[Any], bool]) -> None:
+        """Spin a node until it is over, somebody writes `quit`, or a signal comes. Then the robot is told to stand."""
+        from rclpy.executors import SingleThreadedExecutor
+
+        try:
+            executor = SingleThreadedExecutor()
+            executor.add_node(node)
+            node.get_logger().info(f"say: {HELP}")
+            gc.freeze()
+            while not self._ended and not over(node):
+                executor.spin_once(timeout_sec=0.1)
+                while not self._words.empty():
+                    self._act(node, self._words.get())
+            node.get_logger().info(f"scan to command, p99: {node.latency_p99_ms():.2f} ms")
+        finally:
+            node.supervisor.stop(f"the node ends: {self._ended or 'it is done'}")
             for _ in range(3):
                 node.publish(node.supervisor.command)
                 time.sleep(0.01)
             node.destroy_node()
-        rclpy.shutdown()
-        for number, handler in before.items():
-            signal.signal(number, handler)
+
+    def _act(self, node: Any, word: str) -> None:
+        if word == "quit":
+            self._ended = word
+        elif word in WORDS:
+            node.act(word)
+        else:
+            node.get_logger().warning(f"{word[:40]!r} is no word here; say: {HELP}")
+
+    def runs(self, link: Any, make: Callable[[bytes, Any], Any], arms: bool) -> int:
+        """Drive what a server asks for, run after run. Raises RuntimeError where there is no bundle."""
+        from desirepath.deploy.ros.linked import LinkedRun, recorder_for
+
+        print(f"{_told(link.about)['robot']} waits for runs of {link.url}", file=sys.stderr)
+        link.open()
+        done: str | None = None
+        while not self._ended:
+            orders = link.wait(link.orders.number, 0.2)
+            if orders.run is None or orders.run == done:
+                continue
+            recorder = recorder_for((0.0, 0.0, 0.0))
+            node = make(_told(link.bundle), recorder)
+            run = LinkedRun(link, orders, arms, recorder)
+            self.drive(node, run)
+            run.over(node)
+            done = orders.run
+        link.close()
+        return 0
 
 
 def _hear() -> queue.SimpleQueue[str]:

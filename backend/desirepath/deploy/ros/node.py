@@ -81,7 +81,7 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         self.controller = Controller.load(bundle, laser)
         if drive.weights:
             self.controller.weights = drive.weights
-        self.said: deque[str] = deque(maxlen=1_000)
+        self.stops: list[tuple[float, str]] = []  # when, by time.monotonic, and why
         self.latencies_s: deque[float] = deque(maxlen=KEPT_LATENCIES)
         self._listener = listener
         simulated = bool(self.get_parameter("use_sim_time").value)
@@ -275,6 +275,8 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         self._state.publish(String(data=f"{change.state.value}: {change.reason}"))
         if self._listener is not None:
             self._listener.state(self._stamped(), change.state.value, change.reason)
+        if change.state is State.STOPPED:
+            self.stops.append((time.monotonic(), change.reason))
         if change.state is State.OFF:
             self.publish(Command(0.0, 0.0))
         self._diagnosed_at = -math.inf
@@ -284,7 +286,6 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         return float(self.get_clock().now().nanoseconds) * 1e-9
 
     def _say(self, words: str) -> None:
-        self.said.append(words)
         self.get_logger().info(words)
 
     def _diagnose(self) -> None:
