@@ -120,7 +120,7 @@ def test_a_study_of_before_robots_goes_on_with_them(either: Database, files: Art
     either.migrate()
     assert rows() == before
     with either.transaction() as s:
-        robot, token = admit_robot(s, study.study_id, "Turtle", "experimenter")
+        robot, token = admit_robot(s, study.id, "Turtle", "experimenter")
         assert find_robot(s, token).id == robot.id
 
 
