@@ -33,8 +33,10 @@ def drive(engine: FastEngine, *actions: np.ndarray) -> list[float]:
     return went
 
 
-def test_with_nothing_wrong_it_is_the_fast_engine_bit_for_bit() -> None:
-    plain, off = make_engine(SETUP, 16, seed=3), DisturbedEngine(SETUP, 16, Disturbances(), seed=3)
+@pytest.mark.parametrize("name", ["open_field", "study_room"])
+def test_with_nothing_wrong_it_is_the_fast_engine_bit_for_bit(name: str) -> None:
+    setup = get_setup(name)
+    plain, off = make_engine(setup, 16, seed=3), DisturbedEngine(setup, 16, Disturbances(), seed=3)
     random = np.random.default_rng(0)
     for _ in range(120):  # some episodes end and begin anew
         actions = random.uniform(-1, 1, (16, 2)).astype(np.float32)
@@ -49,6 +51,12 @@ def test_slow_wheels_drive_and_are_observed_slower() -> None:
     engine = engine_with("study_room", slow=0.3)
     drive(engine, AHEAD)
     assert engine.observations[0, engine.setup.polar_size - 2] == pytest.approx(0.7, abs=1e-6)
+
+
+def test_odometry_says_how_fast_wheels_turn_at_the_end_of_a_step_and_sees_no_slip() -> None:
+    engine = engine_with("study_room", delay_s=0.1, slip=0.5)
+    drive(engine, AHEAD)
+    assert engine.observations[0, engine.setup.polar_size - 2] == 1
 
 
 @pytest.mark.parametrize(

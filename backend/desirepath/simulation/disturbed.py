@@ -53,7 +53,8 @@ def slipping(
 
 class DisturbedEngine(FastEngine):
     """drawn: every episode has a delay, a slip and a slowness of its own, anywhere up to those given; else all have
-    those. Lidar noise is the same in all. Observed v and w are those of the robot, as of an odometry that sees slip."""
+    those. Lidar noise is the same in all. Observed v and w are those of the wheels at the end of a step: what odometry
+    says, which sees no slip."""
 
     def __init__(
         self,
@@ -71,7 +72,7 @@ class DisturbedEngine(FastEngine):
         self._chance = np.random.default_rng([options.get("seed", 0), 0xD157])
         self._levels = np.zeros((n_envs, 3))  # delay in steps, slip, slow
         whole = int(np.ceil(LONGEST_DELAY_S / CONTROL_DT_S)) + 2
-        self._commanded = np.zeros((n_envs, whole, 2))  # newest first, as actions
+        self._told = np.zeros((n_envs, whole, 2))  # v, w, newest first
         lidar = setup.robot.lidar
         noisy = replace(lidar, noise_m=float(np.hypot(lidar.noise_m, disturbances.noise_m)))
         super().__init__(replace(setup, robot=replace(setup.robot, lidar=noisy)), n_envs, **options)
@@ -80,23 +81,32 @@ class DisturbedEngine(FastEngine):
         most = self.disturbances
         share = self._chance.random((len(which), 3)) if self._drawn else 1.0
         self._levels[which] = np.array([most.delay_s / CONTROL_DT_S, most.slip, most.slow]) * share
-        self._commanded[which] = (-1.0, 0.0)
+        self._told[which] = 0.0
         super()._start(which, rows)
 
     def step(self, actions: Floats) -> None:
         """As `FastEngine.step`, of what becomes of the actions."""
-        limits, robots = self.setup.robot.limits, np.arange(self.n_envs)
-        self._commanded[:, 1:] = self._commanded[:, :-1]
-        self._commanded[:, 0] = np.clip(actions, -1, 1)
-        late = self._levels[:, 0].astype(np.int64)
-        part = (self._levels[:, 0] - late)[:, None]
-        acted = (1 - part) * self._commanded[robots, late] + part * self._commanded[robots, late + 1]
-        span = limits.v_max - limits.v_min
-        v, w = (acted[:, 0] + 1) / 2 * span + limits.v_min, acted[:, 1] * limits.w_max
-        lost = self._levels[:, 1, None] * self._chance.random((self.n_envs, 2))
-        v, w = slipping(v, w, self.setup.robot.radius_m, 1 - (1 - lost) * (1 - self._levels[:, 2, None]))
-        executed = np.stack([(v - limits.v_min) / span * 2 - 1, w / limits.w_max], axis=1)
-        super().step(np.clip(executed, -1, 1).astype(np.float32))
+        setup, robots, steps = self.setup, np.arange(self.n_envs), self._levels[:, 0]
+        limits, slow = setup.robot.limits, 1 - self._levels[:, 2]
+        told = np.clip(np.asarray(actions, np.float64), -1, 1) * ((limits.v_max - limits.v_min) / 2, limits.w_max)
+        told[:, 0] += (limits.v_max + limits.v_min) / 2
+        change = np.array([limits.v_change or np.inf, limits.w_change or np.inf]) * CONTROL_DT_S
+        self._told[:, 1:] = self._told[:, :-1]
+        self._told[:, 0] = np.clip(told, self._told[:, 1] - change, self._told[:, 1] + change)
+        late = steps.astype(np.int64)
+        part = (steps - late)[:, None]
+        now, before = self._told[robots, late], self._told[robots, late + 1]
+        v, w = ((1 - part) * now + part * before).T  # of a step in which the command changes
+        lost = 1 - slow[:, None] * (1 - self._levels[:, 1, None] * self._chance.random((self.n_envs, 2)))
+        v, w = slipping(v, w, setup.robot.radius_m, lost)
+        v = (v - (limits.v_max + limits.v_min) / 2) / ((limits.v_max - limits.v_min) / 2)
+        super().step(np.clip(np.stack([v, w / limits.w_max], axis=1), -1, 1).astype(np.float32))
+        if setup.with_velocity and not setup.solids:
+            measured = (slow[:, None] * now / (limits.v_max, limits.w_max)).astype(np.float32)
+            speeds = slice(setup.polar_size - 2, setup.polar_size)
+            self.next_observations[:, speeds] = measured
+            goes_on = ~self.dones
+            self.observations[goes_on, speeds] = measured[goes_on]
 
 
 def randomised_engine(setup: Setup, n_envs: int, **options: Unpack[EngineOptions]) -> DisturbedEngine:

@@ -20,6 +20,10 @@ BENCHMARKS = {
         "benchmarks.map_lidar",
         "Scans per second in a map, one thread, and how far they are from those of boxes.",
     ),
+    "robot": (
+        "benchmarks.robot",
+        "The same scenes in the fast engine and on a robot in ir-sim: success, distances, latency, why they differ.",
+    ),
     "train": (
         "benchmarks.base_training",
         "Seconds until a base policy reaches 94 % success, ours against Stable-Baselines3.",
