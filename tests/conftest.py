@@ -26,7 +26,6 @@ structlog.configure(
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 CHROMIUM_FLAGS = [
-    "--headless=new",
     "--no-sandbox",
     "--disable-quic",
     "--no-first-run",
@@ -64,7 +63,7 @@ SLOW_PLACES = (
 
 
 SPEEDS = ("browser", "slow", "server", "fast")
-STARTED = {"chromium", "initdb", "caddy", "moto.server", "serve", "worker"}
+STARTED = {"chromium", "chromium-headless-shell", "initdb", "caddy", "moto.server", "serve", "worker"}
 """Words of commands that start a browser, a server or a worker."""
 _running: list[pytest.Item] = []
 
@@ -130,8 +129,10 @@ def chromium() -> Iterator["Browser"]:  # noqa: F821
     """Debian's Chromium with software WebGL, driven by playwright's sync API."""
     from playwright.sync_api import expect, sync_playwright
 
+    from desirepath_experiments.browser.client import installed_browser
+
     expect.set_options(timeout=PAGE_TIMEOUT_MS)
-    executable = shutil.which("chromium")
+    executable = installed_browser()
     if executable is None:
         pytest.fail("Chromium is missing; `make test` installs it (scripts/setup_chromium.sh)")
     with sync_playwright() as playwright:

@@ -35,6 +35,6 @@ def trainings_in(file: Path) -> list[str]:
 def test_a_fast_test_cannot_start_a_server_or_a_browser() -> None:
     with pytest.raises(AssertionError, match="marked fast"), socket.socket() as server:
         server.bind(("127.0.0.1", 0))
-    for words in (["chromium", "--headless=new"], [sys.executable, "-m", "desirepath", "worker"]):
+    for words in (["chromium-headless-shell", "--headless"], [sys.executable, "-m", "desirepath", "worker"]):
         with pytest.raises(AssertionError, match="marked fast"):
             subprocess.run(words, check=False)
