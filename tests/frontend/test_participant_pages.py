@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import expect
 
+from tests.accessible import violations, violations_in_both_schemes
 from tests.frontend.example_pages import STEPS
 
 if TYPE_CHECKING:
@@ -20,9 +20,6 @@ REFUSALS = (
     *("withdrawn", "not_found", "internal"),
 )
 ADDRESSES = ["/join", "/device", "/back", "/copy", "/help", "/refusal/unknown", *(f"/step/{kind}" for kind in STEPS)]
-WCAG = {"runOnly": {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}}
-COLOURS = {"runOnly": {"type": "rule", "values": ["color-contrast"]}}
-
 MEASURED_MS = 30_000  # within which even a busy machine has measured its frame rate
 
 Open = Callable[..., "Page"]
@@ -63,17 +60,10 @@ def opened(chromium: Browser, pages: str) -> Iterator[Open]:
         context.close()
 
 
-def violations(page: Page, options: dict[str, object] = WCAG) -> list[tuple[str, list[str]]]:
-    found = Axe().run(page, options=options).response["violations"]
-    return [(violation["id"], [node["html"][:160] for node in violation["nodes"]]) for violation in found]
-
-
 @pytest.mark.parametrize("address", [address for address in ADDRESSES if address != "/step/comparison"])
 def test_every_page_is_accessible_in_both_schemes(opened: Open, address: str) -> None:
     page = opened(address, language="de")
-    assert violations(page) == []
-    page.emulate_media(color_scheme="dark")
-    assert violations(page, COLOURS) == []  # nothing else depends on the scheme
+    assert violations_in_both_schemes(page) == []
 
 
 def test_the_dialogs_are_accessible(opened: Open) -> None:

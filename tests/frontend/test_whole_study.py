@@ -27,8 +27,8 @@ from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.studies import create_study
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
+from tests.accessible import violations_in_both_schemes
 from tests.frontend.empty_room import empty_rooms, room_says
-from tests.frontend.test_participant_pages import COLOURS, violations
 from tests.running import served
 
 if TYPE_CHECKING:
@@ -158,18 +158,10 @@ class Keyboard:
             self.page.evaluate("document.activeElement.closest('[data-item]').dataset.answered = 'yes'")
 
 
-def check(page: Page) -> None:
-    """Accessible in both schemes."""
-    assert violations(page) == []
-    page.emulate_media(color_scheme="dark")
-    assert violations(page, COLOURS) == []
-    page.emulate_media(color_scheme="light")
-
-
 def test_a_whole_study_by_keyboard_alone(studies: Studies, page: Page) -> None:
     page.goto(studies.link(("device: {min_width: 1000, min_height: 600, min_frame_rate: 10, light_below: 20}", "")))
     keys = Keyboard(page)
-    check(page)
+    assert violations_in_both_schemes(page) == []
     keys.press_main()
     page.wait_for_url("**/p/*")
     kinds: list[str] = []
@@ -187,7 +179,7 @@ def test_a_whole_study_by_keyboard_alone(studies: Studies, page: Page) -> None:
             expect(page.locator("#question")).to_be_focused(timeout=15_000)
         if kind not in checked:
             checked.add(kind)
-            check(page)
+            assert violations_in_both_schemes(page) == [], kind
         if kind == "debriefing":
             break
         if kind == "trial":

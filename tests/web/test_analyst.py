@@ -15,7 +15,6 @@ import httpx
 import numpy as np
 import onnxruntime
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from fastapi.testclient import TestClient
 from sqlalchemy import select
 from stable_baselines3 import TD3
@@ -30,6 +29,7 @@ from desirepath.store.shipped_policies import policy_artefact
 from desirepath.web.analyst.compared_scenes import rollouts_in
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
+from tests.accessible import violations_in_both_schemes
 from tests.answered_study import add_answered_study
 from tests.running import served
 from tests.s3 import s3_store
@@ -104,7 +104,7 @@ def test_every_page_says_what_it_should_in_both_languages(analyst, known, langua
 def test_pages_are_accessible_in_both_schemes(worked, known, chromium):
     found = {}
     with served(create_application(worked)) as url:
-        context = chromium.new_context(viewport={"width": 1280, "height": 800})
+        context = chromium.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
         page = context.new_page()
         page.goto(f"{url}/lab/sign-in")
         page.fill("#name", "experimenter")
@@ -113,9 +113,8 @@ def test_pages_are_accessible_in_both_schemes(worked, known, chromium):
         alike = ("/lab/jobs/new/queries", f"/lab/jobs/{known.jobs['train_base']}", f"/lab/artefacts/{known.evaluation}")
         for address in pages(known).keys() - set(alike):
             page.goto(f"{url}{address.replace('&stage=1', '')}")
-            for scheme in ("light", "dark"):
-                page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
-                found |= {(address, scheme, one["id"]): one["nodes"] for one in Axe().run(page).response["violations"]}
+            if wrong := violations_in_both_schemes(page):
+                found[address] = wrong
             assert page.evaluate("document.documentElement.scrollWidth") <= 1280, address
         context.close()
     assert not found
