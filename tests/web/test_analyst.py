@@ -113,7 +113,7 @@ def test_pages_are_accessible_in_both_schemes(worked, known, chromium):
         alike = ("/lab/jobs/new/queries", f"/lab/jobs/{known.jobs['train_base']}", f"/lab/artefacts/{known.evaluation}")
         for address in pages(known).keys() - set(alike):
             page.goto(f"{url}{address.replace('&stage=1', '')}")
-            if wrong := violations_in_both_schemes(page):
+            if wrong := violations_in_both_schemes(page, None):
                 found[address] = wrong
             assert page.evaluate("document.documentElement.scrollWidth") <= 1280, address
         context.close()

@@ -99,7 +99,7 @@ def test_pages_are_accessible_and_fit(chromium, address, walked: Walked):
     ]
     for path in pages:
         page.goto(address + path)
-        assert violations_in_both_schemes(page) == [], path
+        assert violations_in_both_schemes(page, None) == [], path
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), path
     page.context.close()
 

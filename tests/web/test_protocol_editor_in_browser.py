@@ -185,7 +185,7 @@ def test_the_editor_is_accessible_and_fits(chromium: Browser, address: str) -> N
     for width in (1440, 1024, 390):
         page.set_viewport_size({"width": width, "height": 900})
         assert page.evaluate("document.documentElement.scrollWidth") <= width
-        assert violations_in_both_schemes(page) == [], width
+        assert violations_in_both_schemes(page, None) == [], width
     page.context.close()
 
 
