@@ -63,6 +63,7 @@ def parser(prog: str) -> argparse.ArgumentParser:
     add("--weights", type=_weights, default={}, metavar="NAME=W,...", help="of a policy that takes weights")
     add("--person", type=_numbers(2), action="append", default=[], metavar="X,Y", help="who stands there; may repeat")
     add("--nobody", action="store_true", help="there is nobody, whatever the policy observes")
+    add("--legs", action="store_true", help="look for people's legs in the scan where nobody tells of people; simple")
     add("--robot", metavar="FILE", help="the robot.yaml of a robot that is not the policy's")
     add("--laser", type=_numbers(3), metavar="X,Y,YAW", help="where its lidar is, m and rad, if not as in the policy's")
     add(
@@ -114,6 +115,7 @@ def main(
             goal=asked.goal or goal,
             people=tuple(asked.person),
             nobody=asked.nobody,
+            legs=asked.legs,
             stamped=asked.stamped,
             laser=asked.laser or (here.laser if here else ()),
             map_to_odom=asked.map_to_odom,

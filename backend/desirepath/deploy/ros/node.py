@@ -27,6 +27,7 @@ from std_srvs.srv import Trigger
 
 from desirepath.deploy.controller import Controller
 from desirepath.deploy.inputs import Command, InputError, Odometry, Person, Scan
+from desirepath.deploy.legs import find_people
 from desirepath.deploy.ros.messages import Place, moved, odometry_of, people_of, scan_of
 from desirepath.deploy.safety import Body, Refused, Rules, State, Supervisor, Transition
 
@@ -50,9 +51,10 @@ class Listener(Protocol):
 
 @dataclass(frozen=True)
 class Drive:
-    """How a policy drives here. Every field but body, weights, people and nobody is a parameter of the node too.
+    """How a policy drives here. Every field but body, weights, people, nobody and legs is a parameter of the node too.
 
-    goal: (x, y) in the odometry's frame, or none yet. people: where they stand; nobody: there is nobody. stamped: tell
+    goal: (x, y) in the odometry's frame, or none yet. people: where they stand; nobody: there is nobody. legs: where
+    nobody tells of people, they are looked for in the scan (`deploy/legs.py`). stamped: tell
     the robot by TwistStamped, with the time of the scan that is answered. laser: where the lidar is, if not where the
     policy's was; map_to_odom: where the odometry's frame is in the map's. body: the robot's outline, if not the one of
     the policy's.
@@ -61,6 +63,7 @@ class Drive:
     goal: tuple[float, ...] = ()
     people: tuple[tuple[float, float], ...] = ()
     nobody: bool = False
+    legs: bool = False
     stamped: bool = False
     laser: tuple[float, ...] = ()
     map_to_odom: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -84,6 +87,7 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         self.stops: list[tuple[float, str]] = []  # when, by time.monotonic, and why
         self.latencies_s: deque[float] = deque(maxlen=KEPT_LATENCIES)
         self._listener = listener
+        self._told_of_people = False
         simulated = bool(self.get_parameter("use_sim_time").value)
         clock = self.get_clock()
         self.now: Callable[[], float] = (lambda: clock.now().nanoseconds * 1e-9) if simulated else time.monotonic
@@ -151,6 +155,9 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
             scan = scan_of(message)
         except InputError as problem:
             return self.supervisor.broken("scan", str(problem))
+        where = self.supervisor.where
+        if self.drive.legs and not self._told_of_people and where is not None:
+            self._see_people(find_people(scan, where, self.controller.laser))
         self.supervisor.scan(scan)
         self._stamp = message.header.stamp
         self._tell()
@@ -210,7 +217,12 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
             self._listener.goal(self._stamped(), goal)
 
     def set_people(self, people: Sequence[Person], lasting: bool = False) -> None:
-        """Where people are, in the odometry's frame; lasting: until something else is heard."""
+        """Where people are, in the odometry's frame; lasting: until something else is heard. From then on their legs
+        are not looked for."""
+        self._told_of_people = True
+        self._see_people(people, lasting)
+
+    def _see_people(self, people: Sequence[Person], lasting: bool = False) -> None:
         self.supervisor.people(people, lasting)
         if self._listener is not None:
             self._listener.people(self._stamped(), people)
