@@ -88,6 +88,7 @@
       const first = !now;
       now = order;
       window.desirePath.player.place(0, order.pose, true);
+      window.desirePath.camera.fit(); // a slow machine's viewer may have put its own camera over the scene's
       if (first) {
         window.desirePath.sheet.element.prepend(canvas);
         requestAnimationFrame(step);
