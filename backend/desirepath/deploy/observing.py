@@ -13,8 +13,10 @@ from desirepath.deploy.manifest import BundleError, Lidar, Manifest
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
-NOBODY_M = 20.0
-"""Straight ahead, so far, standing: where a person is observed whom nobody told of. As the engine of crowds has it."""
+NOBODY, NOBODY_AMONG_MANY = (6.0, math.pi), (20.0, 0.0)
+"""Distance (m) and bearing (rad) at which a person is observed whom nobody told of. One person: straight behind, by
+which policies that were never without one drive best (ours, `docs/analysts-guide.md`). Of several: as the engine of
+crowds has it."""
 Mount = tuple[float, float, float]
 """Where a lidar is in the robot's frame: x, y (m), yaw (rad)."""
 
@@ -44,6 +46,8 @@ class Observer:
             self._inputs.append((*found, one.divided_by))
         self._scales = np.array([one.divided_by for one in manifest.inputs[-lidar.sectors :]])
         self._people = 1 + max((rank for _, rank, _ in self._inputs), default=0)
+        among_many = any(one.name.startswith("pedestrian_") for one in polar)
+        self._nobody = NOBODY_AMONG_MANY if among_many else NOBODY
         self._pool = _Pool(lidar, laser)
 
     def __call__(
@@ -51,7 +55,7 @@ class Observer:
     ) -> Floats:
         """(obs,) float32. Of more people than the policy observes, the nearest. Raises InputError for a scan that
         cannot serve; it says which angles are missing."""
-        heard = _Heard(odometry, goal, people, self._people)
+        heard = _Heard(odometry, goal, people, self._people, self._nobody)
         told = [tell(heard, rank) / scale for tell, rank, scale in self._inputs]
         return np.concatenate([told, self._pool(scan) / self._scales]).astype(np.float32)
 
@@ -64,7 +68,12 @@ class _Heard:
     """Where goal and people are, seen from the robot."""
 
     def __init__(
-        self, odometry: Odometry, goal: tuple[float, float], people: Sequence[Person], most_people: int
+        self,
+        odometry: Odometry,
+        goal: tuple[float, float],
+        people: Sequence[Person],
+        most_people: int,
+        nobody: tuple[float, float],
     ) -> None:
         self.odometry = odometry
         self.goal = self._polar(goal[0] - odometry.x, goal[1] - odometry.y)
@@ -73,7 +82,7 @@ class _Heard:
         c, s = math.cos(odometry.yaw), math.sin(odometry.yaw)
         self.motion = [(one.v_x * c + one.v_y * s, one.v_y * c - one.v_x * s) for one in near]
         lacking = most_people - len(near)
-        self.people += [(NOBODY_M, 0.0)] * lacking
+        self.people += [nobody] * lacking
         self.motion += [(0.0, 0.0)] * lacking
 
     def _polar(self, dx: float, dy: float) -> tuple[float, float]:
