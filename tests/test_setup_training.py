@@ -21,7 +21,7 @@ from desirepath.jobs.kinds import get_kind
 from desirepath.jobs.runners import run_kind
 from desirepath.learning.cards import Card
 from desirepath.learning.shipped_files import load_card, shipped_names
-from desirepath.learning.shipping.own_setup import DEFINITION, SetupTrainingConfig, stages_done
+from desirepath.learning.shipping.own_setup import DEFINITION, SetupTrainingConfig, description_sha256, stages_done
 from desirepath.settings import Settings
 from desirepath.simulation import setups
 from desirepath.store.artefacts import lineage
@@ -140,6 +140,14 @@ def test_as_a_job_it_lists_what_it_made_with_its_lineage_and_a_study_asks_there(
     with database.transaction() as s:
         study = create_study(s, files, frozen, name="Our hall", created_by=None)
     assert walk_in_process(database, files, study, 1)["completed"] == 1
+
+
+@pytest.mark.parametrize("name", ["map.bmp", "map.pgm", "robot.urdf"])
+def test_another_map_or_robot_is_another_description(tmp_path, name):
+    (tmp_path / name).write_bytes(b"one")
+    before = description_sha256(tmp_path)
+    (tmp_path / name).write_bytes(b"two")
+    assert description_sha256(tmp_path) != before
 
 
 def test_nothing_is_trained_into_a_shipped_setup():

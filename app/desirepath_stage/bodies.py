@@ -10,13 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import structlog
 from numpy.typing import NDArray
 
 from desirepath.grammar.source import ProtocolError
-from desirepath.simulation.setups import Robot
+from desirepath.simulation.setups import Robot, version
 from desirepath.simulation.urdf import Look, read_looks
 from desirepath_stage.shapes import Colour, Shape, ball, box, disc, flat, limb, merge, prism, rotate
 
@@ -56,6 +57,12 @@ RIGHT = RobotColours(top=(232, 150, 66), lamp=(255, 240, 216))
 def robot(of: Robot, colours: RobotColours = NEUTRAL) -> Shape:
     """What its URDF shows, where it has one that can be read; a body of its outline, where it is no disc; else a
     TurtleBot 2 of its size. Opaque parts."""
+    changed = of.urdf.stat().st_mtime_ns if of.urdf is not None and of.urdf.is_file() else 0
+    return _robot(of, colours, (version(), changed))
+
+
+@lru_cache(maxsize=8)  # each may hold 100,000 triangles, and takes seconds to read
+def _robot(of: Robot, colours: RobotColours, changed: tuple[int, int]) -> Shape:
     if of.urdf is not None:
         try:
             return _pictured(read_looks(of.urdf), colours)

@@ -46,8 +46,12 @@ class _Bounded(io.RawIOBase):
 
 
 def files_in(opened: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
-    """Its files, without what systems leave."""
-    files = (info for info in opened.infolist() if not info.is_dir())
+    """Its files, without what systems leave. Raises NotImplementedError for one that is packed otherwise than by
+    deflate: of others `zipfile` unpacks as much as there is, however little is asked for."""
+    files = [info for info in opened.infolist() if not info.is_dir()]
+    for info in files:
+        if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise NotImplementedError(f"{info.filename[:100]} is not packed by deflate, as zips mostly are; pack it so")
     return [info for info in files if not any(map(is_of_the_system, info.filename.split("/")))]
 
 

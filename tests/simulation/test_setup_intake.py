@@ -12,7 +12,7 @@ import pytest
 from desirepath import zip_files
 from desirepath.grammar.source import ProtocolError
 from desirepath.simulation import setup_intake
-from desirepath.simulation.setup_intake import IntakeError, remove, take_in, take_out, unpack
+from desirepath.simulation.setup_intake import IntakeError, gather, remove, take_in, take_out, unpack
 from desirepath.simulation.setups import SetupError, get_setup, own_setups, uploaded_setups
 from tests.simulation.test_ground_maps import draw_map
 
@@ -51,7 +51,7 @@ def test_a_map_and_a_shipped_robot_are_a_setup_that_is_found_at_once(root, files
     assert setup.plan.way_m[1] < 4
     assert setup.max_steps * 0.2 * 0.22 > 2 * setup.plan.way_m[1]
     assert setup.gamma > get_setup("study_room").gamma
-    again = unpack("our_lab.zip", take_out("our_lab"))
+    again = unpack("our_lab.zip", io.BytesIO(take_out("our_lab")))
     assert set(again) == {"setup.yaml", "map.yaml", "map.pgm"}
     remove("our_lab", root)
     assert "our_lab" not in own_setups()
@@ -60,7 +60,7 @@ def test_a_map_and_a_shipped_robot_are_a_setup_that_is_found_at_once(root, files
 
 def test_a_zip_with_one_folder_in_it_is_taken_as_that_folder(files):
     packed = zipped({f"lab/{name}": content for name, content in files.items()} | {"__MACOSX/lab/._map": b"x"})
-    assert unpack("lab.zip", packed) == files
+    assert unpack("lab.zip", io.BytesIO(packed)) == files
 
 
 @pytest.mark.parametrize(
@@ -73,6 +73,8 @@ def test_a_zip_with_one_folder_in_it_is_taken_as_that_folder(files):
         ("ours", {"a/b/c/d/e.stl": b"x"}, "at most 3 folders"),
         ("ours", {"run.py": b"x"}, "files taken are .yaml"),
         ("ours", {"MAP.yaml": b"x"}, "differ in capitals alone"),
+        ("ours", {"map.pgm/x.stl": b"x"}, "map.pgm: is the name of a file and of a folder"),
+        ("ours", {"setup.yaml/x.stl": b"x"}, "setup.yaml: is the name of a file and of a folder"),
         ("ours", {"other.yaml": b"image: map.pgm"}, "not one map.yaml"),
     ],
 )
@@ -100,17 +102,44 @@ def test_problems_in_files_are_those_of_setup_check(root, files):
 
 def test_zips_are_bounded_before_they_are_unpacked(files, monkeypatch):
     with pytest.raises(IntakeError, match="is no zip that can be read"):
-        unpack("x.zip", b"PK\x03\x04 and so on")
+        unpack("x.zip", io.BytesIO(b"PK\x03\x04 and so on"))
     with pytest.raises(IntakeError, match="is no zip that can be read"):
-        unpack("x.zip", zipped(files)[:-40])
+        unpack("x.zip", io.BytesIO(zipped(files)[:-40]))
     with pytest.raises(IntakeError, match="holds 201 files; at most 200"):
-        unpack("x.zip", zipped({f"{k}.stl": b"" for k in range(201)}))
+        unpack("x.zip", io.BytesIO(zipped({f"{k}.stl": b"" for k in range(201)})))
     monkeypatch.setattr(setup_intake, "LARGEST_FILE", 10_000)
     with pytest.raises(IntakeError, match=r"x.zip: a.stl makes it too large"):
-        unpack("x.zip", zipped({"a.stl": bytes(1_000_000)}))
+        unpack("x.zip", io.BytesIO(zipped({"a.stl": bytes(1_000_000)})))
     monkeypatch.setattr(zip_files, "MOST_DIRECTORY_BYTES", 1_000)
     with pytest.raises(IntakeError, match=r"x.zip: is no zip that can be read: its list of files is longer"):
-        unpack("x.zip", zipped({f"{k}.stl": b"" for k in range(100)}))
+        unpack("x.zip", io.BytesIO(zipped({f"{k}.stl": b"" for k in range(100)})))
+
+
+def test_all_zips_of_an_upload_have_one_room(files, monkeypatch):
+    monkeypatch.setattr(setup_intake, "LARGEST_ALL", 1_000_000)
+    packed = zipped({"a.stl": bytes(600_000)})
+    unread = io.BytesIO(packed)
+    brought = [
+        ("a.zip", io.BytesIO(packed)),
+        ("b.zip", io.BytesIO(zipped({"b.stl": bytes(600_000)}))),
+        ("c.zip", unread),
+    ]
+    with pytest.raises(IntakeError, match=r"b.zip: b.stl makes it too large"):
+        gather(brought)
+    assert unread.tell() == 0
+    with pytest.raises(IntakeError, match=r"a.stl: is brought twice"):
+        gather([("a.zip", io.BytesIO(zipped({"a.stl": b"x"}))), ("a.stl", io.BytesIO(b"y"))])
+    with pytest.raises(IntakeError, match=r"c.zip: holds 150 files; at most 200"):
+        gather([(f"{n}.zip", io.BytesIO(zipped({f"{n}{k}.stl": b"" for k in range(150)}))) for n in "bc"])
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_zips_that_unpack_without_a_bound_are_refused(method):
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", method) as packed:
+        packed.writestr("a.stl", bytes(1_000))
+    with pytest.raises(IntakeError, match="is not packed by deflate"):
+        unpack("x.zip", out)
 
 
 def test_a_shipped_setup_is_not_removed(root):

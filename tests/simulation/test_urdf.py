@@ -259,3 +259,37 @@ def test_the_urdf_of_a_robot_lies_beside_its_file(tmp_path):
         (tmp_path / "robot.yaml").write_text(text.replace("NAME", name))
         with pytest.raises(ProtocolError, match=r"robot.yaml:5: robot.urdf = .*must be the name of a file in the same"):
             read_robot(tmp_path / "robot.yaml")
+
+
+def with_visuals(shapes: list[str]) -> str:
+    visuals = "".join(f"<visual><geometry>{shape}</geometry></visual>" for shape in shapes)
+    return f'<robot name="own"><link name="b">{visuals}</link></robot>'
+
+
+def test_a_mesh_is_read_once_however_many_parts_show_it(tmp_path, monkeypatch):
+    stl(tmp_path)
+    read = []
+    loaded = urdf._loaded
+    monkeypatch.setattr(urdf, "_loaded", lambda file, content: read.append(file) or loaded(file, content))
+    mesh = '<mesh filename="body.stl" scale="0.001 0.001 0.001"/>'
+    assert describe(read_looks(written(tmp_path, text=with_visuals([mesh] * 4))))["parts"] == 4
+    assert len(read) == 1
+
+
+def test_nothing_is_read_after_what_is_too_much(tmp_path):
+    cylinder = '<cylinder radius="0.1" length="0.3"/>'
+    (told,) = problems(written(tmp_path, text=with_visuals([cylinder] * 5_000)))
+    assert "at most 100,000 are shown" in told
+
+
+def test_all_meshes_have_one_room(tmp_path, monkeypatch):
+    monkeypatch.setattr(urdf, "MOST_MESH_BYTES", 1_000)
+    monkeypatch.setattr(urdf, "MOST_OBJ_LINES", 100)
+    shapes = []
+    for name in ("a", "b"):
+        stl(tmp_path, f"{name}.stl")
+        shapes.append(f'<mesh filename="{name}.stl" scale="0.001 0.001 0.001"/>')
+    (told,) = problems(written(tmp_path, text=with_visuals(shapes)))
+    assert "at most 1,000 are read of all meshes" in told
+    (tmp_path / "c.obj").write_bytes(b"v 0 0 0\n" * 110)
+    assert "has too many lines" in problems(written(tmp_path, '<mesh filename="c.obj"/>'))[0]

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import pytest
 from sqlalchemy import select
 
+from desirepath.installed import ROOT
 from desirepath.jobs.kinds import get_kind
 from desirepath.simulation.setup_intake import unpack
 from desirepath.simulation.setups import own_setups, uploaded_setups
 from desirepath.store.models import Job
+from desirepath.web.core.guard import LARGER
 from tests.simulation.test_ground_maps import draw_map
+from tests.simulation.test_setup_intake import zipped
 from tests.web.lab_services import csrf
 
 PAGE = "/lab/settings/setups"
@@ -43,7 +47,11 @@ def test_a_setup_is_brought_drawn_trained_taken_and_removed(lab, lab_services, t
         assert said in page
     picture = lab.get(f"{PAGE}/our_lab/picture.png")
     assert (picture.status_code, picture.headers["content-type"]) == (200, "image/png")
-    assert set(unpack("x.zip", lab.get(f"{PAGE}/our_lab/setup.zip").content)) == {"map.pgm", "map.yaml", "setup.yaml"}
+    assert set(unpack("x.zip", io.BytesIO(lab.get(f"{PAGE}/our_lab/setup.zip").content))) == {
+        "map.pgm",
+        "map.yaml",
+        "setup.yaml",
+    }
 
     started = [
         lab.post(f"{PAGE}/our_lab/train", data={"csrf": csrf(lab, PAGE)}, follow_redirects=False).headers["location"]
@@ -84,8 +92,19 @@ def test_more_than_is_taken_is_refused_before_it_is_read(lab, tmp_path):
     form = {"csrf": csrf(lab, PAGE), "name": "our_lab"}
     much = [("files", ("map.pgm", bytes(67 * 1024**2)))]
     assert lab.post(PAGE, data=form, files=much).status_code == 413
-    assert lab.post(PAGE, data=form, files=much[:0] or [("files", ("x.zip", b"PK nothing"))]).status_code == 422
+    assert lab.post(PAGE, data=form, files=[("files", ("x.zip", b"PK nothing"))]).status_code == 422
+    zips = [("files", (f"{k}.zip", zipped({f"{k}.stl": bytes(16 * 1024**2)}))) for k in range(5)]
+    refused = lab.post(PAGE, data=form, files=zips)
+    assert refused.status_code == 422
+    assert "4.stl makes it too large" in refused.text
     assert own_setups() == ()
+
+
+def test_the_server_before_ours_lets_through_what_the_page_takes():
+    caddy = (ROOT / "deploy/Caddyfile").read_text()
+    for path in (path for path, size in LARGER.items() if size > 25e6):
+        assert f"path {path}\n" in caddy
+    assert "max_size 70MB" in caddy
 
 
 def test_who_may_only_look_brings_trains_and_removes_nothing(lab, as_role, tmp_path):

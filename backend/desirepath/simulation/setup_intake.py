@@ -10,10 +10,10 @@ import re
 import secrets
 import shutil
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import IO, Any, BinaryIO
 
 from desirepath.grammar.source import Problem, ProtocolError
 from desirepath.simulation import urdf
@@ -37,21 +37,43 @@ class IntakeError(ValueError):
     """What was brought cannot be a setup; says which file and what would work."""
 
 
-def unpack(name: str, content: bytes) -> dict[str, bytes]:
-    """The files of a zip, without the one folder that all of them may lie in. Raises IntakeError."""
+def gather(uploads: Iterable[tuple[str, BinaryIO]]) -> dict[str, bytes]:
+    """The files that are brought, those of their zips too, within one room for all. Raises IntakeError."""
     found: dict[str, bytes] = {}
-    size = 0
+    for name, file in uploads:
+        room = LARGEST_ALL - sum(map(len, found.values()))
+        if name.lower().endswith(".zip"):
+            brought = unpack(name, file, room, MOST_FILES - len(found))
+        else:
+            brought = {name: _read(file, name, name, room)}
+        if twice := found.keys() & brought.keys():
+            raise IntakeError(f"{min(twice)}: is brought twice; take one of them out")
+        found |= brought
+    return found
+
+
+def _read(file: IO[bytes], name: str, within: str, room: int) -> bytes:
+    content = file.read(min(LARGEST_FILE, room) + 1)
+    if len(content) > min(LARGEST_FILE, room):
+        raise IntakeError(f"{within}: {name} makes it too large; {_most()}")
+    return content
+
+
+def unpack(name: str, content: BinaryIO, room: int = LARGEST_ALL, most: int = MOST_FILES) -> dict[str, bytes]:
+    """The files of a zip, without the one folder that all of them may lie in. room, most: bytes and files that are
+    taken. Raises IntakeError."""
+    found: dict[str, bytes] = {}
     try:
-        with open_zip(io.BytesIO(content)) as packed:
+        with open_zip(content) as packed:
             entries = files_in(packed)
-            if len(entries) > MOST_FILES:
+            if len(entries) > most:
                 raise IntakeError(f"{name}: holds {len(entries)} files; at most {MOST_FILES} are taken")
             for entry in entries:
+                if entry.filename in found:
+                    raise IntakeError(f"{name}: {entry.filename} is in it twice; take one of them out")
                 with packed.open(entry) as file:
-                    found[entry.filename] = file.read(LARGEST_FILE + 1)
-                size += len(found[entry.filename])
-                if len(found[entry.filename]) > LARGEST_FILE or size > LARGEST_ALL:
-                    raise IntakeError(f"{name}: {entry.filename} makes it too large; {_most()}")
+                    found[entry.filename] = _read(file, entry.filename, name, room)
+                room -= len(found[entry.filename])
     except (*BROKEN, OSError) as problem:
         raise IntakeError(f"{name}: is no zip that can be read: {problem}") from None
     tops = {one.partition("/")[0] for one in found}
@@ -111,6 +133,9 @@ def _check_names(files: Mapping[str, bytes]) -> None:
             raise IntakeError(f"{path[:100]!r}: is no name that is taken; {WANTED}")
         if PurePosixPath(path).suffix.lower() not in ENDINGS:
             raise IntakeError(f"{path}: files taken are {', '.join(ENDINGS)}")
+    folders = {str(parent).lower() for path in files for parent in PurePosixPath(path).parents}
+    if both := folders & {SETUP_FILE, *map(str.lower, files)}:
+        raise IntakeError(f"{min(both)}: is the name of a file and of a folder; rename one")
     if len({path.lower() for path in files}) < len(files):
         raise IntakeError("two files have names that differ in capitals alone; rename one")
 

@@ -10,6 +10,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any, NoReturn
 from xml.parsers import expat
@@ -20,7 +21,8 @@ from numpy.typing import NDArray
 from desirepath.grammar.source import Problem, ProtocolError
 
 MOST_BYTES = 1024**2  # of the file
-MOST_MESH_BYTES = 32 * 1024**2  # of each mesh
+MOST_MESH_BYTES = 32 * 1024**2  # of all meshes
+MOST_OBJ_LINES = 400_000  # of all meshes, as a line takes 10 microseconds
 MOST_TRIANGLES = 100_000  # of all of it, as every page that shows the robot draws them
 MOST_ELEMENTS, DEEPEST = 20_000, 32
 FARTHEST_M = 5.0  # of anything from the robot's middle: as `setups.Robot` may be large
@@ -115,7 +117,8 @@ class _Reader:
     def __init__(self, path: Path) -> None:
         self.path, self.folder = path, path.resolve().parent
         self.problems: list[Problem] = []
-        self.left = MOST_TRIANGLES
+        self.left, self.bytes_left, self.lines_left = MOST_TRIANGLES, MOST_MESH_BYTES, MOST_OBJ_LINES
+        self.meshes: dict[Path, Doubles] = {}
         self.root = _parsed(path)
 
     def wrong(self, element: _Element, where: str, value: object, message: str) -> None:
@@ -228,44 +231,39 @@ class _Reader:
         self.left -= len(triangles)
         if self.left < 0:
             self._too_many(shape, len(triangles))
-            return None
         material = visual.first("material")
         colour = (_rgb(material) or materials.get(material.given.get("name", ""))) if material else None
         whole = place @ self._origin(visual)
         return Look(triangles @ whole[:3, :3].T + whole[:3, 3], colour or GREY)
 
-    def _too_many(self, shape: _Element, count: int) -> None:
+    def _too_many(self, shape: _Element, count: int) -> NoReturn:
+        """Nothing is read after this: what follows may be as large."""
         where = shape.given.get("filename", shape.tag)
         message = f"has {count:,} triangles; at most {MOST_TRIANGLES:,} are shown of a robot: decimate it"
         self.wrong(shape, "mesh", where, message)
+        raise ProtocolError(self.problems)
 
     def _triangles(self, shape: _Element) -> Doubles | None:
         """(n, 3, 3) metres in the visual's frame; None for what cannot be read."""
-        import trimesh.creation  # half a second that only robots with a URDF need
 
         def size(key: str, count: int = 1) -> Doubles:
             return self._numbers(shape, key, (0.0,) * count, FARTHEST_M)
 
-        made: Any
         if shape.tag == "mesh":
             return self._mesh(shape)
         if shape.tag == "box":
             sides = size("size", 3)
-            made = (lambda: trimesh.creation.box(extents=sides)) if (sides > 0).all() else None
         elif shape.tag == "cylinder":
-            (radius,), (length,) = size("radius"), size("length")
-            whole = radius > 0 and length > 0
-            made = (lambda: trimesh.creation.cylinder(radius=radius, height=length, sections=24)) if whole else None
+            sides = np.concatenate([size("radius"), size("radius"), size("length")])
         elif shape.tag == "sphere":
-            (radius,) = size("radius")
-            made = (lambda: trimesh.creation.icosphere(subdivisions=2, radius=radius)) if radius > 0 else None
+            sides = size("radius").repeat(3)
         else:
             self.wrong(shape, "geometry", shape.tag, "must be a box, cylinder, sphere or mesh")
             return None
-        if made is None:
+        if not (sides > 0).all():
             self.wrong(shape, shape.tag, None, "must have sizes above 0 m")
             return None
-        return np.asarray(made().triangles, dtype=np.float64)
+        return _shape_of_one_metre(shape.tag) * sides
 
     def _mesh(self, shape: _Element) -> Doubles | None:
         named = shape.given.get("filename", "")
@@ -274,14 +272,15 @@ class _Reader:
         if file is None:
             return None
         try:
-            content = _bounded(file, self.left)
-            triangles = _loaded(file, content)
+            if file not in self.meshes:
+                content = self._bounded(file)
+                self.meshes[file] = _loaded(file, content)
         except _TooMany as many:
             self._too_many(shape, many.count)
         except (OSError, ValueError) as wrong:
             self.wrong(shape, "mesh", named[:200], str(wrong))
         else:
-            return triangles * scale
+            return self.meshes[file] * scale
         return None
 
     def _file(self, shape: _Element, named: str) -> Path | None:
@@ -305,36 +304,54 @@ class _Reader:
         self.wrong(shape, "mesh", named[:200], f"is missing: put it beside {self.path.name}, as {places}")
         return None
 
+    def _bounded(self, file: Path) -> bytes:
+        """A mesh's bytes. Raises _TooMany where it says that it has more triangles than are left, ValueError where
+        it is too large or cut."""
+        size = file.stat().st_size
+        with file.open("rb") as opened:
+            head = opened.read(84)
+            binary = file.suffix.lower() == ".stl" and len(head) == 84
+            said = int.from_bytes(head[80:], "little") if binary else 0
+            if binary and size == 84 + 50 * said and said > self.left:
+                raise _TooMany(said)
+            self.bytes_left -= size
+            if self.bytes_left < 0:
+                raise ValueError(f"has {size:,} bytes; at most {MOST_MESH_BYTES:,} are read of all meshes: decimate it")
+            content = head + opened.read(size)
+        if file.suffix.lower() == ".obj":
+            lines = content.splitlines()
+            self.lines_left -= len(lines)
+            if self.lines_left < 0:
+                raise ValueError(f"has too many lines; at most {MOST_OBJ_LINES:,} are read of all meshes: decimate it")
+            count = sum(max(len(line.split()) - 3, 0) for line in lines if line.startswith(b"f"))
+        elif binary and size == 84 + 50 * said:
+            count = said
+        elif content.lstrip()[:5].lower() == b"solid":
+            count = content.count(b"facet") // 2  # and its end
+        else:
+            raise ValueError(f"is cut: it says {said:,} triangles and has {size:,} bytes, not {84 + 50 * said:,}")
+        if count > self.left:
+            raise _TooMany(count)
+        return content
+
 
 class _TooMany(ValueError):
     def __init__(self, count: int) -> None:
         self.count = count
 
 
-def _bounded(file: Path, left: int) -> bytes:
-    """A mesh's bytes. Raises _TooMany where it says that it has more triangles than are left, ValueError where
-    it is too large or cut."""
-    size = file.stat().st_size
-    with file.open("rb") as opened:
-        head = opened.read(84)
-        binary = file.suffix.lower() == ".stl" and len(head) == 84
-        said = int.from_bytes(head[80:], "little") if binary else 0
-        if binary and size == 84 + 50 * said and said > left:
-            raise _TooMany(said)
-        if size > MOST_MESH_BYTES:
-            raise ValueError(f"has {size:,} bytes; at most {MOST_MESH_BYTES:,} are read: decimate it")
-        content = head + opened.read(MOST_MESH_BYTES)
-    if file.suffix.lower() == ".obj":
-        count = sum(max(len(line.split()) - 3, 0) for line in content.splitlines() if line.startswith(b"f"))
-    elif binary and size == 84 + 50 * said:
-        count = said
-    elif content.lstrip()[:5].lower() == b"solid":
-        count = content.count(b"facet") // 2  # and its end
+@cache
+def _shape_of_one_metre(tag: str) -> Doubles:
+    """(n, 3, 3) a box of that side; a cylinder or sphere of that radius, the cylinder as high."""
+    import trimesh.creation  # half a second that only robots with a URDF need
+
+    if tag == "box":
+        made = trimesh.creation.box()
+    elif tag == "cylinder":
+        made = trimesh.creation.cylinder(radius=1, height=1, sections=24)
     else:
-        raise ValueError(f"is cut: it says {said:,} triangles and has {size:,} bytes, not {84 + 50 * said:,}")
-    if count > left:
-        raise _TooMany(count)
-    return content
+        made = trimesh.creation.icosphere(subdivisions=2)
+    return np.asarray(made.triangles, dtype=np.float64)
 
 
 def _loaded(file: Path, content: bytes) -> Doubles:

@@ -36,7 +36,7 @@ PROBED_S = 2.0
 ON_THE_WAY = ".training"  # folder in a setup's, of trainings that were interrupted
 DEFINITION = "description"
 """The parent on each card that stands for the setup's files."""
-DEFINING = (".yaml", ".yml", ".pgm", ".png", ".urdf")
+DEFINING = (".yaml", ".yml", ".pgm", ".png", ".bmp", ".urdf")
 
 
 class OnStage(Protocol):

@@ -61,18 +61,12 @@ def bring(
     robot: Annotated[str, Form()] = "",
 ) -> Response:
     """Take in a setup: files or one zip. What is wrong is said as `desirepath setup check` says it."""
-    from desirepath.simulation.setup_intake import LARGEST_ALL, IntakeError, take_in, unpack
+    from desirepath.simulation.setup_intake import IntakeError, gather, take_in
 
     root = uploaded_setups()
     try:
         root.mkdir(parents=True, exist_ok=True)
-        brought: dict[str, bytes] = {}
-        for file in files or []:
-            content = file.file.read(LARGEST_ALL + 1)
-            if file.filename and file.filename.lower().endswith(".zip"):
-                brought |= unpack(file.filename, content)
-            elif file.filename:
-                brought[file.filename] = content
+        brought = gather((file.filename, file.file) for file in files or [] if file.filename)
         take_in(name.strip(), brought, root, robot)
     except (IntakeError, SetupError) as wrong:
         return _setups_page(request, database, status=422, problems=[str(wrong)], name=name, robot=robot)
