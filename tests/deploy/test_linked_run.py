@@ -37,9 +37,9 @@ class Node:
         self.stops, self.weights = [], []
         rig.supervisor._told = lambda change: change.state is State.STOPPED and self.stops.append((0.0, change.reason))
 
-    def act(self, name):
+    def act(self, name, by="by hand"):
         try:
-            getattr(self.supervisor, name)()
+            getattr(self.supervisor, name)(by)
         except Refused as why:
             return str(why)
         return self.supervisor.state.value
@@ -76,7 +76,7 @@ def go_on(at, seconds):
 def test_the_server_starts_what_was_armed_and_hears_of_it(at):
     go_on(at, 2)
     assert at.node.supervisor.state is State.ARMED, "armed with the run, and waiting"
-    assert at.server.said[-1]["state"] == "armed"
+    assert (at.server.said[-1]["state"], at.server.said[-1]["reason"]) == ("armed", "armed for the server")
     at.server.orders = replace(READY, drive=True, weights={"farther": 1.0})
     go_on(at, 1.5)
     assert at.node.supervisor.state is State.DRIVING

@@ -303,8 +303,8 @@ class Supervisor:
 
     # Acts of whoever answers for the robot
 
-    def arm(self) -> None:
-        """Get ready; the robot stands. Raises Refused."""
+    def arm(self, by: str = "by hand") -> None:
+        """Get ready; the robot stands. by: whose act it is. Raises Refused."""
         self._time()
         if self._held:
             raise Refused(f"not armed: {self._held} still says stop")
@@ -313,9 +313,9 @@ class Supervisor:
         self._scans.forget()
         self._odometry.forget()
         self._shape = self._scan = self._where = None
-        self._be(State.ARMED, "armed by hand")
+        self._be(State.ARMED, f"armed {by}")
 
-    def start(self) -> None:
+    def start(self, by: str = "by hand") -> None:
         """Drive. Raises Refused."""
         now = self._time()
         if not math.isfinite(now):
@@ -337,7 +337,7 @@ class Supervisor:
             raise Refused(f"not started: {why}")
         self._begin()
         self._stepped = now - self.controller.period_s
-        self._be(State.DRIVING, "started by hand")
+        self._be(State.DRIVING, f"started {by}")
 
     def stop(self, why: str) -> None:
         """Stand at once, until somebody arms and starts again."""

@@ -43,7 +43,7 @@ class LinkedRun:
             one.stop("the server ended the run")
             return True
         if self._arms and not self._set_out and one.state is State.OFF and self._may_try(now):
-            node.act("arm")
+            node.act("arm", "for the server")
         if one.where is not None:
             self._follow(node, orders, one.where, now)
             if now - self._said >= SAY_EVERY_S:
@@ -68,7 +68,7 @@ class LinkedRun:
             self._person = orders.person
             node.set_people([Person(*self._frame.out_of(orders.person))], lasting=True)
         if orders.drive and one.state is State.ARMED and self._may_try(now):
-            started = node.act("start").startswith(State.DRIVING.value)
+            started = node.act("start", "by the server").startswith(State.DRIVING.value)
             self._began = now if started and self._began == -math.inf else self._began
         if one.state is State.DRIVING:
             if not orders.drive:

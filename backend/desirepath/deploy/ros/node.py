@@ -7,6 +7,7 @@ map_to_odom (TransformStamped), stop (std_msgs/Bool) -> cmd_vel (Twist or TwistS
 
 from __future__ import annotations
 
+import functools
 import math
 import time
 from collections import deque
@@ -235,10 +236,11 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
 
     # Acts
 
-    def act(self, name: str) -> str:
-        """arm, start, stop or off by somebody's hand: what came of it, in words."""
+    def act(self, name: str, by: str = "by hand") -> str:
+        """arm, start, stop or off by somebody: what came of it, in words."""
         one = self.supervisor
-        acts = {"arm": one.arm, "start": one.start, "stop": lambda: one.stop("stopped by hand"), "off": one.off}
+        stop = functools.partial(one.stop, f"stopped {by}")
+        acts = {"arm": lambda: one.arm(by), "start": lambda: one.start(by), "stop": stop, "off": one.off}
         try:
             acts[name]()
         except Refused as why:

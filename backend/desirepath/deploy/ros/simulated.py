@@ -19,9 +19,9 @@ import numpy as np
 import rclpy
 from geometry_msgs.msg import Pose, PoseArray, Twist
 from nav_msgs.msg import Odometry
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import LaserScan
 
 STEP_S = 0.05
@@ -104,7 +104,7 @@ class SimulatedRobot(Node):  # type: ignore[misc]  # rclpy has no types
 
 def main(world: Path, parent: int | None = None) -> None:
     """Until the process ends, or the one that started it has."""
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     robot = SimulatedRobot(world)
     due = time.monotonic()
     while rclpy.ok() and (parent is None or os.getppid() == parent):
@@ -117,5 +117,5 @@ def main(world: Path, parent: int | None = None) -> None:
 if __name__ == "__main__":
     try:
         main(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else None)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except KeyboardInterrupt:
         sys.exit(130)
