@@ -113,10 +113,11 @@ def test_options_that_are_none_are_named(words, capsys):
 
 def test_every_drive_of_the_page_is_one_that_there_is():
     drives = [words for fence in fences_of(PAGE, language="bash") for words in commands_of(fence) if "drive" in words]
-    assert len(drives) == 3
+    assert len(drives) == 5
     for words in drives:
         end = words.index("--ros-args") if "--ros-args" in words else len(words)
-        assert parser("drive").parse_args(words[2:end]).policy
+        asked = parser("drive").parse_args(words[2:end])
+        assert asked.policy or asked.server
 
 
 def test_the_loop_of_the_page_drives_a_robot_of_ones_own(bundle):

@@ -193,6 +193,8 @@ class _Trial:
         self.supervisor.scan(scan)
         if good or self._gets_used_to_it():
             self.good["scan"] = measured
+        elif wrong == "scans ever later":  # that old it is, and no older
+            self.good["scan"] = max(self.good["scan"], scan.stamp_s)
 
     def _odometry(self) -> None:
         x, y, yaw = self.pose
@@ -255,6 +257,12 @@ def _shift(least: float, most: float) -> Callable[[_Trial, dict[str, Any]], Any]
     return shifted
 
 
+def _ever_later(trial: _Trial, values: dict[str, Any]) -> float:
+    """The stamp of a message that was longer on its way than the one before."""
+    trial.stamp_error -= 0.06
+    return float(values["stamp_s"]) + trial.stamp_error
+
+
 def _any_of(*numbers: float) -> Callable[[_Trial, dict[str, Any]], Any]:
     return lambda trial, _: float(trial.rng.choice(numbers))
 
@@ -273,6 +281,7 @@ _SCANS: dict[str, Callable[[_Trial, dict[str, Any]], bool]] = {
     "stamp that is none": _set(stamp_s=_any_of(math.nan, math.inf, -math.inf, 1e300, -1e300)),
     "the same scan": _set(stamp_s=lambda trial, values: trial.good["scan"]),
     "scans of long ago": _set(stamp_s=_shift(-1e5, -0.31)),
+    "scans ever later": _set(stamp_s=_ever_later),
     "scans of the future": _set(stamp_s=_shift(0.45, 1e5)),
     "huge stamps": _set(stamp_s=_any_of(1e18, 9.9e5, -9.9e5)),
     "stamps too huge to count in": _set(stamp_s=lambda trial, values: 1e18 + values["stamp_s"] * 1e3),
@@ -296,6 +305,7 @@ _ALIKE = {
 }
 _ALIKE |= {
     "reversed angles",
+    "scans ever later",
     "ranges that are none",
     "wrong count",
     "stamps too huge to count in",
