@@ -240,7 +240,12 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         """arm, start, stop or off by somebody: what came of it, in words."""
         one = self.supervisor
         stop = functools.partial(one.stop, f"stopped {by}")
-        acts = {"arm": lambda: one.arm(by), "start": lambda: one.start(by), "stop": stop, "off": one.off}
+        acts: dict[str, Callable[[], None]] = {
+            "arm": lambda: one.arm(by),
+            "start": lambda: one.start(by),
+            "stop": stop,
+            "off": one.off,
+        }
         try:
             acts[name]()
         except Refused as why:
