@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import select
 
 from desirepath.grammar.source import ProtocolError
-from desirepath.store.models import Response, RobotRun
+from desirepath.store.models import Response, RobotRun, StudyRobot
 from desirepath.study import robots
 from desirepath.study.refusals import Refused
 from desirepath.study.simulated.in_process import walk_in_process
@@ -71,21 +71,20 @@ def test_one_robot_that_is_free_stands_ready_and_a_busy_one_does_not(walk, files
     first.walk_to("robot_drive")
     assert run_of(first).robot_id == robot.id
     with first.database.session() as s:
-        orders = robots.orders_of(s, s.merge(robot))
+        orders = robots.orders_of(s, s.get_one(StudyRobot, robot.id))
     assert (orders["run"], orders["drive"], orders["goal"]) == (run_of(first).id, False, [2.0, 1.0])
     second = walk(BLOCK, LEARNED)
-    with second.database.transaction() as s:
-        stranger = s.merge(robot)
-        second.walk_to("robot_drive")
-        with pytest.raises(Refused, match="no such robot"):
-            robots.give_to(s, s.get_one(RobotRun, run_of(second).id), stranger)
+    second.walk_to("robot_drive")
+    run = run_of(second)
+    with second.database.transaction() as s, pytest.raises(Refused, match="no such robot"):
+        robots.give_to(s, s.get_one(RobotRun, run.id), s.get_one(StudyRobot, robot.id))
 
 
 def test_programs_walk_it_in_the_simulation_and_it_says_so(tmp_path, database, files, twenty_queries):
     frozen = small_protocol(tmp_path, [BLOCK, LEARNED], query_set=str(twenty_queries))
     with database.transaction() as s:
         study = create_study(s, files, frozen, name="Bots", created_by=None)
-    assert walk_in_process(database, files, study, 1, Character("farther"))["completed"] == 1
+    assert walk_in_process(database, files, study, 1, Character("min-human-distance"))["completed"] == 1
     with database.session() as s:
         value = s.scalars(select(Response).where(Response.kind == "robot_drive")).one().value
         run = s.scalars(select(RobotRun)).one()
