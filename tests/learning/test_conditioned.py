@@ -226,7 +226,7 @@ def test_a_batch_is_judged_by_its_wants(base: Policy) -> None:
         TINY, mirrored_share=0.0, relabelled_share=0.0, reward_weights=replace(reward_weights, scales=(0.0,) * SIZE)
     )
     plain = ConditionedTraining(base, nothing)
-    judged, core = training.batch(), plain.batch()
+    judged, core = training.batch()[0], plain.batch()[0]
     setup = training.setup
     polar = setup.polar_size
     wants = judged.observations[:, polar : polar + SIZE].numpy()

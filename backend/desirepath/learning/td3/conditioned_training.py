@@ -37,7 +37,8 @@ from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.interrupted import Kept, TrainingFile
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
-from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
+from desirepath.learning.td3.td3 import ActorTerm, Batch, Td3Agent, Td3Config
+from desirepath.learning.td3.way_guide import WayGuide
 from desirepath.simulation.disturbed import randomised_engine
 from desirepath.simulation.fast import FastEngine, make_engine, rollout
 from desirepath.simulation.scene import Scene
@@ -144,10 +145,15 @@ class ConditionedConfig:
     strong_success: float = 0.975  # no strength that costs more; the bar in reports is 97 %
     recovery: bool = False  # whether the base policy frees a robot that is stuck
     randomise: bool = False  # as `BaseConfig`
+    guidance: float = 0.0  # weight of the squared distance from the guide's actions in the actor's loss
+    let_go: float = 0.0  # share of that weight that a full preference takes away
+    smoothness: float = 0.0  # weight of the squared turning there
+    smoothness_wanted: float = 0.0  # as much more of it for whoever prefers `smoother`, in full
 
     def as_dict(self) -> dict[str, Any]:
-        stored = stored_config(self)
-        return stored if self.randomise else {name: value for name, value in stored.items() if name != "randomise"}
+        """As `stored_config`; without what has no part, as before there were randomness, guide and smoothness."""
+        later = {"randomise", "guidance", "let_go", "smoothness", "smoothness_wanted"}
+        return {name: value for name, value in stored_config(self).items() if value or name not in later}
 
 
 def conditioned_config(base: Policy, seed: int = 0) -> ConditionedConfig:
@@ -204,11 +210,13 @@ def training_engine(
 
 
 class ConditionedTransitions(NamedTuple):
-    """Transitions with the step terms (n, 9) that they led to and the weights (n, 9) they were rolled out under."""
+    """Transitions with the step terms (n, 9) that they led to, the weights (n, 9) they were rolled out under and what
+    the guide would have done (n, 2)."""
 
     batch: Batch
     terms: torch.Tensor
     weights: torch.Tensor
+    guided: torch.Tensor
 
 
 class ConditionedReplayBuffer(ReplayBuffer):
@@ -218,8 +226,11 @@ class ConditionedReplayBuffer(ReplayBuffer):
         super().__init__(capacity, setup.observation_size)
         self._setup = setup
         self.terms, self.weights = torch.zeros(capacity, SIZE), torch.zeros(capacity, SIZE)
+        self.guided = torch.zeros(capacity, 2)
         self.rolled_out_by = np.zeros((0, SIZE), dtype=np.float32)
         """(n, 9) the weights of the n transitions that are added next."""
+        self.guided_by: Floats | None = None
+        """(n, 2) what the guide would do instead of each of these; None without one."""
 
     def add(
         self,
@@ -232,13 +243,15 @@ class ConditionedReplayBuffer(ReplayBuffer):
         rows = (self._next + np.arange(len(rewards))) % self.capacity
         self.terms.numpy()[rows] = step_terms_of(actions, next_observations, self._setup)
         self.weights.numpy()[rows] = self.rolled_out_by
+        if self.guided_by is not None:
+            self.guided.numpy()[rows] = self.guided_by
         super().add(observations, actions, rewards, next_observations, dones)
 
     def draw(self, n: int, generator: torch.Generator) -> ConditionedTransitions:
         """n transitions drawn uniformly, with replacement."""
-        rows = torch.randint(self.size, (n,), generator=generator)
-        batch = Batch(*(part.index_select(0, rows) for part in self.data))
-        return ConditionedTransitions(batch, self.terms.index_select(0, rows), self.weights.index_select(0, rows))
+        rows = self.draw_rows(n, generator)
+        more = (part.index_select(0, rows) for part in (self.terms, self.weights, self.guided))
+        return ConditionedTransitions(self.transitions(rows), *more)
 
 
 class ConditionedTraining:
@@ -268,6 +281,7 @@ class ConditionedTraining:
             self.setup, self._rewards, config.n_envs, seed=config.seed + 1, randomise=config.randomise
         )
         self.collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed + 1)
+        self._guide = WayGuide(engine) if config.guidance else None
         self._weights = sample_weights(config.n_envs, config, self._random)
         self.transitions = 0
 
@@ -276,7 +290,9 @@ class ConditionedTraining:
         config, n_envs = self.config, 256
         engine = training_engine(self.setup, self._rewards, n_envs, seed=config.seed, randomise=config.randomise)
         collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)
+        guide = WayGuide(engine) if config.guidance else None
         for _ in range(-(-config.base_transitions // n_envs)):
+            self.buffer.guided_by = guide.act() if guide else None
             self.buffer.rolled_out_by = sample_weights(n_envs, config, self._random)
             collector.step(base.act, self.buffer)
 
@@ -285,6 +301,7 @@ class ConditionedTraining:
         there were in all."""
         config, engine = self.config, self.collector.engine
         self.buffer.rolled_out_by = self._weights
+        self.buffer.guided_by = self._guide.act() if self._guide else None
         self.collector.step(lambda o: self.agent.act(self._inputs(o, self._weights)), self.buffer)
         self.transitions += config.n_envs
         ended = engine.dones
@@ -295,7 +312,8 @@ class ConditionedTraining:
             config.learning_rate + min(1.0, late) * (config.final_learning_rate - config.learning_rate)
         )
         for _ in range(config.updates_per_step):
-            self.agent.update(self.batch())
+            batch, guided = self.batch()
+            self.agent.update(batch, self._term(guided))
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
         return self.agent.updates
 
@@ -309,17 +327,34 @@ class ConditionedTraining:
         """Write it down, to go on with."""
         file.keep(self.agent, self._average, self.transitions)
 
-    def batch(self) -> Batch:
-        """What the agent learns from: reward = core + progress + sum_k scale_k share_k term_k - turning - time.
+    def _term(self, guided: Floats) -> ActorTerm | None:
+        """What the actor's loss holds beside value: how far it is from the guide, less where something is preferred;
+        and turning, more for whoever prefers `smoother`."""
+        config, first = self.config, self.setup.polar_size
+        if not (config.guidance or config.smoothness):
+            return None
+        smoother = first + names_of(config.setup).index("smoother")
+
+        def term(inputs: Floats, actions: Floats) -> Floats:
+            strongest = np.clip(inputs[:, first : first + SIZE].max(axis=1, keepdims=True), 0, 1)
+            gradient: Floats = config.guidance * (1 - config.let_go * strongest) * (actions - guided)
+            gradient[:, 1] += (config.smoothness + config.smoothness_wanted * inputs[:, smoother]) * actions[:, 1]
+            return gradient * np.float32(2 / len(actions))
+
+        return term
+
+    def batch(self) -> tuple[Batch, Floats]:
+        """What the agent learns from: reward = core + progress + sum_k scale_k share_k term_k - turning - time; and
+        what the guide would do there (n, 2).
 
         Part of it is judged by the weights of other rows, part of it is mirrored; both are as true as the rollouts.
         """
         config, reward_weights = self.config, self._rewards
         n = config.batch_size
-        (observations, actions, rewards, following, continues), terms, rolled_out_by = self.buffer.draw(
+        (observations, actions, rewards, following, continues), terms, rolled_out_by, guides = self.buffer.draw(
             n, self._sampler
         )
-        weights = rolled_out_by.numpy()
+        weights, guided = rolled_out_by.numpy(), guides.numpy()
         shuffled = int(n * config.relabelled_share)
         weights[:shuffled] = weights[self._random.permutation(n)[:shuffled]]
         judged = (shares_of_reward(weights) * terms.numpy()) @ np.array(reward_weights.scales, dtype=np.float32)
@@ -330,14 +365,16 @@ class ConditionedTraining:
         for part in (seen, then):
             part[mirrored] = part[mirrored][:, order] * signs
         done[mirrored] *= ACTION_SIGNS
+        guided[mirrored] *= ACTION_SIGNS
         weights[mirrored] = weights[mirrored][:, mirrored_of(config.setup)]
-        return Batch(
+        batch = Batch(
             torch.from_numpy(self._inputs(seen, weights)),
             actions,
             rewards + torch.from_numpy(judged),
             torch.from_numpy(self._inputs(then, weights)),
             continues,
         )
+        return batch, guided
 
     def _inputs(self, observations: Floats, weights: Floats) -> Floats:
         """What the conditioned networks read: task part, weights, lidar."""
