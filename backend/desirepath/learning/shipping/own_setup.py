@@ -25,6 +25,8 @@ from desirepath.learning.td3.ensemble import PolicyEnsembleConfig
 from desirepath.simulation.fast import evaluate
 from desirepath.simulation.setups import Setup, SetupError, get_setup, setup_folders
 
+GUIDED = {"guidance": 2.0, "let_go": 0.5, "smoothness": 0.2, "smoothness_wanted": 0.4}
+"""Of conditioned policies: without, in a building of eight rooms, success falls by 8 points from the base policy's."""
 REPORT_SCENES = 1_000  # of the base policy, whose success is told
 SELECTION_SCENES = 400
 BASE_UPDATES, SMOOTHING_UPDATES = 30_000, 6_000
