@@ -106,7 +106,8 @@ def ship_conditioned(request: Request, config: ConditionedConfig | None = None) 
     result = train_conditioned(base, config, request.on_progress, file)
     policy = replace(result.policy, critic=()) if setup in WITHOUT_CRITIC else result.policy
     reporting = FIRST_CONDITIONED_REPORT_SEED + config.seed
-    further = [name for name, there in (("recovery", config.recovery), ("randomised", config.randomise)) if there]
+    parts = {"recovery": config.recovery, "randomised": config.randomise, "guide": config.guidance > 0}
+    further = [name for name, there in parts.items() if there]
     card = request.store(
         "conditioned_policy",
         "conditioned",
