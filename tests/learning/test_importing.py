@@ -474,3 +474,9 @@ def test_more_rows_than_are_asked_at_once() -> None:
     with LimitedNetwork("policy", b'{"setup": "study_room"}', graph(nodes, weights), "other.onnx") as network:
         rows = np.arange((ROWS + 5) * WIDTH, dtype=np.float32).reshape(-1, WIDTH) / 1e5
         np.testing.assert_allclose(network(rows), rows @ weights["w"], rtol=1e-3)
+
+
+def test_a_network_that_came_as_our_own_file_is_opened_as_others_are():
+    content = ForeignPolicy("study_room", b"garbage, no ONNX at all").to_bytes()
+    with pytest.raises(LearningError, match="policy of study_room"):
+        import_policy(content, "mine.npz")

@@ -255,6 +255,7 @@ def test_too_many_topics_or_messages_are_refused(tmp_path: Path) -> None:
         (replace(BOUNDS, rows=20), "topic /odom, message 20: at most 20 messages of a topic"),
         (replace(BOUNDS, bag_bytes=100), "at most 100 are read; cut the bag"),
         (replace(BOUNDS, message_bytes=100), "bytes; at most 100"),
+        (replace(BOUNDS, poses=5), "poses; at most 5 of a bag"),
     ):
         with pytest.raises(RecordingError, match=message):
             read_bag(file, Mapping(), bounds)

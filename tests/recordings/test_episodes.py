@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from desirepath.learning.policies.shipped import load_queries
 from desirepath.recordings.episodes import read_lerobot, read_minari
 from desirepath.recordings.importing import import_recordings
 from desirepath.recordings.mapping import Keys, Mapping
-from desirepath.recordings.recording import RecordingError
+from desirepath.recordings.recording import BOUNDS, RecordingError
 from desirepath.store.dataset.minari_episodes import MinariWriter
 from desirepath.store.models import TrajectoryRow
 from tests.recordings.walks import ANNA, RUNS, refusal, robot_at, times
@@ -129,6 +130,21 @@ def test_a_bomb_of_rows_is_refused_before_it_is_read(tmp_path: Path) -> None:
     assert (folder / "data" / "chunk-000" / "file-000.parquet").stat().st_size < 2**20
     with pytest.raises(RecordingError, match="rows = 10000000: at most 2000000 are read"):
         import_recordings(folder, "study_room")
+
+
+def test_types_and_rows_of_all_files_are_looked_at_before_a_file_is_read(tmp_path: Path, monkeypatch) -> None:
+    folder = lerobot(tmp_path / "mine")
+    file = folder / "data" / "chunk-000" / "file-000.parquet"
+    file.with_name("file-001.parquet").write_bytes(file.read_bytes())
+    read, whole = [], pq.ParquetFile.read
+    monkeypatch.setattr(pq.ParquetFile, "read", lambda self, **asked: read.append(asked) or whole(self, **asked))
+    with pytest.raises(RecordingError, match=f"file-001.parquet, rows = {2 * COUNT}: at most {COUNT + 1} are read of"):
+        read_lerobot(folder, Mapping(), replace(BOUNDS, rows=COUNT + 1))
+    assert len(read) == 1
+    text = lerobot(tmp_path / "text", **{"observation.state": pa.array(["x" * 1_000] * COUNT)})
+    with pytest.raises(RecordingError, match="must hold numbers"):
+        read_lerobot(text, Mapping())
+    assert len(read) == 1
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

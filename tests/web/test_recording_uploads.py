@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
 import io
 import json
 import re
@@ -14,9 +16,11 @@ from sqlalchemy import select
 
 from desirepath import zip_files
 from desirepath.simulation.trajectory import Trajectory
-from desirepath.store.models import Artefact
+from desirepath.store.models import Artefact, Audit
 from desirepath.store.snapshots import Snapshot
+from desirepath.web import server
 from desirepath.web.analyst import recording_drafts
+from desirepath.web.analyst.recording_drafts import find_recording_draft
 from desirepath.web.core import draft_folders
 from desirepath.web.core.throttle import LARGEST_BODY
 from tests.recordings.films import mp4, webm
@@ -185,6 +189,62 @@ def test_videos_are_uploaded_with_their_pairs_watched_and_kept(lab, lab_services
         assert sorted(s.scalars(select(Artefact.name).where(Artefact.kind == "video"))) == ["one.mp4", "two.webm"]
 
 
+def test_two_videos_of_one_file_name_are_told_apart(lab, lab_services):
+    films = {"mon/cam.webm": webm(3.0, mark=b"1"), "tue/cam.webm": webm(3.0, mark=b"2")}
+    address = taken(lab, ("films.zip", zipped(**films)), ("pairs.csv", b"a,b\nmon/cam.webm,tue/cam.webm\n"))
+    read(lab, address)
+    page = make(lab, address)
+    assert "Pair 1 of 1" in page
+    for name, content in films.items():
+        assert f'src="{address}/videos/{name}"' in page
+        assert lab.get(f"{address}/videos/{name}").content == content
+    assert lab.get(f"{address}/videos/cam.webm").status_code == 404
+
+
+def test_files_of_one_place_become_pairs_as_the_page_says(lab):
+    lines = HALL.decode().splitlines()
+    runs = [(f"{run}.csv", "\n".join([lines[0], *(one for one in lines if one.startswith(f"{run},"))]).encode())
+            for run in ("wide", "straight")]  # fmt: skip
+    address = taken(lab, *runs)
+    assert "`scene: lab`" in read(lab, address)
+    refused = make(lab, address)
+    assert "2 runs in 2 scenes; `scene: lab` in the mapping" in refused
+    assert "Runs: 2, places: 1, pairs: 1" in make(lab, address, more="scene: lab")
+
+
+def test_nothing_changes_while_files_are_read_and_the_card_says_what_was_read(lab, lab_services):
+    address = taken(lab, ("hall.csv", HALL))
+    read(lab, address)
+    make(lab, address, more="origin: [1, 0]")
+    draft = find_recording_draft(lab_services.settings.data, address.rsplit("/", 1)[1])
+    with draft.claimed():
+        changed = lab.post(address, data={"csrf": csrf(lab), "setup": "open_field", "more": "origin: [2, 0]"})
+        assert (changed.status_code, "files are being read" in changed.text) == (409, True)
+        assert send(lab, "mine.csv", b"a,b,choice\nwide,straight,a\n", draft.id, answers=True).status_code == 409
+        assert send(lab, "more.csv", HALL, draft.id).status_code == 409
+        assert lab.post(f"{address}/keep", data={"csrf": csrf(lab), "name": "x"}).status_code == 409
+    assert [name for name, _ in draft.files()] == ["hall.csv"]
+    assert draft.read("asked")["setup"] == "study_room"
+    draft.map("origin: [3, 0]")
+    keep(lab, address)
+    with lab_services.database.session() as s:
+        card = s.scalars(select(Artefact).where(Artefact.name == "Mine")).one().card["imported"]
+    assert card["mapping"] == "origin:\n- 1.0\n- 0.0\n"
+    assert card["files"][-1]["sha256"] == hashlib.sha256(card["mapping"].encode()).hexdigest()
+
+
+def test_a_reading_may_take_so_much_memory(lab, monkeypatch):
+    monkeypatch.setattr(recording_drafts, "MEMORY_BYTES", 64 * 2**20)
+    page = read(lab, taken(lab, ("hall.csv", HALL)))
+    assert "of memory: import parts" in page
+
+
+def test_a_place_of_many_digits_is_a_wrong_place(lab):
+    address = taken(lab, ("hall.csv", HALL))
+    sent = lab.post(address, data={"csrf": csrf(lab), "setup": "?", "robot.field": "state", "robot.x": "9" * 5_000})
+    assert sent.status_code == 422
+
+
 def test_a_video_that_was_renamed_or_cut_is_refused_with_a_sentence(lab):
     address = taken(lab, ("one.mp4", webm()), ("two.mp4", mp4()[:-9]), ("pairs.csv", b"a,b\none.mp4,two.mp4\n"))
     read(lab, address)
@@ -269,6 +329,7 @@ def test_zips_that_reach_out_or_unpack_to_too_much_are_refused(lab, lab_services
             assert "no recording in it" in read(lab, refused.json()["href"])
         else:
             assert refused.status_code == 422
+            assert not list(lab_services.settings.data.glob("recordings/*/recordings/*.csv"))
     assert not list(lab_services.settings.data.rglob("out.csv"))
     assert not list(Path("/").glob("abs.csv"))
     damaged = bytearray(zipped(**{"a.csv": HALL}))
@@ -277,6 +338,48 @@ def test_zips_that_reach_out_or_unpack_to_too_much_are_refused(lab, lab_services
     monkeypatch.setattr(zip_files, "MOST_DIRECTORY_BYTES", 1_000)
     refused = send(lab, "some.zip", zipped(**{f"{k}.csv": b"x" for k in range(100)}))
     assert (refused.status_code, "list of files is longer" in refused.text) == (422, True)
+
+
+def test_of_a_refused_zip_nothing_is_left(lab, lab_services):
+    draft_id = send(lab, "hall.csv", HALL).json()["draft"]
+    draft = find_recording_draft(lab_services.settings.data, draft_id)
+    twice = io.BytesIO()
+    with zipfile.ZipFile(twice, "w") as out:
+        out.writestr("q.csv", "1")
+        with pytest.warns(UserWarning, match="Duplicate"):
+            out.writestr("q.csv", "2")
+    broken = bytearray(zipped(**{"ok.csv": b"hello", "bad.csv": HALL}))
+    broken[broken.find(b"bad.csv") + 30] ^= 0xFF
+    for content, why in (
+        (zipped(**{"b.csv": HALL, "hall.csv": b"x"}), "hall.csv was uploaded already"),
+        (zipped(**{"b.csv": HALL, "hall.csv/x.csv": b"x"}), "was uploaded already"),
+        (zipped(**{"w.csv": b"1", "w.csv/x.csv": b"2"}), "was uploaded already"),
+        (twice.getvalue(), "q.csv was uploaded already"),
+        (zipped(**{"ok.csv": HALL, "\u6f22" * 110 + ".csv": HALL}), "is no name for a file"),
+        (bytes(broken), "cannot be unpacked"),
+    ):
+        refused = send(lab, "some.zip", content, draft_id)
+        assert (refused.status_code, why in refused.json()["error"]["message"]) == (422, True), refused.text
+        assert [one.name for one in draft.recordings.rglob("*")] == ["hall.csv"]
+        assert not list(draft.folder.glob(".*"))
+    assert send(lab, "\u6f22" * 110 + ".csv", HALL).status_code == 422
+
+
+def test_an_analyst_of_one_study_sees_own_uploads_only(lab, lab_services, colleague):
+    address = taken(lab, ("hall.csv", HALL))
+    member = colleague("member", "analyst")
+    own = taken(member, ("own.csv", HALL))
+    listed = member.get("/lab/recordings").text
+    assert (own in listed, address in listed) == (True, False)
+    assert member.get(own).status_code == 200
+    assert [member.get(path).status_code for path in (address, f"/api{address}")] == [404, 404]
+    assert member.post(f"{address}/discard", data={"csrf": csrf(member)}).status_code == 404
+    assert send(member, "more.csv", HALL, address.rsplit("/", 1)[1]).status_code == 404
+    assert own in lab.get("/lab/recordings").text  # who may analyse everywhere sees all
+    assert lab.post(f"{own}/discard", data={"csrf": csrf(lab)}, follow_redirects=False).status_code == 303
+    with lab_services.database.session() as s:
+        (entry,) = s.scalars(select(Audit).where(Audit.action == "recordings_discarded"))
+        assert entry.data["sent_by"] == "a-member-analyst"
 
 
 def test_who_may_start_no_jobs_uploads_nothing_and_sees_no_uploads(lab, colleague):
@@ -292,11 +395,20 @@ def test_who_may_start_no_jobs_uploads_nothing_and_sees_no_uploads(lab, colleagu
 
 def test_an_upload_that_nobody_kept_goes(lab, lab_services, monkeypatch):
     address = taken(lab, ("hall.csv", HALL))
+    data = lab_services.settings.data
+    draft_folders.forget_drafts(data)
+    assert find_recording_draft(data, address.rsplit("/", 1)[1]) is not None
     monkeypatch.setattr(draft_folders, "LASTS_S", -1.0)
-    other = taken(lab, ("again.csv", HALL))
-    monkeypatch.undo()
-    assert lab.get(address).status_code == 404
-    assert lab.get(other).status_code == 200
+
+    async def until_gone() -> None:
+        stopping = asyncio.Event()
+        keeping = asyncio.create_task(server._keep_forgetting(lab_services.settings, stopping))
+        while lab.get(address).status_code == 200:
+            await asyncio.sleep(0.05)
+        stopping.set()
+        await keeping
+
+    asyncio.run(asyncio.wait_for(until_gone(), 30))
 
 
 def test_the_command_says_what_is_in_a_file(tmp_path):

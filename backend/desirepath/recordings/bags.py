@@ -101,6 +101,7 @@ class _Bag:
     grid: GridMessage | None = None
     counts: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     messages: int = 0
+    poses: int = 0
 
     def topic(self, name: str, kind: str, bounds: Bounds) -> None:
         if len(self.kinds) >= bounds.topics and name not in self.kinds:
@@ -131,6 +132,9 @@ class _Bag:
             found = decode(kind, data)
         except CdrError as wrong:
             raise RecordingError(self.name, where, None, f"{wrong}; {kind} was expected") from None
+        self.poses += len(found.bodies)
+        if self.poses > bounds.poses:
+            raise RecordingError(self.name, where, self.poses, f"poses; at most {bounds.poses} of a bag are read")
         time_s = found.time_s if found.time_s > 0 else logged_ns * 1e-9
         topic.messages.append((len(topic.messages), Stamped(time_s, found.frame, found.bodies)))
 
@@ -191,19 +195,18 @@ def _read_mcap(file: Path, bag: _Bag, wanted: set[str], bounds: Bounds) -> None:
         from mcap.stream_reader import StreamReader
     except ModuleNotFoundError:
         raise RecordingError(file.name, "", None, LACKING) from None
-    schemas: dict[int, Any] = {}
+    schemas: dict[int, str] = {}  # id -> name
     channels: dict[int, tuple[str, str]] = {}  # id -> topic, encoding
     unpacked = 0
 
     def take(record: object) -> None:
         if isinstance(record, records.Schema):
-            schemas[record.id] = record
+            schemas[record.id] = record.name
         elif isinstance(record, records.Channel):
-            schema = schemas.get(record.schema_id)
             if len(channels) >= bounds.topics:
                 raise RecordingError(file.name, "channels", len(channels) + 1, f"at most {bounds.topics} are read")
             channels[record.id] = record.topic, record.message_encoding
-            bag.topic(record.topic, _ros2_name(schema.name if schema else ""), bounds)
+            bag.topic(record.topic, _ros2_name(schemas.get(record.schema_id, "")), bounds)
         elif isinstance(record, records.Message):
             bag.messages += 1
             topic, encoding = channels.get(record.channel_id, ("", ""))

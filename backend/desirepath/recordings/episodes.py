@@ -1,7 +1,7 @@
 """Data sets of episodes in Parquet: Minari's (also Arrow) and LeRobotDataset v3. Only poses are taken of them.
 
 Which numbers are a place the mapping says (`robot: {field: observation.state, x: 0, y: 1, yaw: 2}`), unless the data
-set itself names them x, y, yaw. Neither package is needed. Sizes are looked at before anything is read.
+set itself names them x, y, yaw. Neither package is needed. Types and sizes are looked at before a file is read.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping as AnyMapping
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ Doubles = NDArray[np.float64]
 MINARI, LEROBOT = "minari", "lerobot"
 LEROBOT_VERSION = "v3.0"
 INFO = Path("meta/info.json")
-MOST_NUMBERS = 50_000_000  # of one column of one file
+MOST_NUMBERS = 50_000_000  # of all columns and files together
 YAWS = ("yaw", "theta", "heading", "angle")
 STATE = "observation.state"
 OURS = "desirepath/"  # Minari data sets that `desirepath export` wrote
@@ -66,7 +67,7 @@ def read_minari(path: Path, mapping: Mapping, bounds: Bounds = BOUNDS) -> list[R
             path.name, "dt_s", None, "episodes have no times; `dt_s` in the mapping says seconds per step"
         )
     keys = mapping.robot or Keys(field="infos.pose", x=0, y=1, yaw=2)
-    found = []
+    found, read = [], _Read()
     episodes = sorted(
         (one for one in data.iterdir() if one.is_dir() and one.name.isdigit()), key=lambda one: int(one.name)
     )
@@ -76,8 +77,8 @@ def read_minari(path: Path, mapping: Mapping, bounds: Bounds = BOUNDS) -> list[R
             raise RecordingError(
                 path.name, f"episode {episode.name}", None, "has no .parquet or .arrow file; was it cut?"
             )
-        names = {keys.field.split(".")[0], *(one.field.split(".")[0] for one in mapping.people.values())}
-        table = pa.concat_tables([_table(one, sorted(names), bounds) for one in parts])
+        names = {keys.field, *(one.field for one in mapping.people.values())}
+        table = _table(parts, sorted(names), bounds, read)
         times = np.asarray(np.arange(len(table)) * dt_s, dtype=np.float64)
         digest = hashlib.sha256("".join(_digest(one, bounds) for one in parts).encode()).hexdigest()
         source = Source(path.name, MINARI, digest)
@@ -102,10 +103,7 @@ def read_lerobot(path: Path, mapping: Mapping, bounds: Bounds = BOUNDS) -> list[
     files = sorted((path / "data").rglob("*.parquet"))
     if not files or len(files) > bounds.files:
         raise RecordingError(path.name, "data", len(files), f"Parquet files; 1 to {bounds.files} are read")
-    tables = [_table(one, names, bounds) for one in files]
-    if sum(map(len, tables)) > bounds.rows:
-        raise RecordingError(path.name, "rows", sum(map(len, tables)), f"at most {bounds.rows} are read")
-    table = pa.concat_tables(tables)
+    table = _table(files, names, bounds, _Read())
     episodes = _numbers(path.name, table, "episode_index")[:, 0]
     times = _numbers(path.name, table, "timestamp")[:, 0]
     digest = hashlib.sha256("".join(_digest(one, bounds) for one in files).encode()).hexdigest()
@@ -195,8 +193,30 @@ def _named_place(file: str, features: AnyMapping[str, Any]) -> Keys:
     raise RecordingError(file, "info.json, features", list(features)[:10], problem)
 
 
-def _table(file: Path, names: Sequence[str], bounds: Bounds) -> pa.Table:
-    """These columns of one file."""
+@dataclass
+class _Read:
+    """How much was read of a data set."""
+
+    rows: int = 0
+    numbers: int = 0
+    bytes: int = 0
+
+    def add(self, where: str, rows: int, numbers: int, size: int, bounds: Bounds) -> None:
+        """Raises RecordingError where it is too much with this; before it is read."""
+        self.rows, self.numbers, self.bytes = self.rows + rows, self.numbers + numbers, self.bytes + size
+        if self.rows > bounds.rows:
+            raise RecordingError(where, "rows", self.rows, f"at most {bounds.rows} are read of all files together")
+        if self.numbers > MOST_NUMBERS or self.bytes > bounds.file_bytes:
+            problem = f"numbers in {self.bytes} bytes; at most {MOST_NUMBERS} in {bounds.file_bytes} are read"
+            raise RecordingError(where, "columns", self.numbers, problem)
+
+
+def _table(files: Sequence[Path], names: Sequence[str], bounds: Bounds, read: _Read) -> pa.Table:
+    """These columns of all files."""
+    return pa.concat_tables([_table_of(one, names, bounds, read) for one in files])
+
+
+def _table_of(file: Path, names: Sequence[str], bounds: Bounds, read: _Read) -> pa.Table:
     where = f"{file.parent.name}/{file.name}"
     size = file.stat().st_size
     if not 0 < size <= bounds.file_bytes:
@@ -204,64 +224,73 @@ def _table(file: Path, names: Sequence[str], bounds: Bounds) -> pa.Table:
     try:
         if file.suffix == ".arrow":
             with pa.memory_map(str(file)) as mapped:
-                return _arrow(where, mapped, names, bounds)
-        read = pq.ParquetFile(file)
-        _require_columns(where, read.schema_arrow.names, names)
-        about = read.metadata
-        if about.num_rows > bounds.rows:
-            raise RecordingError(where, "rows", about.num_rows, f"at most {bounds.rows} are read")
+                return _arrow(where, mapped, names, bounds, read)
+        opened = pq.ParquetFile(file)
+        _check_columns(where, opened.schema_arrow, names)
+        about = opened.metadata
         numbers, unpacked = 0, 0
         for group in range(about.num_row_groups):
             for column in range(about.num_columns):
                 one = about.row_group(group).column(column)
-                if any((one.path_in_schema + ".").startswith((f"{name}.", f"{name.split('.')[0]}.")) for name in names):
+                if any(f"{one.path_in_schema}.".startswith(f"{name}.") for name in names):
                     numbers, unpacked = numbers + one.num_values, unpacked + one.total_uncompressed_size
-        if numbers > MOST_NUMBERS or unpacked > bounds.file_bytes:
-            problem = f"numbers in {unpacked} bytes; at most {MOST_NUMBERS} in {bounds.file_bytes} are read"
-            raise RecordingError(where, "columns", numbers, problem)
-        return read.read(columns=list(names))
+        read.add(where, about.num_rows, numbers, unpacked, bounds)
+        return opened.read(columns=list(names))
     except RecordingError:
         raise
     except (pa.ArrowException, OSError, ValueError, KeyError) as wrong:
         raise RecordingError(where, "", None, f"is cut or no {file.suffix[1:]} file: {wrong}") from None
 
 
-def _arrow(where: str, mapped: pa.NativeFile, names: Sequence[str], bounds: Bounds) -> pa.Table:
+def _arrow(where: str, mapped: pa.NativeFile, names: Sequence[str], bounds: Bounds, read: _Read) -> pa.Table:
     """Arrow files are read batch by batch."""
     reader = pa.ipc.open_file(mapped)
-    _require_columns(where, reader.schema.names, names)
-    batches, rows, size = [], 0, 0
+    _check_columns(where, reader.schema, names)
+    batches = []
     for k in range(reader.num_record_batches):
         batch = reader.get_batch(k)
-        rows, size = rows + batch.num_rows, size + batch.nbytes
-        if rows > bounds.rows or size > bounds.file_bytes:
-            raise RecordingError(where, "rows", rows, f"at most {bounds.rows} in {bounds.file_bytes} bytes are read")
+        read.add(where, batch.num_rows, 0, batch.nbytes, bounds)
         batches.append(batch)
-    table = pa.Table.from_batches(batches, reader.schema).select(list(names))
+    names = sorted({name if name in reader.schema.names else name.split(".")[0] for name in names})
+    table = pa.Table.from_batches(batches, reader.schema).select(names)
     table.validate(full=True)
     return pa.table(
         {name: pa.concat_arrays(table[name].chunks) if table[name].chunks else table[name] for name in names}
     )
 
 
-def _require_columns(where: str, there: Sequence[str], names: Sequence[str]) -> None:
+def _check_columns(where: str, schema: pa.Schema, names: Sequence[str]) -> None:
+    """Each is there and holds numbers, or lists of them; `infos.pose` is field pose of the struct infos."""
     for name in names:
-        if name not in there:
-            problem = f"no such column; `robot: {{field: ...}}` in the mapping names one of {', '.join(there[:20])}"
+        first, *inside = (name,) if name in schema.names else name.split(".")
+        if first not in schema.names:
+            problem = (
+                f"no such column; `robot: {{field: ...}}` in the mapping names one of {', '.join(schema.names[:20])}"
+            )
             raise RecordingError(where, "columns", name, problem)
+        kind = schema.field(first).type
+        for part in inside:
+            if not pa.types.is_struct(kind) or kind.get_field_index(part) < 0:
+                there = [one.name for one in kind] if pa.types.is_struct(kind) else str(kind)
+                raise RecordingError(where, f"column {name}", there, f"has no field {part!r}")
+            kind = kind.field(part).type
+        of = kind.value_type if _is_list(kind) else kind
+        if not (pa.types.is_floating(of) or pa.types.is_integer(of)):
+            raise RecordingError(where, f"column {name}", str(of), "must hold numbers, or lists of them")
+
+
+def _is_list(kind: pa.DataType) -> bool:
+    return bool(pa.types.is_fixed_size_list(kind) or pa.types.is_list(kind) or pa.types.is_large_list(kind))
 
 
 def _numbers(file: str, table: pa.Table, field: str) -> Doubles:
-    """(n, k) of a column of numbers or of lists of one length; `infos.pose` is field pose of the struct infos."""
+    """(n, k) of a column of numbers or of lists of one length, as `_check_columns` found it."""
     if field in table.column_names:
         found: Any = table[field].combine_chunks()
     else:
         name, *inside = field.split(".")
         found = table[name].combine_chunks()
         for part in inside:
-            if not pa.types.is_struct(found.type) or found.type.get_field_index(part) < 0:
-                there = [one.name for one in found.type] if pa.types.is_struct(found.type) else str(found.type)
-                raise RecordingError(file, f"column {field}", there, f"has no field {part!r}")
             found = found.field(part)
     if isinstance(found, pa.ChunkedArray):  # of a table without rows
         found = pa.concat_arrays(found.chunks) if found.num_chunks else pa.array([], found.type)
@@ -269,7 +298,7 @@ def _numbers(file: str, table: pa.Table, field: str) -> Doubles:
     if found.null_count:
         row = int(np.flatnonzero(np.asarray(found.is_null()))[0])
         raise RecordingError(file, f"column {field}, row {row}", None, "is empty; leave such rows out")
-    if pa.types.is_fixed_size_list(kind) or pa.types.is_list(kind) or pa.types.is_large_list(kind):
+    if _is_list(kind):
         lengths = np.asarray(found.value_lengths()) if len(found) else np.zeros(0)
         if len(set(lengths.tolist())) > 1:
             raise RecordingError(
@@ -277,8 +306,6 @@ def _numbers(file: str, table: pa.Table, field: str) -> Doubles:
             )
         width = int(lengths[0]) if len(lengths) else 0
         found = found.flatten()
-    if not (pa.types.is_floating(found.type) or pa.types.is_integer(found.type)):
-        raise RecordingError(file, f"column {field}", str(found.type), "must hold numbers, or lists of them")
     values = found.to_numpy(zero_copy_only=False).astype(np.float64)
     return np.asarray(values.reshape(len(values) // width if width else 0, width))
 

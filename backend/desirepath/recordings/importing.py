@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -78,7 +79,7 @@ def import_recordings(
     files, pair_file = find_files(path, mapping, bounds, answers)
     # What `runs` cuts apart may have pauses and more people in all: each piece is judged when it is converted.
     loose = replace(bounds, gap_s=math.inf, people=MOST_IN_ALL) if mapping.runs else bounds
-    films = {file.name: file for file, kind in files if kind == videos.FORMAT}
+    films = name_videos([file for file, kind in files if kind == videos.FORMAT], path)
     read = [(file, kind) for file, kind in files if kind != videos.FORMAT]
     recordings = [one for file, kind in read for one in _pieces(READERS[kind](file, mapping, loose), mapping)]
     if len(recordings) > bounds.runs:
@@ -105,7 +106,10 @@ def import_recordings(
         proposed = propose_pairs(converted, most)
         queries, filtered = proposed.queries, proposed.filtered
     if not queries:
-        problem = f"no pair to show: {len(converted)} runs in {len({one.scene for one in converted})} scenes"
+        scenes = len({one.scene for one in converted})
+        problem = f"no pair to show: {len(converted)} runs in {scenes} scenes"
+        if scenes > 1:
+            problem += "; `scene: lab` in the mapping (on the page under More) says that all are of one place"
         raise RecordingError(
             path.name, "pairs", filtered or None, f"{problem}; two runs of one scene that differ are needed"
         )
@@ -161,6 +165,12 @@ def find_files(
     if (total := sum(one.stat().st_size for one in inside)) > bounds.all_bytes:
         raise RecordingError(path.name, "bytes", total, f"at most {bounds.all_bytes} are read; import parts of it")
     return [(one, whole.get(one) or _format_of(one, mapping, path)) for one in taken], pair_file
+
+
+def name_videos(files: Sequence[Path], folder: Path) -> dict[str, Path]:
+    """What pairs call each: its file's name, or, where several have that, its path below the folder."""
+    several = {name for name, count in Counter(file.name for file in files).items() if count > 1}
+    return {file.relative_to(folder).as_posix() if file.name in several else file.name: file for file in files}
 
 
 def _folder_format(folder: Path) -> str | None:

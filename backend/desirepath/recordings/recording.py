@@ -35,6 +35,7 @@ def _short(value: object) -> str:
 class Bounds:
     """How much is read, all ours. file_bytes: of a file that is read as a whole, bag_bytes: of one that is not;
     all_bytes: of all of an import; unpacked_bytes: of what is compressed; rows: of a table, messages of a topic;
+    poses: in all messages of a bag;
     runs, people, things: of a recording; run_s: how long a run may be: people watch it to its end; gap_s: how long
     nothing may be known of a robot, over that it is not one run.
     """
@@ -46,6 +47,7 @@ class Bounds:
     json_bytes: int = 64 * MIB
     unpacked_bytes: int = 16_384 * MIB
     rows: int = 2_000_000
+    poses: int = 2_000_000
     topics: int = 500
     message_bytes: int = 16 * MIB
     runs: int = 2_000

@@ -25,6 +25,7 @@ from desirepath.settings import Settings, in_url
 from desirepath.study.personalising import next_query
 from desirepath.web.application import create_application, create_stage_application
 from desirepath.web.core.dependencies import Services
+from desirepath.web.core.draft_folders import forget_drafts
 from desirepath.web.core.heads import BoundedProtocol
 from desirepath_stage.stage_server import StageServer
 
@@ -189,12 +190,13 @@ async def _serve(
     # Loading takes the worker and the queries' preparation some seconds of a core: not while nobody has seen a page.
     worker = asyncio.create_task(_keep_worker(settings, stopping)) if settings.worker else None
     giving_back = asyncio.create_task(_keep_giving_back(stopping))
+    forgetting = asyncio.create_task(_keep_forgetting(settings, stopping))
     waiting = asyncio.create_task(stopping.wait())
     await asyncio.wait([waiting, *tasks], return_when=asyncio.FIRST_COMPLETED)
     for one in servers:
         one.should_exit = True
     stopping.set()
-    await asyncio.gather(giving_back, *tasks)
+    await asyncio.gather(giving_back, forgetting, *tasks)
     if worker:
         await worker
 
@@ -205,6 +207,14 @@ async def _keep_giving_back(stopping: asyncio.Event) -> None:
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(stopping.wait(), freed_memory.EVERY_S)
         await asyncio.to_thread(freed_memory.give_back)
+
+
+async def _keep_forgetting(settings: Settings, stopping: asyncio.Event) -> None:
+    """Delete forgotten uploads at the start and daily."""
+    while not stopping.is_set():
+        await asyncio.to_thread(forget_drafts, settings.data)
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(stopping.wait(), 86_400)
 
 
 async def _keep_worker(settings: Settings, stopping: asyncio.Event) -> None:

@@ -16,8 +16,12 @@ import numpy as np
 
 from desirepath.learning.errors import LearningError
 from desirepath.learning.foreign.limited import LimitedNetwork
+from desirepath.learning.foreign.onnx_bounds import ROWS
+from desirepath.learning.policies.foreign import ForeignPolicy
 from desirepath.learning.policies.policy import StoredPolicy, read_policy
 from desirepath.npz import MIB, Bounds, NpzError, from_npz
+from desirepath.simulation.observation_bounds import observation_bounds
+from desirepath.simulation.setups import get_setup
 
 FILE_BYTES = 64 * MIB
 ENDINGS = (".npz", ".onnx", ".zip")
@@ -49,7 +53,11 @@ def import_policy(
         raise LearningError(f"{file}: {len(content):,} bytes; between 1 and {FILE_BYTES:,} are read")
     sha256 = hashlib.sha256(content).hexdigest()
     if ending == ".npz":
-        return ImportedPolicy(_own(content, file, setup), file, sha256)
+        own = _own(content, file, setup)
+        if isinstance(own, ForeignPolicy):  # its network is opened and run as those of other files are
+            low, high = observation_bounds(get_setup(own.setup))
+            own.act(np.random.default_rng(0).uniform(low, high, (ROWS, len(low))).astype(np.float32))
+        return ImportedPolicy(own, file, sha256)
     try:
         beside = manifest.decode() if manifest is not None else None
     except UnicodeDecodeError:

@@ -19,6 +19,7 @@ import threading
 import time
 import zipfile
 from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,9 +39,12 @@ MOST_BYTES = LARGEST_STREAM  # of an upload, all together: what is larger is imp
 MOST_FILES = BOUNDS.files
 LONGEST_S = 1_800.0  # of reading
 PIECE = 4 * MIB
+MEMORY_BYTES = 4_096 * MIB  # address space of one reading
+AT_ONCE = threading.BoundedSemaphore(2)  # readings of this server process
 BEAT_S = 1.0
 STALE_S = 15.0  # a process that nobody has heard of for so long ended with its server
 ANSWERS = "answers.csv"
+MOST_NAME_BYTES = 255  # of a file's name, as file systems have it
 _PART = re.compile(r"[^\x00-\x1f/\\:*?\"<>|]{1,120}")
 
 
@@ -100,6 +104,25 @@ class RecordingDraft:
         beat = self.folder / "working"
         return beat.is_file() and time.time() - beat.stat().st_mtime < STALE_S
 
+    def claim(self) -> None:
+        """Have it to oneself until `working` goes. Raises UploadError while files are read or placed."""
+        beat = self.folder / "working"
+        if not self.is_working:
+            beat.unlink(missing_ok=True)
+        try:
+            beat.open("x").close()
+        except (FileExistsError, FileNotFoundError):  # or it was kept or discarded just now
+            raise UploadError("busy") from None
+
+    @contextmanager
+    def claimed(self) -> Iterator[None]:
+        """The same within a block."""
+        self.claim()
+        try:
+            yield
+        finally:
+            self.forget("working")
+
     def discard(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)
 
@@ -116,7 +139,7 @@ def recording_drafts(data: Path) -> list[RecordingDraft]:
 
 
 def new_recording_draft(data: Path, by: str) -> RecordingDraft:
-    """An empty one; forgotten ones go."""
+    """An empty one."""
     folder = new_folder(data / "recordings")
     draft = RecordingDraft(folder.name, folder)
     draft.recordings.mkdir(parents=True)
@@ -130,7 +153,7 @@ def new_recording_draft(data: Path, by: str) -> RecordingDraft:
 async def take_in(draft: RecordingDraft, name: str, body: AsyncIterator[bytes], *, answers: bool = False) -> None:
     """Write one file as it comes in, and unpack it if it is a zip. Nothing is left of what is refused.
 
-    Raises UploadError for a name that is none, more than there may be, or no room.
+    Raises UploadError for a name that is none, more than there may be, no room, or while files are read.
     """
     target = draft.folder / ANSWERS if answers else draft.recordings / _checked_name(name)
     files = draft.files()
@@ -139,8 +162,10 @@ async def take_in(draft: RecordingDraft, name: str, body: AsyncIterator[bytes], 
         raise UploadError("too_many", most=MOST_FILES)
     if target.exists() and not answers:
         raise UploadError("twice", name=name)
-    draft.forget("found.json", "made.json", "queries.npz")
+    if draft.is_working:
+        raise UploadError("busy")
     partial = draft.folder / f".{secrets.token_hex(4)}"
+    unpacked = partial.with_suffix(".unpacked")
     try:
         taken, waiting = 0, bytearray()
         with partial.open("wb") as out:
@@ -158,15 +183,37 @@ async def take_in(draft: RecordingDraft, name: str, body: AsyncIterator[bytes], 
         if not taken:
             raise UploadError("empty", name=name)
         if not answers and Path(name).suffix.lower() == ".zip" and zipfile.is_zipfile(partial):
-            await run_in_threadpool(_unpack, partial, draft.recordings, room, MOST_FILES - len(files))
+            await run_in_threadpool(_unpack, partial, unpacked, room, MOST_FILES - len(files))
+            inside = [one for one in unpacked.rglob("*") if one.is_file()]
+            await run_in_threadpool(
+                _place, draft, {one: draft.recordings / one.relative_to(unpacked) for one in inside}
+            )
         else:
-            partial.replace(target)
+            _place(draft, {partial: target})
     finally:
         partial.unlink(missing_ok=True)
+        await run_in_threadpool(shutil.rmtree, unpacked, ignore_errors=True)
+
+
+def _place(draft: RecordingDraft, came: dict[Path, Path]) -> None:
+    """Move all that came to where it belongs, or nothing: uploads may run side by side."""
+    with draft.claimed():
+        there = draft.files()
+        if len(there) + len(came) > MOST_FILES:
+            raise UploadError("too_many", most=MOST_FILES)
+        if sum(size for _, size in there) + sum(one.stat().st_size for one in came) > MOST_BYTES:
+            raise UploadError("too_large", mb=MOST_BYTES // MIB)
+        for target in came.values():
+            if (target.exists() and target.parent != draft.folder) or any(one.is_file() for one in target.parents):
+                raise UploadError("twice", name=target.name)
+        draft.forget("found.json", "made.json", "queries.npz")
+        for source, target in came.items():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            source.replace(target)
 
 
 def _checked_name(name: str) -> str:
-    if not _PART.fullmatch(name) or name.startswith("."):
+    if not _PART.fullmatch(name) or name.startswith(".") or len(name.encode(errors="replace")) > MOST_NAME_BYTES:
         raise UploadError("name", name=name[:80])
     return name
 
@@ -189,7 +236,11 @@ def _unpack(archive: Path, into: Path, room: int, files: int) -> None:
                 target.parent.mkdir(parents=True, exist_ok=True)
                 with opened.open(one) as packed, target.open("xb") as out:
                     for chunk in _bounded(packed, one.file_size):
+                        if shutil.disk_usage(into).free < MIN_FREE_BYTES:
+                            raise UploadError("no_room")
                         out.write(chunk)
+    except (FileExistsError, NotADirectoryError, IsADirectoryError) as wrong:
+        raise UploadError("twice", name=Path(str(wrong.filename)).name) from None
     except (*BROKEN, OSError, ValueError) as wrong:
         if isinstance(wrong, UploadError) or (isinstance(wrong, OSError) and wrong.errno is not None):
             raise
@@ -210,65 +261,76 @@ def _bounded(packed: Any, size: int) -> Iterator[bytes]:
 
 def begin_looking(settings: Settings, draft: RecordingDraft) -> None:
     """Have what is in the recordings looked at."""
-    _begin(settings, draft, "found", ["queries", "look", str(draft.recordings), "--json"])
+    draft.claim()
+    _begin(settings, draft, "found", ["queries", "look", str(draft.recordings), "--json"], {})
 
 
-def begin_making(settings: Settings, draft: RecordingDraft) -> None:
-    """Have a query set made of them, by the mapping and what was asked."""
-    asked = draft.read("asked")
+def begin_making(settings: Settings, draft: RecordingDraft, mapping: str, asked: dict[str, Any]) -> None:
+    """Have a query set made of them, by the mapping (YAML) and what is asked. Raises UploadError while files are
+    read."""
+    draft.claim()
+    draft.map(mapping)
+    draft.write("asked", asked)
     command = ["queries", "import", str(draft.recordings), "--setup", asked["setup"], "--json"]
     command += ["--out", str(draft.queries)]
     command += ["--mapping", str(draft.folder / "mapping.yaml")] if draft.mapping_yaml else []
     command += ["--pairs", asked["pairs"]] if asked.get("pairs") else []
     command += ["--count", str(asked["count"])] if asked.get("count") else []
     command += ["--answers", str(draft.answers)] if draft.answers else []
-    _begin(settings, draft, "made", command)
+    _begin(settings, draft, "made", command, {"mapping": mapping})
 
 
-def _begin(settings: Settings, draft: RecordingDraft, result: str, command: list[str]) -> None:
-    if draft.is_working:
-        return
+def _begin(settings: Settings, draft: RecordingDraft, result: str, command: list[str], more: dict[str, Any]) -> None:
     draft.forget(f"{result}.json", *(("queries.npz",) if result == "made" else ("made.json", "queries.npz")))
-    (draft.folder / "working").touch()
-    threading.Thread(target=_run, args=(settings, draft, result, command), daemon=True).start()
+    threading.Thread(target=_run, args=(settings, draft, result, command, more), daemon=True).start()
 
 
-def _run(settings: Settings, draft: RecordingDraft, result: str, command: list[str]) -> None:
-    """Run a command until it ends, with a beat that any server process can see."""
+def _run(settings: Settings, draft: RecordingDraft, result: str, command: list[str], more: dict[str, Any]) -> None:
+    """Run a command until it ends, with a beat that any server process can see; `more` is said with its answer."""
     beat = draft.folder / "working"
     try:
-        with (draft.folder / f".{result}").open("w+b") as said:
-            child = subprocess.Popen(
-                [sys.executable, "-m", "desirepath.cli.ends_with_parent", *command],
-                stdin=subprocess.PIPE,  # nothing is ever written: it closes with this process
-                stdout=said,
-                stderr=subprocess.DEVNULL,
-                env=environment_of(settings) | ONE_THREAD,
-                start_new_session=True,
-            )
-            began = time.monotonic()
-            try:
-                while child.poll() is None and time.monotonic() - began < LONGEST_S and draft.folder.is_dir():
-                    beat.touch()
-                    try:
-                        child.wait(BEAT_S)
-                    except subprocess.TimeoutExpired:
-                        continue
-            finally:
-                child.kill()
-                child.wait()
-            said.seek(0)
-            answer = said.read()
+        while not AT_ONCE.acquire(timeout=BEAT_S):
+            beat.touch()
         try:
-            json.loads(answer)
+            answer = _answer_to(settings, draft, result, command)
+        finally:
+            AT_ONCE.release()
+        try:
+            found = json.loads(answer)
         except ValueError:
-            answer = json.dumps({"error": "the reading ended without an answer; is there memory for it?"}).encode()
-        write_whole(draft.folder / f"{result}.json", answer)
+            gb = MEMORY_BYTES // (1_024 * MIB)
+            found = {"error": f"the reading ended without an answer; it may take {gb} GB of memory: import parts"}
+        draft.write(result, found | more)
     except FileNotFoundError:
         pass  # discarded meanwhile
     finally:
         beat.unlink(missing_ok=True)
         (draft.folder / f".{result}").unlink(missing_ok=True)
+
+
+def _answer_to(settings: Settings, draft: RecordingDraft, result: str, command: list[str]) -> bytes:
+    with (draft.folder / f".{result}").open("w+b") as said:
+        child = subprocess.Popen(
+            [sys.executable, "-m", "desirepath.cli.ends_with_parent", f"--memory={MEMORY_BYTES}", *command],
+            stdin=subprocess.PIPE,  # nothing is ever written: it closes with this process
+            stdout=said,
+            stderr=subprocess.DEVNULL,
+            env=environment_of(settings) | ONE_THREAD,
+            start_new_session=True,
+        )
+        began = time.monotonic()
+        try:
+            while child.poll() is None and time.monotonic() - began < LONGEST_S and draft.folder.is_dir():
+                (draft.folder / "working").touch()
+                try:
+                    child.wait(BEAT_S)
+                except subprocess.TimeoutExpired:
+                    continue
+        finally:
+            child.kill()
+            child.wait()
+        said.seek(0)
+        return said.read()
 
 
 def mapping_of(text: str) -> Mapping:

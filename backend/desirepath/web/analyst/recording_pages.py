@@ -7,6 +7,7 @@ The files and the reading are `recording_drafts.py`'s; the same by command is `d
 from __future__ import annotations
 
 from collections.abc import Mapping as AnyMapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,6 +23,7 @@ from starlette.responses import FileResponse, RedirectResponse, Response
 
 from desirepath.grammar.source import ProtocolError
 from desirepath.recordings.csv_tables import SYNONYMS
+from desirepath.recordings.importing import name_videos
 from desirepath.recordings.mapping import ANGLES, LENGTHS, TIMES, Keys, Mapping, Topics
 from desirepath.recordings.videos import MEDIA, is_video
 from desirepath.simulation.setups import SETUPS
@@ -79,9 +81,15 @@ class Reading(BaseModel):
     working: bool
 
 
-def _draft(services: TheServices, draft_id: str) -> RecordingDraft:
+def _sees(request: Request, draft: RecordingDraft) -> bool:
+    """Whether it is one's own, or one may analyse everywhere: people may be in it."""
+    own = draft.read("sent").get("by") == request.state.sign_in.name
+    return own or rights_in(request).studies("analyse") is None
+
+
+def _draft(request: Request, services: TheServices, draft_id: str) -> RecordingDraft:
     found = find_recording_draft(services.settings.data, draft_id)
-    if found is None:
+    if found is None or not _sees(request, found):
         raise LabRefusal(404, "no_recording_draft")
     return found
 
@@ -105,7 +113,7 @@ def recordings(request: Request, database: Db, services: TheServices) -> Respons
             request,
             "analyst/recordings.html",
             found=found,
-            drafts=[(one, one.read("sent"), one.files()) for one in drafts],
+            drafts=[(one, one.read("sent"), one.files()) for one in drafts if _sees(request, one)],
             most_mb=MOST_BYTES // 2**20,
         )
 
@@ -117,17 +125,15 @@ async def upload(
     """Take in one file, as `application/octet-stream`: a recording, a zip of a folder, pairs.csv, or answers. draft:
     of an earlier file; without one it is a new upload."""
     data = services.settings.data
-    found = find_recording_draft(data, draft)
-    if not draft:
-        found = await run_in_threadpool(new_recording_draft, data, user.name)
-    if found is None:
-        raise LabRefusal(404, "no_recording_draft")
+    found = _draft(request, services, draft) if draft else await run_in_threadpool(new_recording_draft, data, user.name)
     try:
         await take_in(found, Path(name).name if answers else name, request.stream(), answers=answers)
     except UploadError as problem:
-        if not found.files():
+        if not draft:
             found.discard()
-        raise LabRefusal(422, "recording_not_taken", problem=_told(request, problem)) from None
+        raise LabRefusal(
+            409 if problem.code == "busy" else 422, "recording_not_taken", problem=_told(request, problem)
+        ) from None
     return reply_of(Taken, {"draft": found.id, "href": f"/lab/recordings/{found.id}"})
 
 
@@ -143,14 +149,16 @@ def draft_page(
 ) -> Response:
     """What is in the files, the mapping, and what becomes of them. pair: which one is drawn; stage: in 3D, too."""
     if not draft.read("found") and not draft.is_working and draft.files():
-        begin_looking(services.settings, draft)
+        with suppress(UploadError):  # somebody else just began
+            begin_looking(services.settings, draft)
     return _page(request, draft, pair=pair, stage=stage)
 
 
-@router.get("/lab/recordings/{draft_id}/videos/{name}", response_class=Response)
+@router.get("/lab/recordings/{draft_id}/videos/{name:path}", response_class=Response)
 def draft_video(draft: TheDraft, name: str) -> Response:
     """A video that was uploaded, to be looked at before it is kept."""
-    found = next((one for one in draft.recordings.rglob("*") if one.name == name and is_video(one)), None)
+    films = [one for one in draft.recordings.rglob("*") if is_video(one)]
+    found = name_videos(films, draft.recordings).get(name)
     if found is None:
         raise LabRefusal(404, "no_recording_draft")
     return FileResponse(found, media_type=MEDIA[found.suffix.lower()])
@@ -173,10 +181,12 @@ def make(
     if given["setup"] not in _setups():
         return _page(request, draft, problems=[f"setup = {given['setup']!r}"], given=given, status=422)
     count = int(given["count"]) if given["count"].isdecimal() and len(given["count"]) < 5 else 200
-    draft.map(mapping)
     pairs = given["pairs"] if given["pairs"] in ("given", "proposed") else None
-    draft.write("asked", {"setup": given["setup"], "pairs": pairs, "count": max(1, min(count, 2_000))})
-    begin_making(services.settings, draft)
+    asked = {"setup": given["setup"], "pairs": pairs, "count": max(1, min(count, 2_000))}
+    try:
+        begin_making(services.settings, draft, mapping, asked)
+    except UploadError as busy:
+        return _page(request, draft, problems=[_told(request, busy)], given=given, status=409)
     return RedirectResponse(f"/lab/recordings/{draft.id}#made", status_code=303)
 
 
@@ -185,17 +195,33 @@ def keep(
     request: Request, draft: TheDraft, database: Db, files: Files, user: CheckedCsrf, name: Annotated[str, Form()] = ""
 ) -> Response:
     """Keep the query set, and the answers as a snapshot; the upload itself goes."""
+    name = " ".join(name.split())[:LONGEST_NAME]
+    try:
+        with draft.claimed():
+            kept = _kept(draft, database, files, name, user.name)
+            if kept is not None:
+                draft.discard()
+    except UploadError as busy:
+        return _page(request, draft, problems=[_told(request, busy)], status=409)
+    if kept is None:
+        return _page(request, draft, problems=[_words(request)("recordings.no_name")], status=422)
+    leads_to, details = kept
+    audit_details(request, **details)
+    return RedirectResponse(leads_to, status_code=303)
+
+
+def _kept(draft: RecordingDraft, database: Db, files: Files, name: str, by: str) -> tuple[str, dict[str, Any]] | None:
+    """Where what was kept is, and what the audit log says; None without a name or where nothing was made."""
     from desirepath.learning.queries.queries import QuerySet
 
     made = draft.read("made")
-    name = " ".join(name.split())[:LONGEST_NAME]
     if not name or "imported" not in made or not draft.queries.is_file():
-        return _page(request, draft, problems=[_words(request)("recordings.no_name")], status=422)
+        return None
     query_set = QuerySet.load(draft.queries)
     films = [one for one in draft.recordings.rglob("*") if is_video(one)]
     for film in films:
         files.put(film.read_bytes())  # before anybody waits for the transaction
-    card = {"imported": {**made["imported"], "by": user.name, "mapping": draft.mapping_yaml}}
+    card = {"imported": {**made["imported"], "by": by, "mapping": made["mapping"]}}
     with database.transaction() as s:
         stored = save_query_set(s, files, query_set, name=name, card=card, videos=films)
         leads_to = artefact_href(stored)
@@ -205,13 +231,12 @@ def keep(
             snapshot = save_imported_answers(s, files, stored, answers, name=name, source=made["imported"]["files"][-1])
             details["snapshot"] = snapshot.id
             leads_to = artefact_href(snapshot)
-    draft.discard()
-    audit_details(request, **details)
-    return RedirectResponse(leads_to, status_code=303)
+    return leads_to, details
 
 
 @router.post("/lab/recordings/{draft_id}/discard")
-def discard(draft: TheDraft, user: CheckedCsrf) -> Response:
+def discard(request: Request, draft: TheDraft, user: CheckedCsrf) -> Response:
+    audit_details(request, sent_by=draft.read("sent").get("by", ""), files=len(draft.files()))
     draft.discard()
     return RedirectResponse("/lab/recordings", status_code=303)
 
@@ -309,7 +334,7 @@ def _mapping_in(given: AnyMapping[str, str]) -> str:
         rest["topics"] = {what: topic or None for what, topic in of["topic"].items()}
     if of["robot"]["field"]:
         rest["robot"] = {
-            what: value if what == "field" else int(value)
+            what: value if what == "field" else int(value[:9])
             for what, value in of["robot"].items()
             if value and (what == "field" or value.isdecimal())
         }

@@ -8,7 +8,7 @@ import shutil
 import time
 from pathlib import Path
 
-LASTS_S = 7 * 86_400  # forgotten ones go when the next one is made: people may be in them
+LASTS_S = 7 * 86_400  # people may be in them
 _ID = re.compile(r"[0-9a-f]{16}")
 
 
@@ -21,11 +21,15 @@ class RefusedUpload(ValueError):
 
 
 def new_folder(parent: Path) -> Path:
-    """Where the next draft may be made, whose name is its id; forgotten ones go."""
-    for folder in list_folders(parent):
+    """Where the next draft may be made, whose name is its id."""
+    return parent / secrets.token_hex(8)
+
+
+def forget_drafts(data: Path) -> None:
+    """Delete those that nobody kept for LASTS_S, of all kinds."""
+    for folder in (*list_folders(data / "recordings"), *list_folders(data / "drafts")):
         if time.time() - folder.stat().st_mtime > LASTS_S:
             shutil.rmtree(folder, ignore_errors=True)
-    return parent / secrets.token_hex(8)
 
 
 def list_folders(parent: Path) -> list[Path]:
