@@ -1,6 +1,7 @@
 """`python -m desirepath.cli.ends_with_parent serve ...`: a `desirepath` command that ends with who started it.
 
-Also where that one is killed with no time for anything: the pipe that it holds to this process's standard input closes. `--memory=BYTES` before the command bounds its address space.
+Also where that one is killed with no time for anything: the pipe that it holds to this process's standard input closes.
+`--memory=BYTES` before the command bounds its address space.
 """
 
 from __future__ import annotations
