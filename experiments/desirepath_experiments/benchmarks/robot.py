@@ -6,10 +6,11 @@ from __future__ import annotations
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,10 +31,12 @@ from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.benchmarks.results import Progress
 from desirepath_experiments.robots.irsim_robot import IrSimRobot
+from desirepath_experiments.robots.topics import TopicsController
 
 Doubles = NDArray[np.float64]
 FINE_STEP_S = 0.002
 NUDGE_M = 0.001
+SILENT_SCENES, SILENT_AFTER = 10, 12  # control steps
 Share = Annotated[float, Field(ge=0, le=0.9)]
 
 
@@ -49,6 +52,11 @@ class RobotConfig:
     delay_s: Annotated[float, Field(ge=0, le=1, description="From a command to the wheels.")] = 0.0
     slip: Annotated[Share, Field(description="Largest share of a wheel's turning that moves nothing.")] = 0.0
     slow_wheels: Annotated[Share, Field(description="Share that wheels lack of the commanded speed.")] = 0.0
+
+    through: Annotated[
+        Literal["process", "topics"],
+        Field(description="The controller here, or `drive` over ROS 2 in lock step (.venv-tools)."),
+    ] = "process"
 
     @property
     def disturbances(self) -> Disturbances:
@@ -78,26 +86,33 @@ class Driven(NamedTuple):
 
 def drive(robot: IrSimRobot, acting: Acting) -> Driven:
     """From the start to the end, judged as the fast engine judges."""
-    scene = robot.scene
-    goal, person = (scene.goal.x, scene.goal.y), Person(scene.person.pose.x, scene.person.pose.y)
     acting.reset()
-    poses, seen, took = [robot.pose], [], []
+    poses, seen = [robot.pose], []
+    took: list[float] = []
     outcome = Outcome.TIMEOUT
     for _ in range(robot.setup.max_steps):
-        scan, odometry = robot.scan(), robot.odometry()
-        began = time.perf_counter()
-        command = acting.step(scan, odometry, goal, [person])
-        took.append(time.perf_counter() - began)
+        command = _ask(robot, acting, took)
         seen.append(acting.observation.copy())
         robot.drive(command)
         poses.append(robot.pose)
         if robot.hit:
             outcome = Outcome.COLLISION
             break
-        if robot.goal_distance_m <= scene.goal_radius:
+        if robot.goal_distance_m <= robot.scene.goal_radius:
             outcome = Outcome.SUCCESS
             break
     return Driven(outcome, np.array(poses), np.array(seen), took)
+
+
+def _ask(robot: IrSimRobot, acting: Acting, took: list[float] | None = None) -> Command:
+    """What to do where the robot is; how long that took, s, is added."""
+    scene, scan, odometry = robot.scene, robot.scan(), robot.odometry()
+    person = Person(scene.person.pose.x, scene.person.pose.y)
+    began = time.perf_counter()
+    command = acting.step(scan, odometry, (scene.goal.x, scene.goal.y), [person])
+    if took is not None:
+        took.append(time.perf_counter() - began)
+    return command
 
 
 def drive_engine(engine: FastEngine, policy: DrivingPolicy) -> tuple[NDArray[np.int8], list[Doubles]]:
@@ -139,18 +154,20 @@ def benchmark_robot(config: RobotConfig, progress: Progress | None = None) -> di
     nudged.start_at(np.array([(s.start.x + NUDGE_M, s.start.y, s.start.yaw) for s in scenes]))
     nudged_ends, _ = drive_engine(nudged, policy)
 
-    acting = controller_of(policy)
-    driven = []
-    for n, scene in enumerate(scenes):
-        driven.append(drive(IrSimRobot(scene, config.disturbances, config.seed + n), acting))
-        if n % 20 == 19:
-            progress.tell(f"{n + 1} scenes; {np.mean([one.outcome == Outcome.SUCCESS for one in driven]):.1%} arrive")
-    ends = np.array([one.outcome for one in driven], dtype=np.int8)
-    others = np.flatnonzero(ends != engine_ends)
-    finer = [
-        drive(IrSimRobot(scenes[i], config.disturbances, config.seed + int(i), FINE_STEP_S), acting).outcome
-        for i in others
-    ]
+    with _acting(policy, config.through) as acting:
+        driven = []
+        for n, scene in enumerate(scenes):
+            driven.append(drive(IrSimRobot(scene, config.disturbances, config.seed + n), acting))
+            if n % 20 == 19:
+                arrive = np.mean([one.outcome == Outcome.SUCCESS for one in driven])
+                progress.tell(f"{n + 1} scenes; {arrive:.1%} arrive")
+        ends = np.array([one.outcome for one in driven], dtype=np.int8)
+        others = np.flatnonzero(ends != engine_ends)
+        over_topics = _over_topics(acting, scenes) if isinstance(acting, TopicsController) else {}
+        finer = [
+            drive(IrSimRobot(scenes[i], config.disturbances, config.seed + int(i), FINE_STEP_S), acting).outcome
+            for i in others
+        ]
     both = np.flatnonzero((ends == Outcome.SUCCESS) & (engine_ends == Outcome.SUCCESS))
     took = np.concatenate([one.took_s for one in driven])
     result = {
@@ -174,7 +191,8 @@ def benchmark_robot(config: RobotConfig, progress: Progress | None = None) -> di
             "engine_otherwise_1_mm_beside": int((nudged_ends != engine_ends).sum()),
         },
     }
-    if not disturbed:
+    result |= over_topics
+    if not disturbed and not over_topics:
         result["observed"] = compare_observations(scenes[:20], driven[:20])
     return result
 
@@ -224,11 +242,33 @@ def compare_observations(scenes: Sequence[Scene], driven: Sequence[Driven]) -> d
     return found
 
 
-def controller_of(policy: DrivingPolicy) -> Controller:
+def _over_topics(acting: TopicsController, scenes: Sequence[Scene]) -> dict[str, Any]:
+    """refused: why the node stood, before or on the way. stop_s: told to stand so long after the last scan. p99: from
+    the scan on its topic to the command on its."""
+    refused, took = Counter(acting.refusals), acting.latencies_s.copy()
+    silent = []
+    for scene in scenes[:SILENT_SCENES]:
+        robot = IrSimRobot(scene)
+        acting.reset()
+        for _ in range(SILENT_AFTER):
+            command = _ask(robot, acting)
+            robot.drive(command)
+        if command != Command(0.0, 0.0):
+            silent.append(acting.silence_s())
+    stop_s = {"drives": len(silent), "longest": max(silent, default=None)}
+    return {"refused": refused, "stop_s": stop_s, "p99_latency_ms": float(1_000 * np.quantile(took, 0.99))}
+
+
+@contextmanager
+def _acting(policy: DrivingPolicy, through: str) -> Iterator[Controller | TopicsController]:
     """As a robot loads it: of the bundle that `policies export` writes."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in bundle_files(policy).items():
             path = Path(folder) / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        return Controller.load(folder)
+        if through == "process":
+            yield Controller.load(folder)
+        else:
+            with TopicsController(Path(folder)) as there:
+                yield there

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +16,7 @@ from typer.testing import CliRunner
 
 from desirepath.cli.main import app
 from desirepath.deploy.inputs import Command
+from desirepath.installed import ROOT
 from desirepath.simulation import setups
 from desirepath.simulation.disturbed import Disturbances
 from desirepath.simulation.fast import clearance_m, raw_ranges
@@ -22,6 +26,7 @@ from desirepath_experiments.robots.irsim_robot import IrSimRobot
 
 ROOM = draw_scenes("study_room", range(50, 53))
 AHEAD = Command(1.0, 0.0)
+TOOLS = Path(sys.prefix).resolve().with_name(".venv-tools") / "bin" / "python"
 
 
 @pytest.fixture
@@ -120,3 +125,23 @@ def test_a_small_benchmark_arrives_as_the_engine_does_and_says_what_was_observed
     assert told["p99_latency_ms"] > 0
     slipping = CliRunner().invoke(app, ["benchmark", "robot", "--scenes", "1", "--slip", "0.5", "--json"])
     assert json.loads(slipping.stdout)["disturbances"]["slip"] == 0.5
+
+
+@pytest.mark.skipif(not TOOLS.exists(), reason="ROS comes with the tools: make setup-test")
+def test_over_ros_2_the_node_drives_as_the_controller_does_and_stands_when_it_hears_nothing() -> None:
+    words = ["benchmark", "robot", "--scenes", "2", "--json"]
+    sources = os.pathsep.join(str(ROOT / folder) for folder in ("backend", "app", "experiments"))
+    there = subprocess.run(
+        [str(TOOLS), "-m", "desirepath", *words, "--through", "topics"],
+        env={name: os.environ[name] for name in ("HOME", "PATH") if name in os.environ} | {"PYTHONPATH": sources},
+        capture_output=True,
+        text=True,
+        timeout=200,
+    )
+    assert there.returncode == 0, there.stderr[-4_000:]
+    told, here = json.loads(there.stdout), json.loads(CliRunner().invoke(app, words).stdout)
+    assert told["ended"] == here["ended"] == {"success/success": 2}
+    assert told["median_distance_m"] == pytest.approx(here["median_distance_m"], abs=1e-5)
+    assert told["refused"] == {}
+    assert told["stop_s"]["drives"] == 2
+    assert 0.2 < told["stop_s"]["longest"] < 0.301
