@@ -57,6 +57,7 @@ class RobotConfig:
         Literal["process", "topics"],
         Field(description="The controller here, or `drive` over ROS 2 in lock step (.venv-tools)."),
     ] = "process"
+    zones: Annotated[bool, Field(description="Over topics: with the stop zone and the keep-out distance.")] = True
 
     @property
     def disturbances(self) -> Disturbances:
@@ -154,7 +155,7 @@ def benchmark_robot(config: RobotConfig, progress: Progress | None = None) -> di
     nudged.start_at(np.array([(s.start.x + NUDGE_M, s.start.y, s.start.yaw) for s in scenes]))
     nudged_ends, _ = drive_engine(nudged, policy)
 
-    with _acting(policy, config.through) as acting:
+    with _acting(policy, config) as acting:
         driven = []
         for n, scene in enumerate(scenes):
             driven.append(drive(IrSimRobot(scene, config.disturbances, config.seed + n), acting))
@@ -260,15 +261,16 @@ def _over_topics(acting: TopicsController, scenes: Sequence[Scene]) -> dict[str,
 
 
 @contextmanager
-def _acting(policy: DrivingPolicy, through: str) -> Iterator[Controller | TopicsController]:
+def _acting(policy: DrivingPolicy, config: RobotConfig) -> Iterator[Controller | TopicsController]:
     """As a robot loads it: of the bundle that `policies export` writes."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in bundle_files(policy).items():
             path = Path(folder) / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-        if through == "process":
+        if config.through == "process":
             yield Controller.load(folder)
         else:
-            with TopicsController(Path(folder)) as there:
+            zones = () if config.zones else ("--collision-s", "0", "--keep-out-m", "0")
+            with TopicsController(Path(folder), zones) as there:
                 yield there
