@@ -344,9 +344,13 @@ def run(*words: str) -> dict[str, object]:
 
 
 def test_the_building_of_the_guide_is_checked_and_driven_in(tmp_path):
-    (fence,) = fences_of("docs/extending.md", "A building", "yaml")
+    robot, fence = fences_of("docs/extending.md", "A building", "yaml")
     folder = (tmp_path / fence.file).parent
     folder.mkdir(parents=True)
+    (tmp_path / robot.file).write_text(robot.text)
+    assert run("robot", "check", str(tmp_path / robot.file))["left_out"] == []
+    (tmp_path / fence.file).write_text(fence.text.replace("turtlebot3_burger", "our_robot.yaml"))
+    assert run("setup", "check", str(folder))["valid"]
     (tmp_path / fence.file).write_text(fence.text)
     told = run("setup", "check", str(folder))
     assert (told["valid"], told["exit_code"], told["setup"]) == (True, 0, "our_flat")
@@ -402,7 +406,7 @@ def test_a_robot_s_urdf_is_checked_shown_and_drawn(tmp_path):
     told = run("robot", "check", str(tmp_path / "robot.yaml"), "--picture", str(picture))
     assert told["urdf"] == {"parts": 1, "triangles": 12, "size_m": [0.4, 0.3, 0.2]}
     assert picture.read_bytes() != without
-    (fence,) = fences_of("docs/extending.md", "A building", "yaml")
+    _, fence = fences_of("docs/extending.md", "A building", "yaml")
     folder = tmp_path / "our_flat"
     folder.mkdir()
     (folder / "setup.yaml").write_text(fence.text.replace("robot: turtlebot3_burger", f"robot:\n  {described}"))
@@ -424,3 +428,15 @@ def test_every_seed_gives_a_scene_in_a_large_building_with_a_slow_robot(tmp_path
     for scene in draw_scenes("large_hall", range(400)):
         far = np.hypot(scene.goal.x - scene.start.x, scene.goal.y - scene.start.y)
         assert 1.6 <= far <= 3.3
+
+
+def test_a_map_far_away_or_full_of_noise_is_refused(tmp_path):
+    path = draw_map(tmp_path)
+    path.write_text(MAP.replace("-4.0, -3.0", "500000, 5400000"))
+    with pytest.raises(ProtocolError, match=r"origin.*must be within 10,000 m"):
+        read_map(path)
+    noise = np.where(np.random.default_rng(0).random((1_000, 1_000)) < 0.5, 0, 254).astype(np.uint8)
+    Image.fromarray(noise).save(tmp_path / "map.pgm")
+    path.write_text(MAP)
+    with pytest.raises(ProtocolError, match=r"pieces of wall; at most 100,000 are read"):
+        read_map(path)

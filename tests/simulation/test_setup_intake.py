@@ -11,9 +11,19 @@ import pytest
 
 from desirepath import zip_files
 from desirepath.grammar.source import ProtocolError
+from desirepath.installed import DATASETS
 from desirepath.simulation import setup_intake
-from desirepath.simulation.setup_intake import IntakeError, gather, remove, take_in, take_out, unpack
-from desirepath.simulation.setups import SetupError, get_setup, own_setups, uploaded_setups
+from desirepath.simulation.setup_intake import CHECKED, IntakeError, checked, gather, remove, take_in, take_out, unpack
+from desirepath.simulation.setups import (
+    SetupError,
+    broken_setups,
+    get_setup,
+    own_setups,
+    setup_folders,
+    tell_changed,
+    trainable_setups,
+    uploaded_setups,
+)
 from tests.simulation.test_ground_maps import draw_map
 
 
@@ -52,7 +62,7 @@ def test_a_map_and_a_shipped_robot_are_a_setup_that_is_found_at_once(root, files
     assert setup.max_steps * 0.2 * 0.22 > 2 * setup.plan.way_m[1]
     assert setup.gamma > get_setup("study_room").gamma
     again = unpack("our_lab.zip", io.BytesIO(take_out("our_lab")))
-    assert set(again) == {"setup.yaml", "map.yaml", "map.pgm"}
+    assert set(again) == {"setup.yaml", "map.yaml", "map.pgm", CHECKED}
     remove("our_lab", root)
     assert "our_lab" not in own_setups()
     assert list(root.iterdir()) == []
@@ -71,7 +81,8 @@ def test_a_zip_with_one_folder_in_it_is_taken_as_that_folder(files):
         ("ours", {"../up.yaml": b"x"}, "is no name that is taken"),
         ("ours", {"/etc/x.yaml": b"x"}, "is no name that is taken"),
         ("ours", {"a/b/c/d/e.stl": b"x"}, "at most 3 folders"),
-        ("ours", {"run.py": b"x"}, "files taken are .yaml"),
+        ("ours", {"setup.yaml": b"robot: turtlebot2\n", "a" * 90 + ".stl": b"x"}, "is no name that is taken"),
+        ("ours", {"map.yaml": b"", "maps/map.yaml": b"image: map.pgm"}, "maps/map.yaml: lies in a folder"),
         ("ours", {"MAP.yaml": b"x"}, "differ in capitals alone"),
         ("ours", {"map.pgm/x.stl": b"x"}, "map.pgm: is the name of a file and of a folder"),
         ("ours", {"setup.yaml/x.stl": b"x"}, "setup.yaml: is the name of a file and of a folder"),
@@ -113,6 +124,32 @@ def test_zips_are_bounded_before_they_are_unpacked(files, monkeypatch):
     monkeypatch.setattr(zip_files, "MOST_DIRECTORY_BYTES", 1_000)
     with pytest.raises(IntakeError, match=r"x.zip: is no zip that can be read: its list of files is longer"):
         unpack("x.zip", io.BytesIO(zipped({f"{k}.stl": b"" for k in range(100)})))
+
+
+def test_files_of_other_kinds_are_left_out_and_told(root, files):
+    told = take_in("ours", files | {"README.md": b"x", "base.npz": b"x"}, root, "turtlebot2")
+    assert told["left_out"] == ["README.md", "base.npz"]
+    assert checked(root / "ours") == told
+    assert {file.name for file in (root / "ours").iterdir()} == {*files, "setup.yaml", CHECKED}
+    again = unpack("ours.zip", io.BytesIO(take_out("ours")))
+    remove("ours", root)
+    assert take_in("ours", again, root)["left_out"] == [CHECKED]
+    with pytest.raises(IntakeError, match=r"no files: .* files taken are .yaml"):
+        take_in("other", {"run.py": b"x"}, root)
+
+
+def test_one_broken_setup_takes_no_list_down(root, files):
+    for name in ("broken", "fine", "shadow"):
+        take_in(name, files, root, "turtlebot2")
+    (root / "broken/setup.yaml").write_text("robots: turtlebot2\n")
+    (root / "shadow").rename(root / "study_room")
+    tell_changed()
+    assert own_setups() == ("fine",)
+    assert "study_room" in trainable_setups()
+    assert setup_folders()["study_room"].parent == DATASETS.resolve()
+    told = broken_setups()
+    assert set(told) == {"broken", "study_room"}
+    assert "did you mean robot" in told["broken"]
 
 
 def test_all_zips_of_an_upload_have_one_room(files, monkeypatch):

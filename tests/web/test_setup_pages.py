@@ -10,12 +10,14 @@ from sqlalchemy import select
 
 from desirepath.installed import ROOT
 from desirepath.jobs.kinds import get_kind
-from desirepath.simulation.setup_intake import unpack
-from desirepath.simulation.setups import own_setups, uploaded_setups
-from desirepath.store.models import Job
+from desirepath.simulation.setup_intake import CHECKED, unpack
+from desirepath.simulation.setups import own_setups, tell_changed, uploaded_setups
+from desirepath.store.models import Artefact, Job
+from desirepath.study.studies import create_study
 from desirepath.web.core.guard import LARGER
 from tests.simulation.test_ground_maps import draw_map
 from tests.simulation.test_setup_intake import zipped
+from tests.study.small_protocol import small_protocol
 from tests.web.lab_services import csrf
 
 PAGE = "/lab/settings/setups"
@@ -43,7 +45,14 @@ def test_a_setup_is_brought_drawn_trained_taken_and_removed(lab, lab_services, t
     assert "No setup of your own yet." in lab.get(PAGE).text
     assert bring(lab, tmp_path).headers["location"] == f"{PAGE}?done=setup_brought#our_lab"
     page = lab.get(f"{PAGE}?done=setup_brought").text
-    for said in ("our_lab", "turtlebot3_burger", "8.1 × 6.1 m", "nothing yet", "Train it, so that studies can use it."):
+    for said in (
+        "our_lab",
+        "turtlebot3_burger",
+        "8.1 × 6.1 m",
+        "nothing yet",
+        "m² in reach",
+        "Train it, so that studies can use it.",
+    ):
         assert said in page
     picture = lab.get(f"{PAGE}/our_lab/picture.png")
     assert (picture.status_code, picture.headers["content-type"]) == (200, "image/png")
@@ -51,6 +60,7 @@ def test_a_setup_is_brought_drawn_trained_taken_and_removed(lab, lab_services, t
         "map.pgm",
         "map.yaml",
         "setup.yaml",
+        CHECKED,
     }
 
     started = [
@@ -65,9 +75,45 @@ def test_a_setup_is_brought_drawn_trained_taken_and_removed(lab, lab_services, t
     assert "Train a setup" in lab.get(started[0]).text
     assert "our_lab" in lab.get("/lab/jobs/new/train_setup").text
 
+    refused = lab.post(f"{PAGE}/our_lab/remove", data={"csrf": csrf(lab, PAGE)})
+    assert refused.status_code == 409  # its training is under way
+    assert f"job {job.id}" in refused.text
+    with lab_services.database.transaction() as s:
+        s.get_one(Job, job.id).state = "cancelled"
     removed = lab.post(f"{PAGE}/our_lab/remove", data={"csrf": csrf(lab, PAGE)}, follow_redirects=False)
     assert removed.headers["location"] == f"{PAGE}?done=setup_removed"
     assert own_setups() == ()
+    assert list(uploaded_setups().iterdir()) == []
+
+
+def test_a_setup_that_something_stands_on_is_not_removed(lab, lab_services, tmp_path):
+    assert bring(lab, tmp_path, "study").status_code == 303  # a word of every protocol: no use
+    assert bring(lab, tmp_path).status_code == 303
+    with lab_services.database.transaction() as s:
+        s.add(Artefact(id="a" * 64, kind="policy", name="our_lab/base", setup="our_lab", card={}))
+        (tmp_path / "protocol").mkdir()
+        block = {"block": {"view": "top_down", "trials": [{"queries": {"count": 2}}]}}
+        frozen = small_protocol(tmp_path / "protocol", [block])
+        study = create_study(s, lab_services.files, frozen, name="Ours", created_by=None)
+        study.protocol = study.protocol | {"steps": [{"tuning": {"setup": "our_lab"}}]}
+    refused = lab.post(f"{PAGE}/our_lab/remove", data={"csrf": csrf(lab, PAGE)})
+    assert refused.status_code == 409
+    assert "study “Ours”, our_lab/base" in refused.text
+    page = lab.get(PAGE).text
+    assert 'action="/lab/settings/setups/our_lab/remove"' not in page
+    assert 'action="/lab/settings/setups/study/remove"' in page
+    answered = lab.post(f"{PAGE}/study/remove", data={"csrf": csrf(lab, PAGE)}, follow_redirects=False)
+    assert answered.status_code == 303
+
+
+def test_a_broken_setup_is_listed_with_its_error_and_removed(lab, tmp_path):
+    bring(lab, tmp_path)
+    (uploaded_setups() / "our_lab/setup.yaml").write_text("robots: turtlebot2\n")
+    tell_changed()
+    page = lab.get(PAGE).text
+    assert "did you mean robot" in page
+    assert lab.get("/lab/jobs/new/train_base").status_code == 200
+    lab.post(f"{PAGE}/our_lab/remove", data={"csrf": csrf(lab, PAGE)})
     assert list(uploaded_setups().iterdir()) == []
 
 

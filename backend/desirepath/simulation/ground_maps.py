@@ -28,6 +28,8 @@ LONGEST_CELLS = 32_000  # cells are numbered with 16 bits
 MOST_BYTES = 64 * 1024**2  # of the picture's file
 PICTURES = ("PPM", "PNG", "BMP")  # Pillow's PPM reads PGM
 LARGEST_M = 500.0  # side of a plausible building
+FARTHEST_M = 10_000.0  # of its origin: poses are float32, which step by half a metre at 5,000 km
+MOST_STRETCHES = 100_000  # of wall, or of what is unknown, along y; a hall of 65 x 70 m has 4,700
 
 Bools = NDArray[np.bool_]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -174,6 +176,10 @@ def read_map(path: Path) -> GroundMap:
 
     if not all(map(math.isfinite, said.origin)):
         raise wrong("origin", "must be three finite numbers: x, y (m), yaw (rad)")
+    if max(map(abs, said.origin[:2])) > FARTHEST_M:
+        raise wrong(
+            "origin", f"must be within {FARTHEST_M:,.0f} m of 0, 0; subtract a place of your own from all x and y"
+        )
     if len(said.origin) == 3 and abs(said.origin[2]) > 1e-6:
         raise wrong("origin", "its yaw must be 0; turn the picture, then write the origin anew")
     if said.free_thresh >= said.occupied_thresh:
@@ -189,7 +195,13 @@ def read_map(path: Path) -> GroundMap:
     occupied, free = share > said.occupied_thresh, share < said.free_thresh
     if not free.any():
         raise wrong("image", "has no free cell by these thresholds; is `negate` right?")
-    return framed(occupied, ~(occupied | free), said.resolution, (said.origin[0], said.origin[1]))
+    unknown = ~(occupied | free)
+    for what, cells in (("wall", occupied), ("unknown ground", unknown)):
+        stretches = int((cells[:, 1:] & ~cells[:, :-1]).sum())
+        if stretches > MOST_STRETCHES:
+            message = f"shows {stretches:,} pieces of {what}; at most {MOST_STRETCHES:,} are read: take the noise out"
+            raise wrong("image", message)
+    return framed(occupied, unknown, said.resolution, (said.origin[0], said.origin[1]))
 
 
 def _read_picture(picture: Path, refuse: Callable[[str, str], ProtocolError]) -> NDArray[np.float64]:

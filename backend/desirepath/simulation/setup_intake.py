@@ -5,6 +5,7 @@ only then put where setups are found.
 from __future__ import annotations
 
 import io
+import json
 import math
 import re
 import secrets
@@ -26,6 +27,7 @@ from desirepath.zip_files import BROKEN, files_in, open_zip
 MOST_FILES = 200
 LARGEST_FILE = 32 * 1024**2
 LARGEST_ALL = 64 * 1024**2
+CHECKED = "check.json"  # in a setup's folder: what was said when it was brought
 SCENES = 20  # drawn to see whether a setup gives any
 ENDINGS = (".yaml", ".yml", ".pgm", ".png", ".bmp", ".urdf", ".xacro", ".stl", ".dae", ".obj", ".mtl", ".glb", ".gltf")
 _PART = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_. -]{0,79}")
@@ -88,12 +90,14 @@ def _most() -> str:
 
 def take_in(name: str, files: Mapping[str, bytes], root: Path, robot: str = "") -> dict[str, Any]:
     """Put the files into `root/name`, whole or not at all, and say what is there. robot: of which shipped one the setup
-    is, where the files have no `setup.yaml`. Raises IntakeError, or ProtocolError with every problem by file and line.
-    """
+    is, where the files have no `setup.yaml`. Files of other kinds are left out, and told. Raises IntakeError, or
+    ProtocolError with every problem by file and line."""
     if not NAME.fullmatch(name):
         raise IntakeError(f"{name!r}: a setup's name is of lower-case letters, digits and _, beginning with a letter")
     if name in setup_folders():
         raise IntakeError(f"{name}: there is a setup of this name; take another, or remove it first")
+    left_out = sorted(path[:100] for path in files if PurePosixPath(path).suffix.lower() not in ENDINGS)
+    files = {path: held for path, held in files.items() if PurePosixPath(path).suffix.lower() in ENDINGS}
     _check_names(files)
     aside = root / f".incoming-{secrets.token_hex(8)}"
     folder = aside / name
@@ -104,7 +108,8 @@ def take_in(name: str, files: Mapping[str, bytes], root: Path, robot: str = "") 
             place.write_bytes(content)
         if SETUP_FILE not in files:
             (folder / SETUP_FILE).write_text(_setup_of(files, robot), encoding="utf-8")
-        told = describe(check_setup(folder), folder)
+        told = describe(check_setup(folder), folder) | ({"left_out": left_out} if left_out else {})
+        (folder / CHECKED).write_text(json.dumps(told), encoding="utf-8")
         if (root / name).exists():
             raise IntakeError(f"{name}: somebody uploaded a setup of this name meanwhile; take another")
         folder.rename(root / name)
@@ -122,7 +127,8 @@ def _shorter(problem: Problem, folder: Path) -> Problem:
 
 def _check_names(files: Mapping[str, bytes]) -> None:
     if not files:
-        raise IntakeError("no files: bring a setup.yaml, or a map.yaml with its picture")
+        kinds = ", ".join(ENDINGS)
+        raise IntakeError(f"no files: bring a setup.yaml, or a map.yaml with its picture; files taken are {kinds}")
     if len(files) > MOST_FILES:
         raise IntakeError(f"{len(files)} files; at most {MOST_FILES} are taken")
     if sum(map(len, files.values())) > LARGEST_ALL or max(map(len, files.values())) > LARGEST_FILE:
@@ -131,8 +137,6 @@ def _check_names(files: Mapping[str, bytes]) -> None:
         parts = path.split("/")
         if len(parts) > PARTS or not all(_PART.fullmatch(part) for part in parts):
             raise IntakeError(f"{path[:100]!r}: is no name that is taken; {WANTED}")
-        if PurePosixPath(path).suffix.lower() not in ENDINGS:
-            raise IntakeError(f"{path}: files taken are {', '.join(ENDINGS)}")
     folders = {str(parent).lower() for path in files for parent in PurePosixPath(path).parents}
     if both := folders & {SETUP_FILE, *map(str.lower, files)}:
         raise IntakeError(f"{min(both)}: is the name of a file and of a folder; rename one")
@@ -147,6 +151,9 @@ def _setup_of(files: Mapping[str, bytes], robot: str) -> str:
     if len(maps) != 1:
         found = ", ".join(maps) or "none"
         raise IntakeError(f"no {SETUP_FILE}, and not one map.yaml with an `image:` (found: {found}); bring one of both")
+    for path in maps + robots:
+        if "/" in path:
+            raise IntakeError(f"{path}: lies in a folder; bring it, and what it names, beside the other files")
     driven = robot if robot in shipped_robots() else robots[0] if len(robots) == 1 else ""
     if not driven:
         raise IntakeError(f"no {SETUP_FILE} and no robot.yaml: choose one of {', '.join(shipped_robots())}")
@@ -180,6 +187,14 @@ def describe(setup: Setup, folder: Path) -> dict[str, Any]:
     ways = sorted(math.dist((one.start.x, one.start.y), (one.goal.x, one.goal.y)) for one in scenes)
     told["scenes"] = {"drawn": len(ways), "shortest_m": round(ways[0], 2), "longest_m": round(ways[-1], 2)}
     return told
+
+
+def checked(folder: Path) -> dict[str, Any]:
+    """What `take_in` said of that setup; nothing of one that was not brought here."""
+    try:
+        return dict(json.loads((folder / CHECKED).read_text(encoding="utf-8")))
+    except (OSError, ValueError):
+        return {}
 
 
 def take_out(name: str) -> bytes:

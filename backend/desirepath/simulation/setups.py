@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import entry_points
@@ -430,10 +430,15 @@ def tell_changed() -> None:
 @lru_cache(maxsize=8)
 def _find(named: str, data: str, changed: int, included: tuple[Path, ...]) -> Mapping[str, Path]:
     found: dict[str, Path] = {}
-    for folder in (one.resolve() for one in (*_folders(named, Path(data) / UPLOADED), *included)):
+    uploaded = (Path(data) / UPLOADED).resolve()
+    for folder in (one.resolve() for one in (*_folders(named, uploaded), *included)):
+        if folder.parent == uploaded and (folder.name in found or not NAME.fullmatch(folder.name)):
+            continue  # what a page brought takes no other one down
         if not NAME.fullmatch(folder.name):
             wanted = "lower-case letters, digits and _, beginning with a letter"
             raise SetupError(f"setup {folder.name!r} in {folder.parent}: its folder's name must be {wanted}")
+        if found.get(folder.name, folder).parent == uploaded:
+            found[folder.name] = folder
         first = found.setdefault(folder.name, folder)
         if first != folder:
             raise SetupError(f"setup {folder.name}: {first} and {folder} both have this name; rename one of them")
@@ -500,13 +505,12 @@ def setups_with(artefact: str) -> tuple[str, ...]:
 def preference_setups() -> tuple[str, ...]:
     """The setups in which a person who stands is asked how the robot should drive: they have a conditioned policy, and
     nobody walks."""
-    return tuple(name for name in setups_with("conditioned") if not get_setup(name).crowded)
+    return tuple(setup.name for setup in _readable(setups_with("conditioned")) if not setup.crowded)
 
 
 def trainable_setups() -> tuple[str, ...]:
     """The setups in which a base policy can be trained: the robot has a lidar, and reaching the goal is rewarded."""
-    setups = map(get_setup, setup_folders())
-    return tuple(setup.name for setup in setups if not setup.solids and setup.reward.goal > 0)
+    return tuple(setup.name for setup in _readable(SETUPS) if not setup.solids and setup.reward.goal > 0)
 
 
 def own_setups() -> tuple[str, ...]:
@@ -517,8 +521,31 @@ def own_setups() -> tuple[str, ...]:
 
 def demonstration_setups() -> tuple[str, ...]:
     """The setups in which paths are drawn that a controller of known places learns from (ch. 2)."""
-    setups = map(get_setup, setup_folders())
-    return tuple(setup.name for setup in setups if setup.demonstrations and setup.solids)
+    return tuple(setup.name for setup in _readable(SETUPS) if setup.demonstrations and setup.solids)
+
+
+def _readable(names: Iterable[str]) -> Iterator[Setup]:
+    """Those of them that can be read: one broken file takes no list down (`broken_setups`)."""
+    for name in names:
+        try:
+            yield get_setup(name)
+        except SetupError:
+            continue
+
+
+def broken_setups() -> Mapping[str, str]:
+    """What is wrong with each that is not offered: it cannot be read, or was brought and another has its name."""
+    broken = {}
+    for name in setup_folders():
+        try:
+            get_setup(name)
+        except SetupError as wrong:
+            broken[name] = str(wrong)
+    uploaded = uploaded_setups().resolve()
+    for folder in sorted(file.parent for file in uploaded.glob(f"*/{SETUP_FILE}")):
+        if (first := setup_folders().get(folder.name)) not in (None, folder):
+            broken[folder.name] = f"{first} has this name, too; this one is not used"
+    return broken
 
 
 def has_depth_camera(setup: str) -> bool:

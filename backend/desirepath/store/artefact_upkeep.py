@@ -12,6 +12,7 @@ from datetime import datetime
 from sqlalchemy import ColumnElement, and_, delete, select
 from sqlalchemy.orm import Session
 
+from desirepath.simulation.setups import own_setups
 from desirepath.store.artefacts import ArtefactError, ArtefactStore
 from desirepath.store.models import (
     Artefact,
@@ -83,7 +84,10 @@ def uses_of(s: Session, artefact_id: str) -> Uses:
         studies=tuple(studies),
         jobs=_jobs_on(s, artefact),
         shown=sum(mentions(compared, {artefact_id}) for compared in arms),
-        shipped=artefact.job_id is None and artefact.study_id is None and "sha256" in artefact.card,
+        shipped=artefact.job_id is None
+        and artefact.study_id is None
+        and "sha256" in artefact.card
+        and artefact.setup not in own_setups(),
     )
 
 

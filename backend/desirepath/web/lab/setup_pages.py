@@ -7,34 +7,48 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, File, Form, Request, UploadFile
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 from starlette.responses import RedirectResponse, Response
 
 from desirepath.grammar.source import ProtocolError
+from desirepath.installed import DATASETS
 from desirepath.jobs.kinds import get_kind
 from desirepath.simulation.setup_files import shipped_robots
-from desirepath.simulation.setups import SetupError, get_setup, own_setups, setup_folders, uploaded_setups, version
-from desirepath.store.models import Artefact, Job, Study
+from desirepath.simulation.setups import (
+    SETUP_FILE,
+    SetupError,
+    broken_setups,
+    get_setup,
+    own_setups,
+    setup_folders,
+    uploaded_setups,
+    version,
+)
+from desirepath.store.models import Artefact, Job, ProtocolVersion, Study
 from desirepath.store.outbox import ENDED, enqueue_job
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
-from desirepath.web.core.dependencies import Db
-from desirepath.web.core.lab_frame import LabRefusal, lab_page
+from desirepath.web.core.dependencies import Db, services_of
+from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["settings"])
 ADDRESS = "/lab/settings/setups"
 KIND = "train_setup"
+MOST_USES = 12  # that are listed
 
 
 @dataclass(frozen=True)
 class SetupLine:
     """A setup as the page lists it. artefacts: what lies in its folder; job: the newest training, None: none yet.
-    removable: brought here, and no study has asked in it."""
+    brought: here, so that it can be removed, unless something is made in it. checked: what was said then."""
 
     name: str
     robot: str
@@ -43,7 +57,9 @@ class SetupLine:
     artefacts: tuple[str, ...]
     success_rate: float | None
     job: Job | None
-    removable: bool
+    brought: bool
+    uses: list[str]
+    checked: dict[str, Any]
 
 
 @router.get(ADDRESS)
@@ -95,12 +111,12 @@ def train(request: Request, name: str, database: Db, user: CheckedCsrf) -> Respo
 
 @router.post(f"{ADDRESS}/{{name}}/remove")
 def take_away(request: Request, name: str, database: Db, user: CheckedCsrf) -> Response:
-    """Remove a setup that was brought here, unless a study asks in it. What was trained stays among the artefacts."""
+    """Remove a setup that was brought here, unless something stands on it, which could not be opened without it."""
     from desirepath.simulation.setup_intake import remove
 
     with database.session() as s:
-        if asking := _studies_in(s, name, _words_of_studies(s)):
-            raise LabRefusal(409, "setup_in_use", name=name, study=asking[0])
+        if _is_found(name) and (uses := _uses(request, s, name)):
+            raise LabRefusal(409, "setup_in_use", name=name, uses=", ".join(uses))
     try:
         remove(name, uploaded_setups())
     except SetupError:
@@ -137,15 +153,39 @@ def _picture(name: str, version_of_setups: int) -> bytes:
     return out.getvalue()
 
 
-def _words_of_studies(s: Any) -> list[tuple[str, set[str]]]:
-    """Each study's name and the words of its protocol."""
-    return [(name, set(re.findall(r"\w+", yaml))) for name, yaml in s.execute(select(Study.name, Study.protocol_yaml))]
+def _is_found(name: str) -> bool:
+    """Whether the setup of that name is the one that was brought, and no other that has its name."""
+    return setup_folders().get(name) == (uploaded_setups() / name).resolve()
 
 
-def _studies_in(s: Any, name: str, words: list[tuple[str, set[str]]]) -> list[str]:
-    """Names of the studies whose protocol names the setup, or a query set of it."""
-    named = {name, *s.scalars(select(Artefact.id).where(Artefact.setup == name, Artefact.kind == "query_set"))}
-    return [study for study, its in words if named & its]
+def _uses(request: Request, s: Session, name: str) -> list[str]:
+    """What stands on a setup, in words, at most MOST_USES: studies, jobs under way, and what was made in it."""
+    words = services_of(request).texts.get(lab_language(request))
+    return [words(f"lab.setups.uses.{kind}", name=called) for kind, called in islice(_standing_on(s, name), MOST_USES)]
+
+
+def _standing_on(s: Session, name: str) -> Iterator[tuple[str, str]]:
+    for study, protocol in s.execute(select(Study.name, Study.protocol)):
+        if _names(protocol, name):
+            yield "study", study
+    later = select(Study.name, ProtocolVersion.protocol).join(ProtocolVersion, ProtocolVersion.study_id == Study.id)
+    for study, protocol in s.execute(later):
+        if _names(protocol, name):
+            yield "study", study
+    for job, params in s.execute(select(Job.id, Job.params).where(Job.state.not_in(ENDED))):
+        if _names(params, name):
+            yield "job", job
+    for artefact in s.scalars(select(Artefact.name).where(Artefact.setup == name).order_by(Artefact.name)):
+        yield "artefact", artefact
+
+
+def _names(data: Any, name: str) -> bool:
+    """Whether plain data have a field `setup` of that name, or name something that lies in its folder."""
+    if isinstance(data, dict):
+        return any((key == "setup" and value == name) or _names(value, name) for key, value in data.items())
+    if isinstance(data, list):
+        return any(_names(one, name) for one in data)
+    return isinstance(data, str) and re.fullmatch(rf"{name}/[a-z0-9_/]+", data) is not None
 
 
 def _newest_job(jobs: Any, name: str) -> Job | None:
@@ -155,15 +195,17 @@ def _newest_job(jobs: Any, name: str) -> Job | None:
 def _setups_page(request: Request, database: Db, *, status: int = 200, **context: object) -> Response:
     from desirepath.learning.shipping.own_setup import trained_already
     from desirepath.simulation.scenes import map_of
+    from desirepath.simulation.setup_intake import checked
 
     folders, uploaded = setup_folders(), uploaded_setups().resolve()
     with database.session() as s:
         jobs = list(s.scalars(select(Job).where(Job.kind == KIND).order_by(Job.created_at.desc())))
-        lines, words = [], _words_of_studies(s)
+        lines = []
         for name in own_setups():
             setup, here = get_setup(name), map_of(name)
             there = trained_already(folders[name])
             brought = folders[name].parent == uploaded
+            uses = _uses(request, s, name) if brought else []
             lines.append(
                 SetupLine(
                     name,
@@ -173,7 +215,9 @@ def _setups_page(request: Request, database: Db, *, status: int = 200, **context
                     tuple(there["artefacts"]),
                     there["success_rate"],
                     _newest_job(jobs, name),
-                    brought and not _studies_in(s, name, words),
+                    brought,
+                    uses,
+                    checked(folders[name]),
                 )
             )
     shown = {"problems": [], "name": "", "robot": ""}
@@ -182,8 +226,10 @@ def _setups_page(request: Request, database: Db, *, status: int = 200, **context
         "lab/setups.html",
         status=status,
         lines=lines,
+        broken=broken_setups(),
+        uploaded=[file.parent.name for file in uploaded.glob(f"*/{SETUP_FILE}")],
         robots=list(shipped_robots()),
-        shipped=[name for name in setup_folders() if name not in own_setups()],
+        shipped=[name for name, folder in folders.items() if folder.parent == DATASETS.resolve()],
         ended=ENDED,
         **(shown | context),
     )
