@@ -191,10 +191,12 @@ def test_who_is_in_recordings_goes_with_them(database: Database, files: Artefact
     with pytest.raises(ArtefactError, match="jobs stand on it"), database.transaction() as s:
         delete_artefact(s, files, snapshot)
     with database.transaction() as s:
-        s.get_one(type(job), job.id).state = "succeeded"
+        ended = s.get_one(type(job), job.id)
+        ended.state, ended.result = "succeeded", {"held_out": [{"participant": "p1", "accuracy": 0.5}], "answers": 2}
     with database.transaction() as s:
         delete_artefact(s, files, snapshot)
         delete_artefact(s, files, queries)
+        assert s.get_one(type(job), job.id).result == {"held_out": [], "answers": 2}
     assert not files.exists(snapshot)
     with database.session() as s:
         assert sorted(one.name for one in s.query(Artefact)) == ["One", "three.webm", "two.webm"]

@@ -134,7 +134,8 @@ def restore_artefact(s: Session, artefact_id: str) -> Artefact:
 
 def delete_artefact(s: Session, files: ArtefactStore, artefact_id: str) -> Artefact:
     """Delete it with its file and its lineage; what it was made from and its rollouts stay. Of recordings the
-    trajectories and videos go, too, that nothing else has: people may be in them. Returns what it was.
+    trajectories and videos go, too, that nothing else has, of imported answers what jobs said of single people.
+    Returns what it was.
 
     Raises ArtefactError that says why it must stay (`Uses.against_deleting`); archiving is always possible.
     """
@@ -142,6 +143,8 @@ def delete_artefact(s: Session, files: ArtefactStore, artefact_id: str) -> Artef
     against = uses_of(s, artefact_id).against_deleting()
     if against:
         raise ArtefactError(f"{artefact.kind} {artefact.name!r} stays: {'; '.join(against)}. It can be archived")
+    if artefact.kind == "snapshot" and artefact.card.get("imported"):
+        _forget_people(s, artefact_id)
     recorded = _only_in(s, artefact) if artefact.kind == "query_set" and artefact.card.get("recorded") else set()
     videos = select(ArtefactParent.parent_id).where(
         ArtefactParent.artefact_id == artefact_id, ArtefactParent.role == "video"
@@ -159,6 +162,13 @@ def delete_artefact(s: Session, files: ArtefactStore, artefact_id: str) -> Artef
     for sha in sorted({artefact_id, *recorded}):
         files.delete(sha)  # before the rows commit: a deletion that is cut short can be repeated
     return artefact
+
+
+def _forget_people(s: Session, snapshot_id: str) -> None:
+    """Take what was said of single people out of the results of jobs on this snapshot."""
+    for job in s.scalars(select(Job).where(Job.result.is_not(None))):
+        if mentions(job.params, {snapshot_id}) and isinstance((job.result or {}).get("held_out"), list):
+            job.result = {**(job.result or {}), "held_out": []}
 
 
 def _only_in(s: Session, query_set: Artefact) -> set[str]:
