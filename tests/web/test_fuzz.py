@@ -246,7 +246,9 @@ def astray(document: Mapping[str, Any], operation: Mapping[str, Any], answered: 
     return None
 
 
-@pytest.mark.parametrize(("installation", "seed"), list(zip(DATABASES, SEEDS, strict=True)), indirect=["installation"])
+@pytest.mark.parametrize(
+    ("installation", "seed"), list(zip(DATABASES, SEEDS, strict=True)), ids=DATABASES, indirect=["installation"]
+)
 @pytest.mark.timeout(600)
 def test_no_request_whatsoever_fails_on_our_side(
     installation: Services, walked: Walked, seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]

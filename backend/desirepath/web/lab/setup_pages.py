@@ -42,6 +42,7 @@ from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["settings"])
 ADDRESS = "/lab/settings/setups"
 KIND = "train_setup"
+IN_FOLDER = re.compile(r"/[a-z0-9_/]+")  # what follows a setup's name in the name of something of it
 MOST_USES = 12  # that are listed
 
 
@@ -185,7 +186,7 @@ def _names(data: Any, name: str) -> bool:
         return any((key == "setup" and value == name) or _names(value, name) for key, value in data.items())
     if isinstance(data, list):
         return any(_names(one, name) for one in data)
-    return isinstance(data, str) and re.fullmatch(rf"{name}/[a-z0-9_/]+", data) is not None
+    return isinstance(data, str) and data.startswith(f"{name}/") and IN_FOLDER.fullmatch(data, len(name)) is not None
 
 
 def _newest_job(jobs: Any, name: str) -> Job | None:
