@@ -194,15 +194,30 @@ def test_a_tighter_limit_keeps_the_way_and_slows_it():
     assert rig.supervisor.limited(Command(1.0, 1.2), 0.2) == Command(0.25, pytest.approx(0.3))
 
 
-def test_stops_for_what_it_would_touch_and_says_where():
+def test_slows_down_and_stops_for_what_it_would_touch_and_says_where():
     rig = Rig().drive()
     rig.controller.wanted = Command(0.5, 0.0)
     rig.scans["at"] = {90: 0.25, 270: 0.25, 0: 1.0}
     rig.pass_time(0.4)
-    assert rig.supervisor.state is State.DRIVING, "beside it, and far enough ahead"
+    assert rig.supervisor.tick() == Command(0.5, 0.0), "beside it, and far enough ahead"
     rig.scans["at"] = {0: 0.3}
-    rig.pass_time(0.1)
-    assert rig.stopped.startswith("something 0.30 m away at 0 degrees touches the robot in 0.2")
+    rig.pass_time(0.2)
+    assert 0.2 < rig.supervisor.tick().v < 0.5
+    assert rig.supervisor.state is State.DRIVING
+    rig.scans["at"] = {0: 0.205}
+    rig.pass_time(0.4)
+    assert rig.stopped.startswith("something 0.20 m away at 0 degrees touches the robot in 0.")
+
+
+def test_what_is_in_the_way_is_left_by_turning_but_not_for_ever():
+    rig = Rig(rules=Rules(slowed_s=3.0))
+    rig.controller.wanted, rig.scans["at"] = STANDING, {0: 0.205}
+    rig.drive()
+    rig.controller.wanted = Command(0.5, 1.0)
+    rig.pass_time(1.0)
+    assert rig.supervisor.tick() == Command(0.0, 1.0)
+    rig.pass_time(3.0)
+    assert rig.stopped.endswith("slowed down for 3 s")
 
 
 def test_the_stop_zone_follows_the_way_it_is_commanded_also_backwards():
@@ -212,20 +227,22 @@ def test_the_stop_zone_follows_the_way_it_is_commanded_also_backwards():
     rig.scans["at"] = {0: 0.3}
     rig.pass_time(0.4)
     assert rig.supervisor.state is State.DRIVING
-    rig.scans["at"] = {180: 0.3}
-    rig.pass_time(0.2)
+    rig.scans["at"] = {180: 0.205}
+    rig.pass_time(0.4)
     assert "at 180 degrees" in rig.stopped or "at -180 degrees" in rig.stopped
 
 
 def test_a_long_robot_may_not_turn_into_what_stands_beside_it():
     long = Robot("long", 0.54, ((0.5, 0.2), (-0.5, 0.2), (-0.5, -0.2), (0.5, -0.2)))
-    rig = Rig(robot=long).drive()
+    rig = Rig(robot=long, rules=Rules(slowed_s=1.0)).drive()
     rig.controller.wanted = Command(0.0, 0.0)
     rig.scans["at"] = {40: 0.45}
     rig.pass_time(0.5)
     assert rig.supervisor.state is State.DRIVING
     rig.controller.wanted = Command(0.0, 1.5)
-    rig.pass_time(0.4)
+    rig.pass_time(0.6)
+    assert 0 < rig.supervisor.tick().w < 1.5
+    rig.pass_time(1.0)
     assert "0.45 m away at 40 degrees" in rig.stopped
 
 

@@ -24,6 +24,10 @@ DRIFT = 2e-4  # of two clocks
 NEAR_M = 0.3  # beyond its outline that a robot's lidar may not see
 PROMPT = 0.85  # of a control period: a scan that comes so early is acted on at once, not left until the period is over
 JUMP_M, JUMP_RAD = 0.2, 0.5  # that odometry may be corrected by at once, beside what a robot can drive
+SLOWER = (0.7, 0.5, 0.35, 0.25, 0.15, 0.1)
+"""Shares of a commanded speed that are tried where something is in the way; after them turning alone."""
+SLOWEST = 0.1  # m/s: a robot so slow may turn alone out of what is in its way
+CREEPING = 0.02  # m/s: a command so slow is turning alone
 STANDING = Command(0.0, 0.0)
 
 
@@ -53,9 +57,9 @@ class Transition:
 class Rules:
     """stale_s: a robot stands so long after its last fresh scan or odometry; tick_s: how often the supervisor is asked.
     people_stale_s: and after the last news of people, where they come by messages. keep_out_m: between the centres of
-    robot and person. collision_s: it stops where it would touch something so soon on the way that it is commanded, or
-    before it stands; braking, m/s^2: how hard it brakes. 0: no stop zone. armed_s: how long an armed robot waits to be
-    started.
+    robot and person. collision_s: it slows down where it would touch something so soon on the way that it is commanded,
+    or before it stands, and stops where that does not help, or did not for slowed_s; braking, m/s^2: how hard it
+    brakes. 0: no stop zone. armed_s: how long an armed robot waits to be started.
     v_max, w_max, v_change, w_change (m/s, rad/s, and those a second): tighter limits than the controller's own.
 
     The numbers are ours.
@@ -67,6 +71,7 @@ class Rules:
     keep_out_m: float = 0.5
     collision_s: float = 0.2
     braking: float = 2.5
+    slowed_s: float = 10.0
     armed_s: float = 60.0
     v_max: float | None = None
     w_max: float | None = None
@@ -230,6 +235,7 @@ class Supervisor:
         self._held = ""  # who holds the stop
         self._due = self._new = False  # a scan came that nothing was done about; it came just now
         self._now, self._since, self._stepped = -math.inf, -math.inf, -math.inf
+        self._changed = self._free = -math.inf  # the command; when nothing was in the way of what the controller wants
         self._body = _Outline(body or controller.robot)
         self.steps = 0  # that the controller was asked for
 
@@ -332,11 +338,12 @@ class Supervisor:
             why = "no goal yet"
         if why is None and self._people is None:
             why = "the policy observes people, and nobody said where they are, nor that there are none"
-        why = why or self._blind() or self._danger(now, STANDING)
+        why = why or self._blind() or self._danger(now) or self._ahead(now, STANDING)
         if why is not None:
             raise Refused(f"not started: {why}")
         self._begin()
-        self._stepped = now - self.controller.period_s
+        self._stepped = self._changed = now - self.controller.period_s
+        self._free = now
         self._be(State.DRIVING, f"started {by}")
 
     def stop(self, why: str) -> None:
@@ -356,7 +363,7 @@ class Supervisor:
         if self.state is State.ARMED and now - self._since > self.rules.armed_s:
             self._be(State.OFF, f"armed for {self.rules.armed_s:g} s and not started")
         elif self.state is State.DRIVING:
-            why = self._danger(now, self.command)
+            why = self._danger(now) or self._command(now, self.command)
             share = PROMPT if self._new else 1.0
             if why is None and self._due and now - self._stepped >= share * self.controller.period_s:
                 why = self._step(now)
@@ -403,8 +410,8 @@ class Supervisor:
             stream.fresh_at = -math.inf
         return fresh
 
-    def _danger(self, now: float, command: Command) -> str | None:
-        """What speaks against driving on as commanded."""
+    def _danger(self, now: float) -> str | None:
+        """What speaks against driving on at all."""
         rules, where = self.rules, self._where
         for stream in (self._scans, self._odometry):
             if missing := stream.missing(now, rules.stale_s - 2 * rules.tick_s):
@@ -415,12 +422,12 @@ class Supervisor:
             apart = math.inf if where is None else math.hypot(person.x - where.x, person.y - where.y)
             if apart < rules.keep_out_m:
                 return f"somebody is {apart:.2f} m away, the keep-out distance is {rules.keep_out_m:g} m"
-        return self._ahead(now, command)
+        return None
 
     def _blind(self) -> str | None:
         """Whether the lidar cannot see what the stop zone is about."""
         fastest = max(self.controller.limits.v_max, -self.controller.limits.v_min)
-        needed = self._body.around_m + fastest * self._horizon(fastest, 0.0)
+        needed = self._body.around_m + fastest * (self._react_s(0.0) + fastest / self.rules.braking / 2)
         scan = self._scan
         if (
             not self.rules.collision_s
@@ -430,22 +437,25 @@ class Supervisor:
             return None
         return f"the scan sees from {scan.range_min:g} to {scan.range_max:g} m; the stop zone reaches to {needed:.2f} m"
 
-    def _horizon(self, speed: float, age: float) -> float:
-        """How long after the last scan the way must be free: until the next is acted on or missed, and it stands."""
-        return max(self.rules.collision_s, age + self.rules.tick_s) + speed / self.rules.braking / 2
+    def _react_s(self, age: float) -> float:
+        """How long after the last scan the way must be free: until the next is acted on or missed."""
+        return max(self.rules.collision_s, age + self.rules.tick_s)
 
     def _ahead(self, now: float, command: Command) -> str | None:
-        """What is in the stop zone of this command."""
+        """What is in the stop zone of this command: on its way until the robot reacts, and while it brakes from what it
+        drives now."""
         if not self.rules.collision_s:
             return None
-        speed = max(abs(command.v), abs(self._where.v) if self._where is not None else 0.0)
-        within = self._horizon(speed, now - self._scans.fresh_at)
-        hit = self._body.first_touch(self._points, command, within)
+        react_s = self._react_s(now - self._scans.fresh_at)
+        v = abs(command.v)
+        fastest = max(v, abs(self._where.v) if self._where is not None else 0.0)
+        longer = 1 + fastest**2 / (2 * self.rules.braking) / (v * react_s) if v > CREEPING else 1.0
+        hit = self._body.first_touch(self._points, Command(longer * command.v, longer * command.w), react_s)
         if hit is None:
             return None
         when, (x, y) = hit
         where = f"{math.hypot(x, y):.2f} m away at {math.degrees(math.atan2(y, x)):.0f} degrees"
-        return f"something {where} touches the robot{f' in {when:.2f} s' if when else ''}"
+        return f"something {where} touches the robot{f' in {longer * when:.2f} s' if when else ''}"
 
     def _step(self, now: float) -> str | None:
         """Ask the controller; why the robot must stop instead."""
@@ -458,13 +468,45 @@ class Supervisor:
             return f"the controller failed: {problem or type(problem).__name__}"
         if not (math.isfinite(wanted.v) and math.isfinite(wanted.w)):
             return f"the controller commanded {wanted.v} m/s and {wanted.w} rad/s"
-        command = self.limited(wanted, now - self._stepped)
-        if why := self._ahead(now, command):
+        command = self.limited(wanted, now - self._changed)
+        if why := self._command(now, command, asked=True):
             return why
-        self.command = self.controller.command = command
         self._due, self._stepped, self.steps = False, now, self.steps + 1
         if self.controller.arrived and command == STANDING:
             return "arrived"
+        return None
+
+    def _command(self, now: float, wanted: Command, *, asked: bool = False) -> str | None:
+        """Command this, slower where something is in the way; why the robot must stop instead. asked: whether the
+        controller wants it just now, so that it is not what goes on."""
+        command, in_the_way = wanted, self._ahead(now, wanted)
+        if in_the_way is not None:
+            slower = self._slower(now, wanted)
+            if slower is None:
+                return in_the_way
+            if now - self._free > self.rules.slowed_s:
+                return f"{in_the_way}; slowed down for {now - self._free:.0f} s"
+            command = slower
+        elif asked:
+            self._free = now
+        if command != self.command:
+            self.command, self._changed = command, now
+        self.controller.command = command
+        return None
+
+    def _slower(self, now: float, wanted: Command) -> Command | None:
+        """The same way at the fastest speed at which nothing is in the way, else turning alone; None for neither, and
+        where the last scan is older: the robot has moved since."""
+        if now - self._scans.fresh_at > 2 * self.rules.tick_s:
+            return None
+        passed = now - self._changed
+        slower = [Command(share * wanted.v, share * wanted.w) for share in SLOWER]
+        if self._where is not None and abs(self._where.v) < SLOWEST:
+            slower.append(Command(0.0, wanted.w))
+        for one in slower:
+            command = self.limited(one, passed)
+            if command != STANDING and self._ahead(now, command) is None:
+                return command
         return None
 
     def limited(self, wanted: Command, passed_s: float) -> Command:
