@@ -29,18 +29,20 @@ class Editor:
         self.lab, self.token = lab, csrf(lab)
         made = lab.post("/lab/new", data={"csrf": self.token, **form})
         assert made.status_code == 303, made.text
-        self.here, self.yaml = made.headers["location"], ""
+        self.here, self.yaml, self.mark = made.headers["location"], "", ""
         self.answer = self.send()
 
     def send(self, yaml: str | None = None, **change: Any) -> dict[str, Any]:
         if not self.yaml:
-            (area,) = re.findall(r"<textarea[^>]*>(.*?)</textarea>", self.lab.get(self.here).text, re.DOTALL)
+            page = self.lab.get(self.here).text
+            (area,) = re.findall(r"<textarea[^>]*>(.*?)</textarea>", page, re.DOTALL)
+            (self.mark,) = re.findall(r'data-mark="(\w+)"', page)
             self.yaml = html.unescape(area)
-        body = {"yaml": self.yaml if yaml is None else yaml, "change": change or None}
+        body = {"seen": self.mark, "yaml": self.yaml if yaml is None else yaml, "change": change or None}
         answered = self.lab.post(f"{self.here}/edit", json=body, headers={"X-CSRF": self.token})
         assert answered.status_code == 200, answered.text
         self.answer = answered.json()
-        self.yaml = self.answer["yaml"]
+        self.yaml, self.mark = self.answer["yaml"], self.answer["mark"]
         return self.answer
 
     def add(self, kind: str, index: int | None = None) -> dict[str, Any]:
@@ -147,20 +149,34 @@ def test_what_only_the_author_can_change_is_refused_in_words(lab: TestClient):
         assert editor.yaml == before
 
 
+def test_a_window_that_did_not_see_anothers_change_overwrites_nothing(lab: TestClient):
+    one = Editor(lab, source="shipped:quick_preference_study")
+    old, mark = one.yaml, one.mark
+    one.send(do="set", path=["minutes"], value=20)
+    changed = one.yaml
+    one.yaml, one.mark = old, mark  # as another window that was opened before
+    refused = one.send(do="set", path=["version"], value=2)
+    assert "another window" in refused["refused"]
+    assert (refused["yaml"], refused["mark"]) == (old, mark), "what was written there stays"
+    assert one.send(changed)["refused"] is None, "who has the text that is kept goes on"
+    assert yaml.safe_load(one.send(do="set", path=["version"], value=2)["yaml"])["minutes"] == 20
+
+
 def test_what_no_page_sends_is_not_taken(lab: TestClient):
     editor = Editor(lab, source="shipped:quick_preference_study")
     headers = {"X-CSRF": editor.token}
     for body in (
         {},
-        {"yaml": 1},
-        {"yaml": "x" * (512 * 1024 + 1)},
-        {"yaml": QUICK, "change": {"do": "burn"}},
-        {"yaml": QUICK, "change": {"do": "remove", "path": []}},
-        {"yaml": QUICK, "change": {"do": "remove", "path": ["a"] * 40}},
-        {"yaml": QUICK, "change": {"do": "move", "path": ["stages"], "index": -1, "to": 0}},
+        {"yaml": QUICK},
+        {"seen": "x", "yaml": 1},
+        {"seen": "x", "yaml": "x" * (512 * 1024 + 1)},
+        {"seen": "x", "yaml": QUICK, "change": {"do": "burn"}},
+        {"seen": "x", "yaml": QUICK, "change": {"do": "remove", "path": []}},
+        {"seen": "x", "yaml": QUICK, "change": {"do": "remove", "path": ["a"] * 40}},
+        {"seen": "x", "yaml": QUICK, "change": {"do": "move", "path": ["stages"], "index": -1, "to": 0}},
     ):
         assert lab.post(f"{editor.here}/edit", json=body, headers=headers).status_code in (413, 422), body
-    assert lab.post(f"{editor.here}/edit", json={"yaml": QUICK}).status_code == 403
+    assert lab.post(f"{editor.here}/edit", json={"seen": "x", "yaml": QUICK}).status_code == 403
     empty = editor.send(" ")
     assert "empty" in empty["refused"]
     assert editor.send(QUICK)["problems"] == []

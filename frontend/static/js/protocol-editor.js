@@ -8,7 +8,7 @@ import { plainText } from "./plain-text.js";
 
 /**
  * @typedef {{ line: number, message: string }} Problem
- * @typedef {{ yaml: string, refused: string | null, problems: Problem[], part: string | null }} Edited
+ * @typedef {{ yaml: string, mark: string, refused: string | null, problems: Problem[], part: string | null }} Edited
  * @typedef {{ protocol: any, names: Record<string, string[]> }} Known what may be written
  * @typedef {{ text: string, show(problems: Problem[]): void, goTo(line: number): void }} TextEditor
  */
@@ -28,6 +28,8 @@ let editor = plainText(area, () => check());
 let turn = Promise.resolve();
 /** @type {Set<string>} which forms are open */
 const open = new Set();
+/** of the text that the server kept: another window's change has another */
+let { mark = "" } = root.dataset;
 let timer = 0;
 let unsaved = false;
 
@@ -53,7 +55,7 @@ function send(change, then = () => {}) {
 async function ask(change, then) {
   for (;;) {
     const yaml = editor.text;
-    const answer = await post({ yaml, change });
+    const answer = await post({ seen: mark, yaml, change });
     if (answer && editor.text === yaml) {
       if (!answer.refused) then();
       show(answer);
@@ -76,7 +78,7 @@ async function post(body) {
     if ([401, 403, 404].includes(answer.status)) location.reload(); // signed out, or the draft is gone
     else if (answer.status < 500 && answer.status !== 429) {
       const { error } = await answer.json();
-      return { yaml: editor.text, refused: error.message, problems: [], part: null };
+      return { yaml: editor.text, mark, refused: error.message, problems: [], part: null };
     }
   } catch {
     // no connection
@@ -88,6 +90,7 @@ async function post(body) {
 /** @param {Edited} answer */
 function show(answer) {
   unsaved = false;
+  mark = answer.mark;
   editor.text = answer.yaml;
   editor.show(answer.problems);
   state.textContent = answer.refused ?? kept;

@@ -5,6 +5,7 @@ A draft holds `protocol.yaml` with the texts and questionnaires it names, laid o
 
 from __future__ import annotations
 
+import hashlib
 import re
 import shutil
 from collections.abc import Mapping
@@ -41,6 +42,11 @@ class Draft:
     @property
     def yaml(self) -> str:
         return read_text(self.file)
+
+    @property
+    def mark(self) -> str:
+        """Of the protocol as it stands: another text has another."""
+        return hashlib.sha256(self.yaml.encode()).hexdigest()[:32]
 
     def save(self, yaml: str) -> None:
         """Replace the protocol. Raises DraftError if it is empty or too large."""

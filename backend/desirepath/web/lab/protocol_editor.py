@@ -61,8 +61,10 @@ class Move(Sent):
 
 
 class Edit(Sent):
-    """The text as it stands in the editor, and what is to be changed in it, if anything."""
+    """The text as it stands in the editor, and what is to be changed in it, if anything. seen: `Edited.mark` of what
+    this window last saw of it."""
 
+    seen: Annotated[str, Field(max_length=32)]
     yaml: Annotated[str, Field(max_length=LONGEST)]
     change: Annotated[Set | Remove | Insert | Move, Field(discriminator="do")] | None = None
 
@@ -76,9 +78,10 @@ class FoundProblem(Reply):
 
 class Edited(Reply):
     """yaml: after the change; refused: why it was not made, in the page's language; part: the forms, as HTML; None
-    where the text is no YAML, so that those of before may stay."""
+    where the text is no YAML, so that those of before may stay. mark: of the text that is kept."""
 
     yaml: str
+    mark: str
     refused: str | None
     problems: list[FoundProblem]
     part: str | None
@@ -102,6 +105,10 @@ def edit(request: Request, services: TheServices, draft: TheDraft, user: Checked
     """Make a change, keep the text, say what is wrong with it, and show its stages."""
     t = services.texts.get(lab_language(request))
     text, refused = as_text(sent.yaml), None
+    if sent.seen != draft.mark and text != draft.yaml:
+        refused = t("editor.changed_elsewhere")
+        answer = {"yaml": text, "mark": sent.seen, "refused": refused, "problems": [], "part": None}
+        return reply_of(Edited, answer)
     if sent.change is not None:
         try:
             text = changed(text, sent.change)
@@ -113,7 +120,8 @@ def edit(request: Request, services: TheServices, draft: TheDraft, user: Checked
         draft.save(text)
     except DraftError as problem:
         refused = t(f"lab.draft_errors.{problem.code}", **problem.values)
-        return reply_of(Edited, {"yaml": text, "refused": refused, "problems": [], "part": None})
+        answer = {"yaml": text, "mark": draft.mark, "refused": refused, "problems": [], "part": None}
+        return reply_of(Edited, answer)
     shown = draft_view(request, draft)
     part = None
     if shown["source"] is not None:
@@ -122,7 +130,8 @@ def edit(request: Request, services: TheServices, draft: TheDraft, user: Checked
         {"line": wrong.line if wrong.file == draft.file.name else 1, "message": _told(wrong, draft)}
         for wrong in shown["problems"]
     ]
-    return reply_of(Edited, {"yaml": text, "refused": refused, "problems": found, "part": part})
+    answer = {"yaml": text, "mark": draft.mark, "refused": refused, "problems": found, "part": part}
+    return reply_of(Edited, answer)
 
 
 def changed(text: str, change: Set | Remove | Insert | Move) -> str:
