@@ -160,3 +160,9 @@ def test_short_lists_and_places_that_are_not_there_yet():
 def test_what_would_change_something_else_is_refused(text: str, change: Any):
     with pytest.raises(EditError):
         change(text)
+
+
+def test_a_remark_behind_the_beginning_of_a_text_of_several_lines_stays():
+    text = "title:\n  en: |  # said to everybody\n    Hello\n    there\n  # below\n  de: Hallo\n"
+    told = set_value(text, ("title", "en"), "Welcome")
+    assert told == "title:\n  en: Welcome  # said to everybody\n  # below\n  de: Hallo\n"

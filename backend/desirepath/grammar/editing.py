@@ -40,7 +40,13 @@ def set_value(text: str, path: Path, value: Any) -> str:
     if node.is_block:
         start = written.after_key(path, node)
     space = " " if start and text[start - 1] not in " \t[{,\n" else ""
-    return written.checked(path, value, start, end, space + _inline(value))
+    return written.checked(path, value, start, end, space + _inline(value) + _comment_of_literal(text, node.start))
+
+
+def _comment_of_literal(text: str, start: int) -> str:
+    """What is remarked behind the `|` or `>` that begins there."""
+    first, _, remark = text[start:].partition("\n")[0].partition("#")
+    return f"  #{remark}" if first[:1] in ("|", ">") and remark else ""
 
 
 def remove(text: str, path: Path) -> str:
