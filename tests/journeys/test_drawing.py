@@ -84,7 +84,6 @@ def test_a_participant_draws_watches_and_keeps(
     page.get_by_role("button", name="Draw again").first.click()
     drag(page, arc(-0.7 if scene.person.pose.y > 0 else 0.7))
     expect(page.locator("#driving-text")).to_be_visible(timeout=60_000)
-    screenshots(page, "drawing_driving")
     # A reload loses nothing: the path is there, and its drive can be watched, once there is a stage to watch it on.
     held: list[Route] = []
     page.route("**/stage/**", lambda route: held.append(route))
@@ -96,6 +95,7 @@ def test_a_participant_draws_watches_and_keeps(
         route.continue_()
     page.unroute("**/stage/**")
     watch.click(timeout=60_000)
+    screenshots(page, "drawing_driving")
     expect(page.get_by_role("button", name="Keep this path")).to_be_visible(timeout=120_000)
     screenshots(page, "drawing_watched")
     page.get_by_role("button", name="Keep this path").click()
