@@ -309,6 +309,14 @@ NOT_THERE = {
     "/lab/rewards/{artefact_id}",
     "/lab/rewards/{artefact_id}/plan.svg",
     "/lab/rewards/{artefact_id}/steps.csv",
+    # no robot was let in: test_robots.py
+    "/api/robot",
+    "/api/robot/bundle",
+    "/api/robot/orders",
+    "/api/session/{token}/robot/{key}/stream",
+    "/api/lab/studies/{study_id}/robots/{robot_id}/stream",
+    "/lab/studies/{study_id}/robots/{robot_id}",
+    "/lab/studies/{study_id}/robot-runs/{run_id}.mcap",
     # no study shows videos: frontend/test_video_study.py
     "/api/session/{token}/trials/{key}/video/{side}",
     "/lab/videos/{artefact_id}",
@@ -333,7 +341,7 @@ def test_every_page_and_file_is_answered_as_published(busy_data: Path, walked: W
     assert {one.path for one in every_route(application.routes) if not one.include_in_schema} == UNLISTED
     for (method, path), operation in operations(document):
         sent = operation.get("requestBody", {}).get("content", {})
-        assert set(sent) <= {*FORMS, "application/json"}, (method, path)
+        assert set(sent) <= {*FORMS, "application/json", "application/octet-stream"}, (method, path)
         for status, told in operation["responses"].items():
             content = told.get("content", {})
             assert set(content) <= {*MEDIA.values(), "text/event-stream", "video/mp4", "video/webm"}, (
