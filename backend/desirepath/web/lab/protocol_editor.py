@@ -107,7 +107,7 @@ def edit(request: Request, services: TheServices, draft: TheDraft, user: Checked
     text, refused = as_text(sent.yaml), None
     if sent.seen != draft.mark and text != draft.yaml:
         refused = t("editor.changed_elsewhere")
-        answer = {"yaml": text, "mark": sent.seen, "refused": refused, "problems": [], "part": None}
+        answer: dict[str, Any] = {"yaml": text, "mark": sent.seen, "refused": refused, "problems": [], "part": None}
         return reply_of(Edited, answer)
     if sent.change is not None:
         try:
