@@ -317,7 +317,9 @@ def test_who_leaves_stops_the_robot_and_no_robot_waits_for_ever(robot_lab, turtl
     with robot_lab.services.database.session() as s:
         robot = s.scalars(select(StudyRobot)).one().id
     robot_lab.press(f"{robot}/drive", run=turtle.link.orders.run)
-    until(lambda: turtle.link.orders.drive)
+    until(
+        lambda: any(orders.drive for _, orders in turtle.heard), "it heard that it may drive, before it hears no more"
+    )
     assert httpx.post(f"{robot_lab.url}/api/session/{somebody.token}/withdraw", json={}).status_code == 200
     until(lambda: turtle.handed_in, "it stops and says so")
     summary = the_run(robot_lab).summary
