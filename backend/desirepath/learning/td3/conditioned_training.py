@@ -240,7 +240,7 @@ class ConditionedReplayBuffer(ReplayBuffer):
         next_observations: Floats,
         dones: NDArray[np.bool_],
     ) -> None:
-        rows = (self._next + np.arange(len(rewards))) % self.capacity
+        rows = self.next_rows(len(rewards))
         self.terms.numpy()[rows] = step_terms_of(actions, next_observations, self._setup)
         self.weights.numpy()[rows] = self.rolled_out_by
         if self.guided_by is not None:

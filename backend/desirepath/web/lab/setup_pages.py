@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import islice
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, File, Form, Request, UploadFile
@@ -116,7 +115,7 @@ def take_away(request: Request, name: str, database: Db, user: CheckedCsrf) -> R
     from desirepath.simulation.setup_intake import remove
 
     with database.session() as s:
-        if _is_found(name) and (uses := _uses(request, s, name)):
+        if _is_found(name) and (uses := _uses(request, s, [name])[name]):
             raise LabRefusal(409, "setup_in_use", name=name, uses=", ".join(uses))
     try:
         remove(name, uploaded_setups())
@@ -159,25 +158,23 @@ def _is_found(name: str) -> bool:
     return setup_folders().get(name) == (uploaded_setups() / name).resolve()
 
 
-def _uses(request: Request, s: Session, name: str) -> list[str]:
-    """What stands on a setup, in words, at most MOST_USES: studies, jobs under way, and what was made in it."""
+def _uses(request: Request, s: Session, names: Iterable[str]) -> dict[str, list[str]]:
+    """By setup what stands on it, in words, at most MOST_USES each: studies, jobs under way, what was made in it."""
     words = services_of(request).texts.get(lab_language(request))
-    return [words(f"lab.setups.uses.{kind}", name=called) for kind, called in islice(_standing_on(s, name), MOST_USES)]
-
-
-def _standing_on(s: Session, name: str) -> Iterator[tuple[str, str]]:
-    for study, protocol in s.execute(select(Study.name, Study.protocol)):
-        if _names(protocol, name):
-            yield "study", study
+    found: dict[str, list[str]] = {name: [] for name in names}
+    if not found:
+        return found
     later = select(Study.name, ProtocolVersion.protocol).join(ProtocolVersion, ProtocolVersion.study_id == Study.id)
-    for study, protocol in s.execute(later):
-        if _names(protocol, name):
-            yield "study", study
-    for job, params in s.execute(select(Job.id, Job.params).where(Job.state.not_in(ENDED))):
-        if _names(params, name):
-            yield "job", job
-    for artefact in s.scalars(select(Artefact.name).where(Artefact.setup == name).order_by(Artefact.name)):
-        yield "artefact", artefact
+    under_way = select(Job.id, Job.params).where(Job.state.not_in(ENDED))
+    for kind, asked in (("study", select(Study.name, Study.protocol)), ("study", later), ("job", under_way)):
+        for called, data in s.execute(asked):
+            for name in found:
+                if _names(data, name):
+                    found[name].append(words(f"lab.setups.uses.{kind}", name=called))
+    made = select(Artefact.setup, Artefact.name).where(Artefact.setup.in_(found)).order_by(Artefact.name)
+    for name, called in s.execute(made):
+        found[name].append(words("lab.setups.uses.artefact", name=called))
+    return {name: uses[:MOST_USES] for name, uses in found.items()}
 
 
 def _names(data: Any, name: str) -> bool:
@@ -201,12 +198,12 @@ def _setups_page(request: Request, database: Db, *, status: int = 200, **context
     folders, uploaded = setup_folders(), uploaded_setups().resolve()
     with database.session() as s:
         jobs = list(s.scalars(select(Job).where(Job.kind == KIND).order_by(Job.created_at.desc())))
+        brought_here = [name for name in own_setups() if folders[name].parent == uploaded]
+        uses = _uses(request, s, brought_here)
         lines = []
         for name in own_setups():
             setup, here = get_setup(name), map_of(name)
             there = trained_already(folders[name])
-            brought = folders[name].parent == uploaded
-            uses = _uses(request, s, name) if brought else []
             lines.append(
                 SetupLine(
                     name,
@@ -216,8 +213,8 @@ def _setups_page(request: Request, database: Db, *, status: int = 200, **context
                     tuple(there["artefacts"]),
                     there["success_rate"],
                     _newest_job(jobs, name),
-                    brought,
-                    uses,
+                    name in uses,
+                    uses.get(name, []),
                     checked(folders[name]),
                 )
             )
