@@ -43,7 +43,17 @@ _CLIENT = Path(__file__).parent / "client"
 _PEN = ("clearance.js", "ink.js", "sections.js", "draw.js", "walk.js")
 _EXPLAINED = ("rays.js", "attention.js", "explained.js", "picking.js")
 _LATER = ("steer.js", "mirror.js", *_EXPLAINED, "stage.js")
-_PLACE = ("scheme.js", "bodies.js", "sheet.js", "camera.js", "finder.js", "trail.js", "pictures.js", "player.js")
+_PLACE = (
+    "scheme.js",
+    "overlay.js",
+    "bodies.js",
+    "sheet.js",
+    "camera.js",
+    "finder.js",
+    "trail.js",
+    "pictures.js",
+    "player.js",
+)
 _SCRIPTS = ("bridge.js", "viser_hooks.js", *_PLACE, *_PEN, *_LATER)
 
 

@@ -29,6 +29,8 @@ type Measured = {
   points: number[][]; speeds: number[]; nears: NearThing[]; tight: TightStretch[]; length: number; seconds: number;
 };
 type Finds = (x: number, y: number, t: number) => NearThing;
+/** fit: make it as large as the window, empty, in CSS pixels. */
+type Overlay = { canvas: HTMLCanvasElement; pen: CanvasRenderingContext2D; fit(): void };
 type Projector = (x: number, y: number, z?: number) => number[] | null;
 type KeyPressed = { key: string; shiftKey?: boolean; ctrlKey?: boolean; metaKey?: boolean; altKey?: boolean };
 
@@ -37,6 +39,7 @@ interface DesirePath {
     post(type: string, detail?: object): void;
     state: { connected: boolean; ready: boolean; webgl: boolean; playback_id: string | null; keys?: StageKeys };
   };
+  overlay(id: string): Overlay;
   viser: {
     isUp(): boolean;
     hasMesh(name: string): boolean;

@@ -7,7 +7,6 @@
  */
 (() => {
   "use strict";
-  const MOST_PIXELS_PER_POINT = 2;
   const STROKE_M = 0.075; // as wide as a hand's chalk line seen from above
   const SLOW = [64, 44, 140];
   const MIDDLE = [30, 140, 140];
@@ -37,9 +36,7 @@
    * @property {number[][] | null} walk of the person, rows of t, x, y, yaw
    */
 
-  const canvas = document.createElement("canvas");
-  canvas.id = "desire-path-ink";
-  const pen = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  const { canvas, pen, fit } = window.desirePath.overlay("desire-path-ink");
   const legend = document.createElement("div");
   legend.id = "desire-path-speeds";
   const scale = document.createElement("i");
@@ -78,15 +75,6 @@
   /** @param {number} value @param {number} digits */
   const number = (value, digits) =>
     value.toLocaleString(words.language ?? "en", { minimumFractionDigits: digits, maximumFractionDigits: digits });
-
-  function fit() {
-    const density = Math.min(MOST_PIXELS_PER_POINT, window.devicePixelRatio || 1);
-    const [width, height] = [Math.round(window.innerWidth * density), Math.round(window.innerHeight * density)];
-    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    pen.setTransform(density, 0, 0, density, 0, 0);
-    pen.clearRect(0, 0, window.innerWidth, window.innerHeight);
-    pen.lineCap = pen.lineJoin = "round";
-  }
 
   /** How many pixels a metre is at that place. @param {Projector} project @param {number} x @param {number} y */
   function pixelsPerMetre(project, x, y) {

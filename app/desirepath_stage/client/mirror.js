@@ -6,26 +6,14 @@
 (() => {
   "use strict";
   const { bridge, viser, scheme } = window.desirePath;
-  const MOST_PIXELS_PER_POINT = 2;
   const STILL_PX = 8; // a press that moves farther turns the head
   const PERSON_M = 0.3;
-  const canvas = document.createElement("canvas");
-  canvas.id = "desire-path-mirror";
-  const pen = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  const { canvas, pen, fit } = window.desirePath.overlay("desire-path-mirror");
   /** @type {MirrorOrder | null} */
   let now = null;
   let painted = "";
   /** @type {{x: number, y: number} | null} */
   let press = null;
-
-  function fit() {
-    const density = Math.min(MOST_PIXELS_PER_POINT, window.devicePixelRatio || 1);
-    const [width, height] = [Math.round(window.innerWidth * density), Math.round(window.innerHeight * density)];
-    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    pen.setTransform(density, 0, 0, density, 0, 0);
-    pen.clearRect(0, 0, window.innerWidth, window.innerHeight);
-    pen.lineCap = pen.lineJoin = "round";
-  }
 
   /** @param {number[] | null} spot @param {number} radius px @param {string} fill */
   function dot(spot, radius, fill) {

@@ -8,7 +8,6 @@
 (() => {
   "use strict";
   const { bridge } = window.desirePath;
-  const MOST_PIXELS_PER_POINT = 2;
   const RIBBON_M = 0.13;
   const TELL_EVERY_MS = 60;
   const AHEAD_S = 1.5; // a path that was asked for so long ago still begins behind the robot
@@ -16,9 +15,7 @@
   const BEHIND = "--behind"; // opaque, as pieces that shine through would show where they overlap
   const { scheme } = window.desirePath;
 
-  const canvas = document.createElement("canvas");
-  canvas.id = "desire-path-ribbon";
-  const pen = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  const { canvas, pen, fit } = window.desirePath.overlay("desire-path-ribbon");
 
   /** @type {LivePath[]} */
   let paths = [];
@@ -72,15 +69,6 @@
     toldAt = performance.now();
     const poses = paths.map((path, i) => at(path, along[i]));
     bridge.post("moved", { poses, clocks: clocks(), seconds: Math.max(0, ...along), driving, over });
-  }
-
-  function fit() {
-    const density = Math.min(MOST_PIXELS_PER_POINT, window.devicePixelRatio || 1);
-    const [width, height] = [Math.round(window.innerWidth * density), Math.round(window.innerHeight * density)];
-    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    pen.setTransform(density, 0, 0, density, 0, 0);
-    pen.clearRect(0, 0, window.innerWidth, window.innerHeight);
-    pen.lineCap = pen.lineJoin = "round";
   }
 
   /** @param {Projector} project @param {LivePath} path @param {number} from s: what lies behind the robot is faint */

@@ -5,8 +5,8 @@
  */
 
 import { LivePanel } from "./live.js";
+import { onOwnStage } from "./lab-surface.js";
 import { ask } from "./send.js";
-import { StageFrame } from "./stage-frame.js";
 
 class LabLive extends LivePanel {
   /** @param {string} _objective */
@@ -43,11 +43,6 @@ function addressed(policy, weights) {
 }
 
 const panel = /** @type {HTMLElement} */ (document.getElementById("live-panel"));
-const holder = /** @type {HTMLElement} */ (document.getElementById("stage-frame"));
-const live = /** @type {HTMLElement} */ (document.getElementById("live"));
-const { src = "", origin = "", title = "" } = holder.dataset;
-const nothing = async () => {};
-const stage = new StageFrame(holder, origin, (message) => bar.hear(message));
 
 /** @param {string} path @param {any} body @returns {Promise<any>} */
 async function post(path, body) {
@@ -58,21 +53,4 @@ async function post(path, body) {
   return ask(`/lab/live/paths?scene=${scene}&${addressed(policy, weights)}${pose}`);
 }
 
-const bar = new LabLive(panel, {
-  key: "lab",
-  post,
-  answer: nothing,
-  refresh: nothing,
-  say: (key) => key,
-  announce: (text) => (live.textContent = text),
-  cover: () => {},
-  reloadStage: () => stage.reload(),
-  greetStage: () => stage.greet(),
-  notice: () => {},
-  moveOut: () => {},
-  tell: (order) => stage.draw(order),
-  language: document.documentElement.lang,
-  keep: () => {},
-  kept: null,
-});
-stage.open(src, title);
+onOwnStage(LabLive, panel, post);

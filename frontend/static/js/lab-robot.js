@@ -1,9 +1,9 @@
 // @ts-check
 /** The lab's page of one robot: it is mirrored on a stage, its weights are moved, a person is put where the floor is pressed. */
 
+import { onOwnStage } from "./lab-surface.js";
 import { RobotPanel } from "./robot.js";
 import { pause, Refused } from "./send.js";
-import { StageFrame } from "./stage-frame.js";
 
 /** The run's own page shows what it became. */
 const RELOAD_MS = 600;
@@ -29,12 +29,7 @@ class LabRobot extends RobotPanel {
 }
 
 const panel = /** @type {HTMLElement} */ (document.getElementById("live-panel"));
-const holder = /** @type {HTMLElement} */ (document.getElementById("stage-frame"));
-const live = /** @type {HTMLElement} */ (document.getElementById("live"));
-const { src = "", origin = "", title = "" } = holder.dataset;
 const { api = "", csrf = "", run = "" } = panel.dataset;
-const nothing = async () => {};
-const stage = new StageFrame(holder, origin, (message) => bar.hear(message));
 
 /** @param {string} path @param {object} body @returns {Promise<any>} */
 async function post(path, body) {
@@ -46,22 +41,5 @@ async function post(path, body) {
   return {};
 }
 
-const bar = new LabRobot(panel, {
-  key: "lab",
-  post,
-  answer: nothing,
-  refresh: nothing,
-  say: (key) => key,
-  announce: (text) => (live.textContent = text),
-  cover: () => {},
-  reloadStage: () => stage.reload(),
-  greetStage: () => stage.greet(),
-  notice: () => {},
-  moveOut: () => {},
-  tell: (order) => stage.draw(order),
-  language: document.documentElement.lang,
-  keep: () => {},
-  kept: null,
-});
-stage.open(src, title);
+const bar = onOwnStage(LabRobot, panel, post);
 bar.mirrorFrom(`${api}/stream`);
