@@ -37,8 +37,7 @@ ARTEFACT_FOLDER = "artefacts"
 MANIFEST_MEMBER = "manifest.json"
 FILES_AT_ONCE = 256  # held in memory while restoring
 ARTEFACT_MEMBER = re.compile(rf"{ARTEFACT_FOLDER}/([0-9a-f]{{64}})")
-SETUP_MEMBER = re.compile(rf"{UPLOADED}(/[A-Za-z0-9_-][A-Za-z0-9_.-]*)+")
-"""A file of a setup that somebody brought; no part of the path begins with a point."""
+SETUP_MEMBER = re.compile(rf"{UPLOADED}/[A-Za-z0-9_./-]+")
 
 __all__ = ["BackupError", "backup", "restore"]
 
@@ -101,7 +100,7 @@ def _setup_files() -> dict[str, bytes]:
     return {
         name: path.read_bytes()
         for name, path in files.items()
-        if SETUP_MEMBER.fullmatch(name) and path.is_file() and not path.is_symlink()
+        if _is_file_of_setup(name) and path.is_file() and not path.is_symlink()
     }
 
 
@@ -183,10 +182,15 @@ def _unpack(
         elif name in (DATABASE_MEMBER, POSTGRES_MEMBER):
             partial.touch(mode=0o600)
             partial.write_bytes(content)
-        elif SETUP_MEMBER.fullmatch(name):
+        elif _is_file_of_setup(name):
             setup_files[name] = content
     files.put_all(waiting)
     return setup_files
+
+
+def _is_file_of_setup(name: str) -> bool:
+    """A file of a setup that somebody brought: no part of its path is empty or begins with a point."""
+    return SETUP_MEMBER.fullmatch(name) is not None and all(part[:1] not in ("", ".") for part in name.split("/"))
 
 
 def _copy_database(file: Path, copy: Path) -> None:
