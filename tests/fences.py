@@ -10,7 +10,8 @@ from pathlib import Path
 
 from desirepath.installed import DATASETS, DOCS, ROOT
 
-DOCUMENTS = (ROOT / "README.md", DATASETS / "README.md", *sorted(DOCS.glob("*.md")))
+NOTEBOOK = ROOT / "experiments" / "notebook"
+DOCUMENTS = (ROOT / "README.md", DATASETS / "README.md", *sorted(DOCS.glob("*.md")), *sorted(NOTEBOOK.glob("*.md")))
 FENCE = re.compile(r"^```(\w*)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
 

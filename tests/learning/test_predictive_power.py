@@ -38,7 +38,7 @@ def odds_of(seen: np.ndarray, answers, seed: int) -> float:
 
 
 def test_always_a_always_b_and_coins_are_hardly_ever_predicted(seen: np.ndarray) -> None:
-    """Simulated. 200 of each: docs/numbers.md."""
+    """Simulated. 200 of each: experiments/notebook."""
     for kind in ("a", "b", "coin"):
         said = 0
         for seed in range(12):

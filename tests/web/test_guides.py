@@ -58,7 +58,7 @@ def test_guides_are_read_by_who_is_signed_in(lab, visitor):
     assert lab.get(f"{HERE}/../secrets").status_code == 404
     assert lab.get(f"{HERE}/architecture").status_code == 404
     visitor.cookies.clear()
-    assert visitor.get(f"{HERE}/numbers").status_code in (303, 401)
+    assert visitor.get(f"{HERE}/data-dictionary").status_code in (303, 401)
 
 
 def test_the_data_dictionary_of_an_export_stands_among_the_guides(lab, walked: Walked):

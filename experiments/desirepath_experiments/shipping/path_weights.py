@@ -17,7 +17,7 @@ from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
 
-CANDIDATES = 600  # as in the comparison of ways of telling (docs/numbers.md)
+CANDIDATES = 600  # as in the comparison of ways of telling (experiments/notebook)
 
 
 def ship_path_weights(request: Request) -> Card:

@@ -30,7 +30,7 @@ SENTENCES = ROOT / "tests" / "learning" / "words"
 PENALTY = 10.0  # scikit-learn's C
 _HONEST = (
     "Whether it helps was measured on sets of others' sentences with the readers of before they were tuned by these, "
-    "and with second readers that had seen neither the set nor ours written because of it: docs/numbers.md."
+    "and with second readers that had seen neither the set nor ours written because of it: experiments/notebook."
 )
 
 

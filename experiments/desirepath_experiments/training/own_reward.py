@@ -4,7 +4,7 @@
 
 Dividing by the number of steps is undone by taking off what the policy has reached (Dinkelbach 1967), and a little
 more, so that waiting pays nobody: with the usual fine-tuning's top (q98 alone) hurrying drowns what is preferred.
-s: the standard deviation of a trajectory's mean within a scene. All ours; measured in docs/numbers.md.
+s: the standard deviation of a trajectory's mean within a scene. All ours; measured in experiments/notebook.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The policy of somebody whom the nine objectives do not describe: at once the best of a library, then a search among
 what the library can be mixed to.
 
-Training by a reward that fifteen answers say badly goes astray (docs/numbers.md), and a search can, too; so what is
-found takes over only where neither of two posteriors expects less of it in scenes that chose nothing.
+Training by a reward that fifteen answers say badly goes astray (experiments/notebook), and a search can, too; so what
+is found takes over only where neither of two posteriors expects less of it in scenes that chose nothing.
 """
 
 from __future__ import annotations

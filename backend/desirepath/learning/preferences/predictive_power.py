@@ -13,7 +13,7 @@ CONVINCING = 5.0
 """How many times more probable answers must be by their predictions than by a coin. Predicted one step ahead, the odds
 of whoever answers by a coin are a martingale, whatever is asked next, and so are those of whoever clicks one letter
 where sides are drawn by lot: they get here with a probability of at most 1 / 5 (Ville's inequality), after 15 answers
-with one of about 0.02 (docs/numbers.md), the level of a test."""
+with one of about 0.02 (experiments/notebook), the level of a test."""
 MOST = 700.0  # natural logarithm; larger odds have no float
 
 

@@ -36,7 +36,7 @@ ENDS: tuple[tuple[Wish, Wish], ...] = (
 _PLACES: Mapping[Wish, int] = {wish: place for place, wish in enumerate(wish for ends in ENDS for wish in ends)}
 OTHER_END, NOTHING_SAID = 0.5, 2.5
 """How much more probable (difference of log probabilities) the other end, or nothing, has to be than what was read:
-chosen on sets of sentences and the readers of before they were tuned by these (docs/numbers.md)."""
+chosen on sets of sentences and the readers of before they were tuned by these (experiments/notebook)."""
 _LONGEST_PAIR = 4  # tokens from one to the other
 
 

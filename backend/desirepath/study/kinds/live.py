@@ -52,8 +52,8 @@ CROWD_CONTROLS: tuple[tuple[str, ...], ...] = (
     ("smoother",),
     ("faster",),
 )
-"""The same among people who walk, without the two that the shipped policy does not follow (docs/numbers.md): a slider
-that does nothing, or the wrong thing, is no control."""
+"""The same among people who walk, without the two that the shipped policy does not follow (experiments/notebook): a
+slider that does nothing, or the wrong thing, is no control."""
 OBJECTIVES = tuple(name for control in CONTROLS for name in control)
 OPPOSITES = tuple(pair for pair in CONTROLS if len(pair) == 2)
 PersonSetup = Annotated[str, OneOf(preference_setups)]

@@ -33,7 +33,7 @@ PATHS_JOB = "train_demonstrations"
 REFINEMENT = "conditioning_search"
 UPDATES_WHILE_ONE_WAITS = 16_000
 """Of the job above, instead of its own default: demonstrated starts are followed after half of these already, and
-somebody waits for them. What more would buy is unseen goals (docs/numbers.md)."""
+somebody waits for them. What more would buy is unseen goals (experiments/notebook)."""
 EVERY_PAIR = 4  # ch. 2: situations of an environment
 SURELY_BETTER = 0.9
 """With what probability a policy has to be better for this very person before it is shown as theirs."""

@@ -117,7 +117,7 @@ def path_of(trajectory: Trajectory) -> LivePath:
 
 def looks_at(policy: Policy, trajectory: Trajectory) -> list[str]:
     """The things that moved the policy's turning most on this way, the most first, at most `LOOKED_AT`; none that
-    hardly did. Turning, as what moves the study room's speeds is told apart from chance by no method (docs/numbers.md).
+    hardly did. Turning, as what moves the study room's speeds is told apart from chance by no method.
     """
     from desirepath.explain.attribution import explain  # torch comes with it: only where a protocol asks
     from desirepath.explain.sight import WALLS, sight_of

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from desirepath.study.kind import Moment
 
 USUAL_S = {"instant": 5.0, "conditioning_search": 60.0, "train_demonstrations": 45.0}
-"""Where nothing of that sort was learned here yet: docs/numbers.md, processor seconds of one core."""
+"""Where nothing of that sort was learned here yet: experiments/notebook, processor seconds of one core."""
 OTHERWISE_USUAL_S = 90.0
 LAST_ONES = 20  # ours: of so many trainings of one sort the median
 KNOWN_FOR_S = 30.0

@@ -23,7 +23,6 @@ GUIDES = (
     "analysts-guide",
     "participants-guide",
     "data-dictionary",
-    "numbers",
 )
 FITTING = {
     "/lab/new": "experimenters-guide#a-new-study",
