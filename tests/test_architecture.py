@@ -144,12 +144,16 @@ def test_lock_pins_every_package_by_hash_and_leaves_torch_out():
     [
         ("docker-compose.yml", "vendor.compose-spec", True),
         (".github/workflows/containers.yml", "vendor.github-workflows", True),
+        (".github/workflows/tests.yml", "vendor.github-workflows", True),
+        (".github/ISSUE_TEMPLATE/bug.yml", "vendor.github-issue-forms", True),
+        (".github/ISSUE_TEMPLATE/idea.yml", "vendor.github-issue-forms", True),
+        ("CITATION.cff", "vendor.citation-file-format", True),
         ("docker-compose.yml", "vendor.github-workflows", False),  # shows that the checker can fail
     ],
 )
-def test_container_files_are_valid_against_their_schemas(file, schema, valid):
+def test_files_that_others_read_are_valid_against_their_schemas(file, schema, valid):
     checked = subprocess.run(
-        [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema, file],
+        [sys.executable, "-m", "check_jsonschema", "--default-filetype", "yaml", "--builtin-schema", schema, file],
         cwd=ROOT,
         capture_output=True,
         text=True,

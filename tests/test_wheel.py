@@ -9,6 +9,7 @@ from pathlib import Path
 
 import httpx
 import pytest
+import yaml
 
 from desirepath.cli.loopback import loopback_server
 from desirepath.settings import Settings
@@ -46,6 +47,15 @@ def test_a_wheel_finds_protocols_and_shipped_policies_in_itself(installed: Path)
     protocol = installed / "desirepath" / "files" / "study_protocols" / "quick_preference_study.yaml"
     checked = run(installed, "-m", "desirepath", "study", "validate", str(protocol), "--json")
     assert json.loads(checked)["valid"]
+
+
+def test_a_wheel_brings_its_licences_and_its_version_is_the_one_to_cite(installed: Path) -> None:
+    (about,) = installed.glob("desirepath-*.dist-info")
+    texts = {name: (about / "licenses" / name).read_text() for name in ("LICENSE", "datasets/LICENSE")}
+    assert texts == {name: (ROOT / name).read_text() for name in texts}
+    version = yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"]
+    assert about.name == f"desirepath-{version}.dist-info"
+    assert f"## [{version}]" in (ROOT / "CHANGELOG.md").read_text()
 
 
 def test_a_wheel_serves_the_demo(installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
