@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import subprocess
 import sys
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -97,6 +98,21 @@ def test_its_vectors_hold_for_the_onnx_graph_alone(exported: Path) -> None:
     assert len({tuple(one["goal"]) for one in vectors}) == 10
     assert (exported / "recovery_1.onnx").is_file()
     assert (exported / "recovery_2.onnx").is_file()
+
+
+def test_it_brings_every_file_that_its_program_names(files: dict[str, bytes]) -> None:
+    """Modules that any of its modules imports, also where ROS is needed, and files that one reads from beside it."""
+    program = {name.removesuffix("/__init__.py").removesuffix(".py"): name for name in files if name.endswith(".py")}
+    assert "desirepath/deploy/ros/__main__" in program
+    for name in program.values():
+        for node in ast.walk(ast.parse(files[name])):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("desirepath"):
+                module = str(node.module).replace(".", "/")
+                inside = {f"{module}/{alias.name}" for alias in node.names}
+                assert module in program or inside <= set(program), (name, node.module)
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "with_name":
+                beside = PurePosixPath(name).with_name(ast.literal_eval(node.args[0]))
+                assert str(beside) in files, (name, str(beside))
 
 
 @pytest.fixture(scope="module")

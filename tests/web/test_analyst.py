@@ -19,6 +19,7 @@ from fastapi.testclient import TestClient
 from sqlalchemy import select
 from stable_baselines3 import TD3
 
+from desirepath.deploy.controller import Controller
 from desirepath.learning.policies.policy import Policy
 from desirepath.settings import Settings
 from desirepath.simulation.fast import make_engine
@@ -264,6 +265,10 @@ def test_downloaded_policies_act_like_ours(analyst, worked, known, tmp_path):
     manifest = analyst.get(f"/lab/policies/{known.base}/manifest.json").json()
     assert len(manifest["observation"]["layout"]) == ours.shape.observation_size
     assert analyst.get(f"/lab/artefacts/{known.base}/content").content == worked.files.get(known.base)
+    assert f"/lab/policies/{known.base}/bundle.zip" in analyst.get(f"/lab/policies/{known.base}").text
+    driven = Controller.load(analyst.get(f"/lab/policies/{known.base}/bundle.zip").content)
+    driven.decide(observations[0])
+    np.testing.assert_allclose(driven.action, expected[0], atol=1e-5)
 
 
 def test_a_file_comes_from_the_store_by_a_signed_link_where_browsers_reach_it(analyst, worked, known):

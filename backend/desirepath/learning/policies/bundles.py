@@ -33,7 +33,7 @@ from desirepath.simulation.setups import Setup, get_setup, require_lidar
 VECTORS = "test_vectors.json"
 VECTOR_SCENES = range(7_000, 7_010)
 """Seeds of the scenes that test vectors are taken from, one each."""
-PROGRAM = ("zip_files.py", "npz.py", "deploy/**/*.py")
+PROGRAM = ("zip_files.py", "npz.py", "deploy/**/*.py", "deploy/**/*.yaml")
 """Of the package: what drives a robot that has no more of it than this. Without `__init__.py` above it, so that a whole
 `desirepath` is taken where one is installed."""
 

@@ -16,11 +16,12 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.datastructures import FormData
 from starlette.responses import RedirectResponse, Response
 
+from desirepath.deploy.manifest import BundleError
 from desirepath.jobs.kinds import ANY_POLICY
 from desirepath.learning.cards import SOCIAL
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.policy import DrivingPolicy
-from desirepath.simulation.setups import setup_folders
+from desirepath.learning.policies.policy import StoredPolicy
+from desirepath.simulation.setups import SetupError, setup_folders
 from desirepath.store.artefacts import Lineage, lineage, load_trajectory
 from desirepath.store.events import log_event
 from desirepath.store.models import Artefact, ArtefactParent, Job, Participant, Study
@@ -207,22 +208,31 @@ def policy_sb3(artefact_id: str, database: Db, files: Files) -> Response:
         policy_to_sb3_zip,  # torch takes seconds to import; the server does without
     )
 
-    return _exported(artefact_id, database, files, policy_to_sb3_zip, "zip")
+    return _exported(artefact_id, database, files, lambda stored: policy_to_sb3_zip(stored.driving()), "zip")
 
 
 @router.get("/lab/policies/{artefact_id}/policy.onnx")
 def policy_onnx(artefact_id: str, database: Db, files: Files) -> Response:
     from desirepath.learning.policies.export import policy_to_onnx
 
-    return _exported(artefact_id, database, files, policy_to_onnx, "onnx")
+    return _exported(artefact_id, database, files, lambda stored: policy_to_onnx(stored.driving()), "onnx")
+
+
+@router.get("/lab/policies/{artefact_id}/bundle.zip")
+def bundle(artefact_id: str, database: Db, files: Files) -> Response:
+    """All that drives a robot by it, as `desirepath policies export` writes it; a conditioned one takes its weights
+    while it drives."""
+    from desirepath.learning.policies.bundles import bundle_files, zipped
+
+    return _exported(artefact_id, database, files, lambda stored: zipped(bundle_files(stored)), "bundle.zip")
 
 
 @router.get("/lab/policies/{artefact_id}/manifest.json")
 def manifest(artefact_id: str, database: Db, files: Files) -> Response:
     """Observation layout, units and action scaling: what a robot needs to run the exported policy."""
 
-    def write(policy: DrivingPolicy) -> bytes:
-        return json.dumps(policy.manifest(), indent=2, sort_keys=True).encode()
+    def write(stored: StoredPolicy) -> bytes:
+        return json.dumps(stored.driving().manifest(), indent=2, sort_keys=True).encode()
 
     return _exported(artefact_id, database, files, write, "manifest.json")
 
@@ -400,7 +410,7 @@ def _children(request: Request, s: DatabaseSession, artefact_id: str) -> list[Ar
 
 
 def _exported(
-    artefact_id: str, database: Db, files: Files, write: Callable[[DrivingPolicy], bytes], ending: str
+    artefact_id: str, database: Db, files: Files, write: Callable[[StoredPolicy], bytes], ending: str
 ) -> Response:
     """A policy in another format, a conditioned one without preferences. Refused where the format cannot have it."""
     from desirepath.learning.policies.policy import read_policy
@@ -410,8 +420,8 @@ def _exported(
     if found.kind not in DRIVING:
         raise LabRefusal(404, "no_artefact")
     try:
-        written = write(read_policy(files.get(found.id)).driving())
-    except LearningError:
+        written = write(read_policy(files.get(found.id)))
+    except (LearningError, SetupError, BundleError):
         raise LabRefusal(404, "no_artefact") from None
     return _download(written, f"policy-{found.id[:12]}.{ending}")
 

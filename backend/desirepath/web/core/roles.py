@@ -202,6 +202,7 @@ SHOWING: dict[str, Rule] = {
     "/lab/artefacts/{artefact_id}/content": Rule(Right.TAKE, "artefact_taken"),
     "/lab/policies/{artefact_id}/policy.zip": Rule(Right.TAKE, "artefact_taken"),
     "/lab/policies/{artefact_id}/policy.onnx": Rule(Right.TAKE, "artefact_taken"),
+    "/lab/policies/{artefact_id}/bundle.zip": Rule(Right.TAKE, "artefact_taken"),
 }
 
 
