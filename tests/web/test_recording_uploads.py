@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import re
+import shutil
 import time
 import zipfile
 from pathlib import Path
@@ -69,8 +70,9 @@ def make(lab, address: str, **form: str) -> str:
     return read(lab, address)
 
 
-def keep(lab, address: str, name: str = "Mine") -> str:
-    kept = lab.post(f"{address}/keep", data={"csrf": csrf(lab), "name": name}, follow_redirects=False)
+def keep(lab, address: str, name: str = "Mine", study: str = "") -> str:
+    form = {"csrf": csrf(lab), "name": name, "study": study}
+    kept = lab.post(f"{address}/keep", data=form, follow_redirects=False)
     assert kept.status_code == 303, kept.text
     return kept.headers["location"]
 
@@ -380,6 +382,39 @@ def test_an_analyst_of_one_study_sees_own_uploads_only(lab, lab_services, collea
     with lab_services.database.session() as s:
         (entry,) = s.scalars(select(Audit).where(Audit.action == "recordings_discarded"))
         assert entry.data["sent_by"] == "a-member-analyst"
+
+
+def test_what_is_kept_belongs_to_a_study_that_one_may_see(lab, lab_services, two_studies, colleague):
+    address = taken(lab, ("hall.csv", HALL))
+    read(lab, address)
+    page = make(lab, address)
+    assert f'<option value="{two_studies.theirs}"' in page
+    assert '<option value="" selected>no study' in page
+    again = shutil.copytree(  # somebody else's upload of the same
+        find_recording_draft(lab_services.settings.data, address.rsplit("/", 1)[1]).folder,
+        lab_services.settings.data / "recordings" / ("a" * 16),
+    )
+    kept = keep(lab, address, study=two_studies.theirs)
+
+    member = colleague("member", "analyst")
+    assert member.get(kept).status_code == 403
+    assert kept not in member.get("/lab/recordings").text
+    sent = json.loads((again / "sent.json").read_bytes())
+    (again / "sent.json").write_text(json.dumps(sent | {"by": "a-member-analyst"}))
+    refused = member.post(f"/lab/recordings/{again.name}/keep", data={"csrf": csrf(member), "name": "Mine"})
+    assert (refused.status_code, "These recordings are here already" in refused.text) == (409, True)
+
+    own = taken(member, ("own.csv", HALL), answers=b"a,b,choice\nwide,straight,a\nstraight,wide,b\n")
+    read(member, own)
+    page = make(member, own)
+    assert "It will belong to the study “Corridor pilot”" in page
+    kept = keep(member, own, study=two_studies.theirs)  # not theirs to give
+    assert kept in member.get("/lab/recordings").text
+    with lab_services.database.session() as s:
+        made = s.scalars(select(Artefact).where(Artefact.card["imported"].is_not(None), Artefact.name.like("Mine%")))
+        assert sorted((one.kind, one.study_id) for one in made if one.card["imported"]) == sorted(
+            [("query_set", two_studies.theirs), ("query_set", two_studies.ours), ("snapshot", two_studies.ours)]
+        )
 
 
 def test_who_may_start_no_jobs_uploads_nothing_and_sees_no_uploads(lab, colleague):

@@ -12,7 +12,8 @@ from desirepath.installed import ROOT
 from desirepath.jobs.kinds import get_kind
 from desirepath.simulation.setup_intake import CHECKED, unpack
 from desirepath.simulation.setups import own_setups, tell_changed, uploaded_setups
-from desirepath.store.models import Artefact, Job
+from desirepath.store.models import Artefact, Job, StudyRole
+from desirepath.store.outbox import enqueue_job
 from desirepath.study.studies import create_study
 from desirepath.web.core.guard import LARGER
 from tests.simulation.test_ground_maps import draw_map
@@ -164,6 +165,30 @@ def test_who_may_only_look_brings_trains_and_removes_nothing(lab, as_role, tmp_p
         assert viewer.post(path, data={"csrf": token, "name": "x"}).status_code == 403
     assert viewer.get(f"{PAGE}/our_lab/setup.zip").status_code == 403
     assert own_setups() == ("our_lab",)
+
+
+def test_a_role_in_single_studies_brings_trains_takes_and_removes_none(lab, lab_services, colleague, as_role, tmp_path):
+    """Setups belong to the installation."""
+    bring(lab, tmp_path)
+    member = colleague("member", "analyst", "owner")
+    page = member.get(PAGE).text
+    assert "our_lab" in page
+    for offered in ("Check and save", "our_lab/train", "our_lab/setup.zip", "our_lab/remove"):
+        assert offered not in page
+    token = csrf(member)
+    for path in (PAGE, f"{PAGE}/our_lab/train", f"{PAGE}/our_lab/remove", "/lab/jobs/new/train_setup"):
+        assert member.post(path, data={"csrf": token, "name": "x", "setup": "our_lab"}).status_code == 403, path
+    for path in (f"{PAGE}/our_lab/setup.zip", "/lab/jobs/new/train_setup"):
+        assert member.get(path).status_code == 403
+    assert "train_setup" not in member.get("/lab/jobs/new").text
+    with lab_services.database.transaction() as s:
+        study = s.scalars(select(StudyRole.study_id)).first()
+        old = enqueue_job(s, "train_setup", {"setup": "our_lab"}, study_id=study)
+        old.state = "cancelled"
+    assert member.post(f"/lab/jobs/{old.id}/retry", data={"csrf": token}).status_code == 403
+    analyst = as_role("analyst")
+    assert analyst.get(f"{PAGE}/our_lab/setup.zip").status_code == 200
+    assert analyst.post(f"{PAGE}/our_lab/train", data={"csrf": csrf(analyst)}).status_code == 303
 
 
 def test_only_own_setups_are_taken_trained_or_removed(lab):

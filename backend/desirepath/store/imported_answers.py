@@ -1,4 +1,4 @@
-"""Answers that people gave elsewhere, as a snapshot: marked as imported, of no study, with its query set as parent.
+"""Answers that people gave elsewhere, as a snapshot: marked as imported, with its query set as parent.
 
 What learns from snapshots learns from these as from any other. There are no rows of answers and nobody takes part: who
 is to be forgotten is left out of the file, and the snapshot is rebuilt.
@@ -40,8 +40,10 @@ def save_imported_answers(
     *,
     name: str,
     source: dict[str, Any],
+    study_id: str | None = None,
 ) -> Artefact:
-    """source: file and sha256 of what was imported. Raises TooFewAnswers for fewer than two."""
+    """source: file and sha256 of what was imported; study_id: the study it belongs to, None: none. Raises TooFewAnswers
+    for fewer than two."""
     if len(answers) < MIN_ANSWERS:
         raise TooFewAnswers("people", len(answers), {}, 0)
     queries = queries_of(s, files, query_set.id)
@@ -79,4 +81,5 @@ def save_imported_answers(
             "human": len(given),
         },
         parents=[(query_set.id, "query_set")],
+        study_id=study_id,
     )

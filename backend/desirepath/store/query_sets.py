@@ -110,6 +110,7 @@ def save_query_set(
     job_id: str | None = None,
     content: bytes | None = None,
     videos: Iterable[Path] = (),
+    study_id: str | None = None,
 ) -> Artefact:
     """Store a query set and each of its trajectories once; idempotent.
 
@@ -123,7 +124,7 @@ def save_query_set(
         raise ArtefactError(f"query set {name!r} holds no queries; a study needs at least one")
     content = query_set.to_bytes() if content is None else content
     trajectories = [t for query in query_set.queries for t in (query.trajectory_a, query.trajectory_b)]
-    filmed = _save_videos(s, files, trajectories, query_set.setup, videos)
+    filmed = _save_videos(s, files, trajectories, query_set.setup, videos, study_id)
     rows = save_trajectories(s, files, trajectories)
     stored = [query_entry(a, b) for a, b in zip(rows[0::2], rows[1::2], strict=True)]
     return save_artefact(
@@ -135,12 +136,18 @@ def save_query_set(
         content=content,
         card={**card, **_describe_recordings(trajectories), "stored_queries": stored},
         parents=[*(parents or ()), *((video, "video") for video in filmed)],
+        study_id=study_id,
         job_id=job_id,
     )
 
 
 def _save_videos(
-    s: Session, files: ArtefactStore, trajectories: Sequence[Trajectory], setup: str, given: Iterable[Path]
+    s: Session,
+    files: ArtefactStore,
+    trajectories: Sequence[Trajectory],
+    setup: str,
+    given: Iterable[Path],
+    study_id: str | None,
 ) -> list[str]:
     """The videos that trajectories name, stored; their ids."""
     wanted = {one.recorded.video.sha256: one.recorded for one in trajectories if one.recorded and one.recorded.video}
@@ -149,7 +156,8 @@ def _save_videos(
         recorded = wanted.get(hashlib.sha256(content).hexdigest())
         if recorded is not None and recorded.video is not None:
             card = {"video": asdict(recorded.video), "imported": {"file": file.name}}
-            save_artefact(s, files, kind="video", name=file.name, setup=setup, content=content, card=card)
+            described: dict[str, Any] = {"name": file.name, "setup": setup, "card": card, "study_id": study_id}
+            save_artefact(s, files, kind="video", content=content, **described)
     for sha, recorded in wanted.items():
         found = s.get(Artefact, sha)
         if found is None or found.kind != "video" or not files.exists(sha):

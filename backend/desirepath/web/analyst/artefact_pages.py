@@ -29,7 +29,7 @@ from desirepath.store.models import Response as Answered
 from desirepath.store.models import Session as SessionRow
 from desirepath.store.snapshots import Snapshot, SnapshotError, TooFewAnswers, check_whose, take_snapshot
 from desirepath.store.who_counts import Whose
-from desirepath.web.analyst.job_pages import read_form
+from desirepath.web.analyst.job_pages import read_form, studies_to_keep_in
 from desirepath.web.core import svg_figures
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
@@ -153,6 +153,7 @@ def policies(request: Request, database: Db, archived: bool = False) -> Response
             archived=archived,
             archived_count=archived_count,
             setups=list(setup_folders()),
+            keep_in=studies_to_keep_in(s, rights_in(request)),
         )
 
 

@@ -87,13 +87,14 @@ def jobs(
 
 @router.get("/lab/jobs/new")
 def choose_kind(request: Request) -> Response:
-    return lab_page(request, "analyst/job_kinds.html", kinds=list(KINDS.values()))
+    rights = rights_in(request)
+    return lab_page(request, "analyst/job_kinds.html", kinds=[one for one in KINDS.values() if _may(rights, one.name)])
 
 
 @router.get("/lab/jobs/new/{kind_name}")
 def new_job(request: Request, kind_name: str, database: Db, again: str = "", study: str = "") -> Response:
     """The launch form; `again` fills it from another job, other query parameters fill single fields."""
-    kind = _kind(kind_name)
+    kind = _kind(request, kind_name)
     known = {name for variant in kind.variants.values() for name in variant.model_fields}
     values: dict[str, Any] = {name: v for name, v in request.query_params.items() if name in known}
     with database.session() as s:
@@ -117,7 +118,7 @@ def launch(
     request: Request, kind_name: str, database: Db, user: CheckedCsrf, form: Annotated[FormData, Depends(read_form)]
 ) -> Response:
     """Start a job; 422 with what is wrong at which field."""
-    kind = _kind(kind_name)
+    kind = _kind(request, kind_name)
     values = read_values(kind, form)
     study = str(form.get("study") or "")
     with database.transaction() as s:
@@ -191,6 +192,7 @@ def retry(request: Request, job_id: str, database: Db, user: CheckedCsrf) -> Res
         old = _job(s, job_id)
         if old.state not in FINAL_STATES:
             raise LabRefusal(409, "job_not_ended")
+        _require_right(request, old.kind)
         new = enqueue_job(s, old.kind, old.params, study_id=old.study_id, created_by=user.name, retry_of=old.id)
     audit_details(request, new_job=new.id)
     return RedirectResponse(f"/lab/jobs/{new.id}", status_code=303)
@@ -227,11 +229,22 @@ def _attempt(one: JobAttempt) -> dict[str, Any]:
     }
 
 
-def _kind(name: str) -> Kind:
-    """A kind that has a form; tasks of sweeps have none."""
+def _kind(request: Request, name: str) -> Kind:
+    """A kind that has a form, and that one may start; tasks of sweeps have none."""
     if name not in KINDS:
         raise LabRefusal(404, "no_job_kind", name=name)
+    _require_right(request, name)
     return KINDS[name]
+
+
+def _require_right(request: Request, kind: str) -> None:
+    if not _may(rights_in(request), kind):
+        raise LabRefusal(403, "role", role=request.state.sign_in.role)
+
+
+def _may(rights: Rights, kind: str) -> bool:
+    """Whether jobs of that kind may be started by who may start jobs: setups are the installation's."""
+    return kind != "train_setup" or rights.may(Right.EQUIP)
 
 
 def _job(s: DatabaseSession, job_id: str) -> Job:
@@ -261,6 +274,14 @@ def study_of_new(s: DatabaseSession, rights: Rights, learns_from: str | None, as
     return None if rights.studies(Right.ANALYSE) is None else s.scalars(newest).first()
 
 
+def studies_to_keep_in(s: DatabaseSession, rights: Rights) -> list[tuple[str, str]]:
+    """(id, name), newest first, of the studies to which something brought may belong; first an empty id, of none, for
+    who may start jobs in all."""
+    rows = select(Study.id, Study.name).where(in_studies(rights, Study.id, Right.ANALYSE))
+    found = [(one.id, one.name) for one in s.execute(rows.order_by(Study.created_at.desc()))]
+    return [("", ""), *found] if rights.studies(Right.ANALYSE) is None else found
+
+
 def _form(
     request: Request,
     s: DatabaseSession,
@@ -284,6 +305,7 @@ def _form(
         algorithms=list(kind.variants) if kind.union is not None else [],
         algorithm=kind.algorithm_of(values),
         study=study,
+        keep_in=studies_to_keep_in(s, rights_in(request)),
         again=again,
         wrong=wrong,
         others=others,

@@ -32,7 +32,7 @@ from desirepath.store.imported_answers import ImportedAnswer, save_imported_answ
 from desirepath.store.models import Artefact
 from desirepath.store.query_sets import save_query_set
 from desirepath.web.analyst.artefact_pages import artefact_href
-from desirepath.web.analyst.job_pages import read_form
+from desirepath.web.analyst.job_pages import read_form, studies_to_keep_in, study_of_new
 from desirepath.web.analyst.recording_drafts import (
     MOST_BYTES,
     RecordingDraft,
@@ -51,7 +51,8 @@ from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.contract import form_of, reply_of
 from desirepath.web.core.dependencies import Db, Files, TheServices, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
-from desirepath.web.core.permits import seen_artefacts
+from desirepath.web.core.permits import may_with, seen_artefacts
+from desirepath.web.core.roles import Right, Rights
 from desirepath.web.stage.replay_stages import Replay
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
@@ -192,13 +193,19 @@ def make(
 
 @router.post("/lab/recordings/{draft_id}/keep")
 def keep(
-    request: Request, draft: TheDraft, database: Db, files: Files, user: CheckedCsrf, name: Annotated[str, Form()] = ""
+    request: Request,
+    draft: TheDraft,
+    database: Db,
+    files: Files,
+    user: CheckedCsrf,
+    name: Annotated[str, Form()] = "",
+    study: Annotated[str, Form()] = "",
 ) -> Response:
-    """Keep the query set, and the answers as a snapshot; the upload itself goes."""
+    """Keep the query set, and the answers as a snapshot, in a study or in none; the upload itself goes."""
     name = " ".join(name.split())[:LONGEST_NAME]
     try:
         with draft.claimed():
-            kept = _kept(draft, database, files, name, user.name)
+            kept = _kept(draft, database, files, rights_in(request), name, study, user.name)
             if kept is not None:
                 draft.discard()
     except UploadError as busy:
@@ -210,7 +217,9 @@ def keep(
     return RedirectResponse(leads_to, status_code=303)
 
 
-def _kept(draft: RecordingDraft, database: Db, files: Files, name: str, by: str) -> tuple[str, dict[str, Any]] | None:
+def _kept(
+    draft: RecordingDraft, database: Db, files: Files, rights: Rights, name: str, study: str, by: str
+) -> tuple[str, dict[str, Any]] | None:
     """Where what was kept is, and what the audit log says; None without a name or where nothing was made."""
     from desirepath.learning.queries.queries import QuerySet
 
@@ -223,12 +232,16 @@ def _kept(draft: RecordingDraft, database: Db, files: Files, name: str, by: str)
         files.put(film.read_bytes())  # before anybody waits for the transaction
     card = {"imported": {**made["imported"], "by": by, "mapping": made["mapping"]}}
     with database.transaction() as s:
-        stored = save_query_set(s, files, query_set, name=name, card=card, videos=films)
+        study_id = study_of_new(s, rights, None, study)
+        stored = save_query_set(s, files, query_set, name=name, card=card, videos=films, study_id=study_id)
+        if not may_with(s, rights, Right.ANALYSE, stored):
+            raise LabRefusal(409, "kept_elsewhere")
         leads_to = artefact_href(stored)
         details = {"artefact": stored.id, "files": len(made["imported"]["files"])}
         if given := made.get("answers"):
             answers = [ImportedAnswer(one["line"], one["query"], one["choice"], one["person"]) for one in given]
-            snapshot = save_imported_answers(s, files, stored, answers, name=name, source=made["imported"]["files"][-1])
+            source = made["imported"]["files"][-1]
+            snapshot = save_imported_answers(s, files, stored, answers, name=name, source=source, study_id=study_id)
             details["snapshot"] = snapshot.id
             leads_to = artefact_href(snapshot)
     return leads_to, details
@@ -370,6 +383,8 @@ def _shown(
     at_once = (both[0], replace(both[1], scene=here)) if together else both
     plays = [Replay(at_once, tuple(names))] if together else [Replay((both[k],), (names[k],)) for k in (0, 1)]
     known = all(one.recorded is not None and "poses" in one.recorded.has for one in both)
+    with services_of(request).database.session() as s:
+        keep_in = studies_to_keep_in(s, rights_in(request))
     drawn = svg_figures.rollouts(both[0].scene, both, names=names, title=t("recordings.figure")) if known else ""
     return {
         "pair": pair,
@@ -379,6 +394,7 @@ def _shown(
         "plan": Markup(drawn),  # noqa: S704 - made by us, texts escaped
         "stages": [services_of(request).replays.grant(one) for one in plays] if stage and known else [],
         "known": known,
+        "keep_in": keep_in,
     }
 
 

@@ -24,6 +24,7 @@ class Right(StrEnum):
     ANALYSE = "analyse"  # take snapshots, start jobs
     PLAN = "plan"  # have the power of a study computed, which takes minutes of processor
     TIDY = "tidy"  # cancel and retry jobs; rename, archive and delete what they made
+    EQUIP = "equip"  # bring, train, take away and remove setups, which are the installation's
     MANAGE = "manage"  # roles, how long data are kept; of the installation: accounts, settings, the audit log
 
 
@@ -31,7 +32,7 @@ SHARED = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE})
 """Of what belongs to no study (shipped policies, lists, launch forms) these are enough in any one study."""
 
 EXPERIMENTER = frozenset({Right.LOOK, Right.RUN, Right.ERASE, Right.TAKE, Right.PAY, Right.PLAN, Right.CODE})
-ANALYST = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE, Right.TIDY, Right.PLAN, Right.CODE})
+ANALYST = frozenset({Right.LOOK, Right.TAKE, Right.ANALYSE, Right.TIDY, Right.EQUIP, Right.PLAN, Right.CODE})
 ROLES: dict[str, frozenset[Right]] = {
     "owner": frozenset(Right),
     "researcher": EXPERIMENTER | ANALYST,  # one person who does both, as in small labs
@@ -131,9 +132,9 @@ CHANGING: dict[str, Rule] = {
     "/lab/studies/{study_id}/coding/{item}/answers/{response_id}": Rule(Right.CODE),
     "/lab/studies/{study_id}/coding/{item}/answers/{response_id}/settle": Rule(Right.CODE),
     "/lab/settings": Rule(Right.MANAGE, "settings_changed"),
-    "/lab/settings/setups": Rule(Right.ANALYSE, "setup_brought"),
-    "/lab/settings/setups/{name}/train": Rule(Right.ANALYSE, "job_started"),
-    "/lab/settings/setups/{name}/remove": Rule(Right.TIDY, "setup_removed"),
+    "/lab/settings/setups": Rule(Right.EQUIP, "setup_brought"),
+    "/lab/settings/setups/{name}/train": Rule(Right.EQUIP, "job_started"),
+    "/lab/settings/setups/{name}/remove": Rule(Right.EQUIP, "setup_removed"),
     "/lab/settings/accounts": Rule(Right.MANAGE, "account_added"),
     "/lab/settings/accounts/{name}/role": Rule(Right.MANAGE, "role_changed"),
     "/lab/settings/accounts/{name}/reset": Rule(Right.MANAGE, "password_reset"),
@@ -191,7 +192,7 @@ SHOWING: dict[str, Rule] = {
     "/lab/studies/{study_id}/coding/{item}/codings.csv": Rule(Right.TAKE),
     "/lab/studies/{study_id}/protocol.yaml": Rule(Right.TAKE),  # may hold the completion code, which is worth money
     "/lab/settings": Rule(Right.MANAGE),
-    "/lab/settings/setups/{name}/setup.zip": Rule(Right.TAKE, "setup_taken"),
+    "/lab/settings/setups/{name}/setup.zip": Rule(Right.EQUIP, "setup_taken"),
     "/lab/audit": Rule(Right.MANAGE),
     "/lab/recordings/{draft_id}": Rule(Right.ANALYSE),
     "/api/lab/recordings/{draft_id}": Rule(Right.ANALYSE),
