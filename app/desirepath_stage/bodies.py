@@ -57,8 +57,13 @@ RIGHT = RobotColours(top=(232, 150, 66), lamp=(255, 240, 216))
 def robot(of: Robot, colours: RobotColours = NEUTRAL) -> Shape:
     """What its URDF shows, where it has one that can be read; a body of its outline, where it is no disc; else a
     TurtleBot 2 of its size. Opaque parts."""
-    changed = of.urdf.stat().st_mtime_ns if of.urdf is not None and of.urdf.is_file() else 0
-    return _robot(of, colours, (version(), changed))
+    return _robot(of, colours, changed(of))
+
+
+def changed(of: Robot) -> tuple[int, int]:
+    """What is another once the robot's URDF is, or a setup."""
+    at = of.urdf.stat().st_mtime_ns if of.urdf is not None and of.urdf.is_file() else 0
+    return version(), at
 
 
 @lru_cache(maxsize=8)  # each may hold 100,000 triangles, and takes seconds to read

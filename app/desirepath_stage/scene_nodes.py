@@ -9,7 +9,7 @@ import math
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
+from functools import cache
 from typing import Literal
 
 import numpy as np
@@ -22,6 +22,7 @@ from desirepath.simulation.scenes import own_map, solids_near
 from desirepath.simulation.setups import Robot, get_setup
 from desirepath_stage import bodies, furniture, surfaces
 from desirepath_stage.glb import Surface, to_glb
+from desirepath_stage.kept_files import MIB, kept
 from desirepath_stage.shapes import Colour, Shape, disc, merge
 from desirepath_stage.views import Camera, View
 
@@ -35,7 +36,10 @@ TRAIL_PIECES = 60  # as in client/trail.js
 FIELD_SOLID_M = 12.0  # open ground is fully there up to here, from the middle of the scene
 FIELD_RADIUS_M = 26.0  # and gone here
 
-KEPT_PLACES = 256  # of a quarter of a MB; the shipped query set has 200, and a place takes 20 ms to draw
+KEPT_PLACES = (
+    256 * MIB
+)  # a quarter of one each, of which the shipped query set has 200, and drawn in 20 ms; maps take 20
+KEPT_ROBOTS = 64 * MIB  # a URDF of 100,000 triangles takes 12
 
 Bounds = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max in metres
 
@@ -165,8 +169,12 @@ def _shade(radius: float, height: float, alpha: float) -> Surface:
     return Surface(disc(radius, height, bodies.SHADE, alpha=alpha, rim_alpha=0.0), translucent=True)
 
 
-@cache
 def _robot(robot: Robot, colours: bodies.RobotColours) -> bytes:
+    return _robot_file(robot, colours, bodies.changed(robot))
+
+
+@kept(KEPT_ROBOTS)
+def _robot_file(robot: Robot, colours: bodies.RobotColours, changed: tuple[int, int]) -> bytes:
     return to_glb([Surface(bodies.robot_glow(robot, colours), translucent=True), Surface(bodies.robot(robot, colours))])
 
 
@@ -190,7 +198,7 @@ def _about_z(yaw: float) -> tuple[float, float, float, float]:
     return math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)
 
 
-@lru_cache(maxsize=KEPT_PLACES)
+@kept(KEPT_PLACES)
 def place_file(scene: Scene, bounds: Bounds, detail: Detail, *, cut: bool) -> bytes:
     """Floor, furniture and walls; `cut` low for the view from above. Kept, as participants share their queries."""
     shapes = [furniture.piece(obstacle, index, cut=cut) for index, obstacle in enumerate(scene.obstacles)]

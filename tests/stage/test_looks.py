@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import os
 import re
 import struct
 from dataclasses import replace
@@ -20,6 +21,7 @@ from desirepath.simulation.setup_files import read_robot, shipped_robots
 from desirepath.simulation.setups import get_setup
 from desirepath_stage import bodies, furniture, scene_nodes, surfaces
 from desirepath_stage.glb import Surface, to_glb
+from desirepath_stage.kept_files import kept
 from desirepath_stage.shapes import Shape, ball, box, limb, merge, rotate
 from desirepath_stage.views import CLOSEST_M, ViewError, camera_for, frame_of, holds, require_view
 from tests.stage.stage_rig import drive, open_field, study_room
@@ -126,6 +128,36 @@ def test_a_robot_with_a_urdf_looks_as_that_says_and_else_as_its_footprint(tmp_pa
     assert left[2] > right[2] + 0.1  # two robots are told apart
     file.write_text(URDF.replace("SHAPE", '<mesh filename="gone.stl"/>'))
     assert np.array_equal(bodies.robot(own).positions, bodies.robot(HUSKY).positions)
+
+
+def test_a_urdf_is_read_once_until_it_changes_and_its_pictures_with_it(tmp_path: Path, monkeypatch) -> None:
+    read: list[Path] = []
+    reader = bodies.read_looks
+    monkeypatch.setattr(bodies, "read_looks", lambda file: read.append(file) or reader(file))
+    file = tmp_path / "own.urdf"
+    own = replace(HUSKY, urdf=file)
+    file.write_text(URDF.replace("SHAPE", '<box size="0.4 0.3 0.2"/>'))
+    before = scene_nodes._robot(own, bodies.NEUTRAL)
+    assert scene_nodes._robot(own, bodies.NEUTRAL) is before
+    assert len(read) == 1
+    file.write_text(URDF.replace("SHAPE", '<box size="0.8 0.3 0.2"/>'))
+    os.utime(file, ns=(1, 1))
+    assert scene_nodes._robot(own, bodies.NEUTRAL) != before
+    assert len(read) == 2
+    assert bodies._robot.cache_info().maxsize == 8
+
+
+def test_pictures_are_kept_up_to_so_many_bytes() -> None:
+    drawn: list[int] = []
+
+    @kept(100)
+    def picture(size: int, *, cut: bool) -> bytes:
+        drawn.append(size)
+        return bytes(size)
+
+    for size in (40, 50, 40, 30, 40, 50, 1_000, 1_000):  # 50 goes for 30, 40 was asked for since
+        assert len(picture(size, cut=True)) == size
+    assert drawn == [40, 50, 30, 50, 1_000]
 
 
 @pytest.mark.parametrize("kind", ["box", "pillar", "cube", "wall"])
