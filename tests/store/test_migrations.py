@@ -21,6 +21,8 @@ from desirepath.store.database import MIGRATIONS, Database, StorageError, migrat
 from desirepath.store.erasure import erase_participant
 from desirepath.store.migrations.__main__ import draft_revision
 from desirepath.store.models import (
+    Artefact,
+    ArtefactParent,
     Audit,
     Base,
     Erasing,
@@ -122,6 +124,30 @@ def test_a_study_of_before_robots_goes_on_with_them(either: Database, files: Art
     with either.transaction() as s:
         robot, token = admit_robot(s, study.id, "Turtle", "experimenter")
         assert find_robot(s, token).id == robot.id
+
+
+def test_what_was_made_before_stays_and_setups_of_long_names_are_kept(either: Database):
+    with either.engine.begin() as connection:
+        command.upgrade(migration_config(connection), "0002")
+
+    def made(sha: str, setup: str, parent: str = "") -> None:
+        with either.transaction() as s:
+            s.add(Artefact(id=sha * 64, kind="policy", name="base", setup=setup, card={}))
+            s.flush()
+            if parent:
+                s.add(ArtefactParent(artefact_id=sha * 64, parent_id=parent * 64, role="base"))
+
+    made("a", "study_room")
+    made("b", "study_room", "a")
+    either.migrate()
+    made("c", "l" * 60, "b")
+    with either.session() as s:
+        assert list(s.scalars(select(Artefact.setup).order_by(Artefact.id))) == ["study_room", "study_room", "l" * 60]
+        assert len(list(s.scalars(select(ArtefactParent)))) == 2
+    if either.is_sqlite:
+        with either.engine.connect() as connection:
+            assert connection.execute(text("PRAGMA integrity_check")).scalar_one() == "ok"
+            assert list(connection.execute(text("PRAGMA foreign_key_check"))) == []
 
 
 def test_migrations_can_be_taken_back(either: Database):

@@ -96,7 +96,7 @@ class TrajectoryRow(Base):
 
     __tablename__ = "trajectory"
     id: Mapped[str] = mapped_column(String(64), primary_key=True)
-    setup: Mapped[str] = mapped_column(String(40))
+    setup: Mapped[str] = mapped_column(String(60))
     scene_hash: Mapped[str] = mapped_column(String(64), index=True)
     steps: Mapped[int] = mapped_column(Integer)
     duration_s: Mapped[float] = mapped_column(Float)

@@ -23,7 +23,7 @@ class Artefact(Base):
     id: Mapped[str] = mapped_column(String(64), primary_key=True)
     kind: Mapped[str] = mapped_column(String(20), index=True)
     name: Mapped[str] = mapped_column(String(160))
-    setup: Mapped[str] = mapped_column(String(40))
+    setup: Mapped[str] = mapped_column(String(60))
     card: Mapped[dict[str, Any]] = mapped_column(JSON)
     study_id: Mapped[str | None] = mapped_column(ForeignKey("study.id"), index=True)
     job_id: Mapped[str | None] = mapped_column(String(32), index=True)

@@ -42,7 +42,7 @@ class RobotRun(Base):
     session_id: Mapped[str | None] = mapped_column(ForeignKey("session.id"), index=True)
     step_key: Mapped[str | None] = mapped_column(String(80))
     simulated: Mapped[bool] = mapped_column(Boolean, default=False, server_default=false())
-    setup: Mapped[str] = mapped_column(String(40))
+    setup: Mapped[str] = mapped_column(String(60))
     goal: Mapped[list[Any]] = mapped_column(JSON)
     weights: Mapped[dict[str, Any]] = mapped_column(JSON)
     state: Mapped[str] = mapped_column(String(16), default="waiting")
