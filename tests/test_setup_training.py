@@ -3,6 +3,7 @@ policies have hardly learned."""
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import shutil
@@ -14,16 +15,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from sqlalchemy import select
 
 from desirepath.installed import DATASETS
 from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.kinds import get_kind
 from desirepath.jobs.runners import run_kind
 from desirepath.learning.cards import Card
+from desirepath.learning.errors import LearningError
 from desirepath.learning.shipped_files import load_card, shipped_names
+from desirepath.learning.shipping import query_sets
+from desirepath.learning.shipping.brought_back import bring_back, split
 from desirepath.learning.shipping.own_setup import DEFINITION, SetupTrainingConfig, description_sha256, stages_done
 from desirepath.settings import Settings
 from desirepath.simulation import setups
+from desirepath.simulation.setup_intake import remove, take_in, take_out, unpack
 from desirepath.store.artefacts import lineage
 from desirepath.store.job_results import RESULTS
 from desirepath.store.models import Artefact
@@ -123,7 +129,17 @@ def test_as_a_job_it_lists_what_it_made_with_its_lineage_and_a_study_asks_there(
     with database.transaction() as s:
         job = enqueue_job(s, "train_setup", params.asked())
         job.state = "running"
-    made = run_kind(JobContext(settings, database, files, job, Progress(database, job.id)), params)
+    queries = tmp_path / "data/setups/our_hall/queries_10.npz"
+    aside = queries.rename(tmp_path / "queries_10.npz")
+    context = JobContext(settings, database, files, job, Progress(database, job.id))
+    monkeypatch.setattr(query_sets, "ship_queries", stop)
+    with pytest.raises(LearningError, match="stopped"):
+        run_kind(context, params)
+    with database.session() as s:  # what lay there when it was stopped is kept
+        kept = s.scalars(select(Artefact.name).where(Artefact.kind.in_(("policy", "conditioned_policy", "query_set"))))
+        assert set(kept) == {*trained[1]["policies"], "our_hall/queries_varied_10"}
+    aside.rename(queries)
+    made = run_kind(context, params)
     assert made["seconds"] == {}
     assert RESULTS["train_setup"](**made).made == [*made["policies"], *made["query_sets"]]
     with database.session() as s:
@@ -140,6 +156,22 @@ def test_as_a_job_it_lists_what_it_made_with_its_lineage_and_a_study_asks_there(
     with database.transaction() as s:
         study = create_study(s, files, frozen, name="Our hall", created_by=None)
     assert walk_in_process(database, files, study, 1)["completed"] == 1
+
+
+def stop(*_: object) -> None:
+    raise LearningError("stopped")
+
+
+def test_all_of_it_comes_back_from_its_zip(trained, tmp_path, monkeypatch):
+    monkeypatch.setenv("DESIREPATH_DATA", str(tmp_path / "data"))
+    root = tmp_path / "data/setups"
+    shutil.copytree(trained[0], root / "our_hall")
+    out, left = split(unpack("x.zip", io.BytesIO(take_out("our_hall"))))
+    remove("our_hall", root)
+    take_in("our_hall", left, root)
+    kept, left_out = bring_back(root / "our_hall", out)
+    assert (sorted(kept), left_out) == (sorted([*trained[1]["policies"], *trained[1]["query_sets"]]), [])
+    assert all(done for _, done in stages_done(root / "our_hall", SetupTrainingConfig(queries=10, effort=EFFORT)))
 
 
 @pytest.mark.parametrize("name", ["map.bmp", "map.pgm", "robot.urdf"])

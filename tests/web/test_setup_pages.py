@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from sqlalchemy import select
 
 from desirepath.installed import ROOT
 from desirepath.jobs.kinds import get_kind
+from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.shape import NetworkShape
+from desirepath.learning.shipped_files import resolve
+from desirepath.learning.shipping.brought_back import bring_back
+from desirepath.learning.shipping.own_setup import DEFINITION, description_sha256
+from desirepath.learning.shipping.storing import Request
 from desirepath.simulation.setup_intake import CHECKED, unpack
-from desirepath.simulation.setups import own_setups, tell_changed, uploaded_setups
+from desirepath.simulation.setups import get_setup, own_setups, tell_changed, uploaded_setups
 from desirepath.store.models import Artefact, Job, StudyRole
 from desirepath.store.outbox import enqueue_job
 from desirepath.study.studies import create_study
@@ -105,6 +114,84 @@ def test_a_setup_that_something_stands_on_is_not_removed(lab, lab_services, tmp_
     assert 'action="/lab/settings/setups/study/remove"' in page
     answered = lab.post(f"{PAGE}/study/remove", data={"csrf": csrf(lab, PAGE)}, follow_redirects=False)
     assert answered.status_code == 303
+
+
+def untrained(folder: Path, noise: float = 0.0) -> bytes:
+    """A policy of the setup in that folder, as training puts it there; its file."""
+    setup = get_setup(folder.name)
+    shape = NetworkShape(setup.polar_size, setup.surroundings_size, 4, (8,))
+    sizes = [size for inputs, outputs in shape.actor_layers() for size in ((inputs, outputs), (outputs,))]
+    actor = tuple(np.full(size, noise, dtype=np.float32) for size in sizes)
+    made_of = {DEFINITION: description_sha256(folder)}
+    request = Request(folder.name, folder=folder.parent, made_of=made_of, command="desirepath setup train our_lab")
+    request.store("policy", "base", Policy(folder.name, shape, actor).save, "base")
+    return (folder / "base.npz").read_bytes()
+
+
+def zip_out(lab) -> dict[str, bytes]:
+    return unpack("x.zip", io.BytesIO(lab.get(f"{PAGE}/our_lab/setup.zip").content))
+
+
+def test_a_trained_setup_comes_back_with_what_was_trained_in_it(lab, lab_services, tmp_path):
+    bring(lab, tmp_path)
+    folder = uploaded_setups() / "our_lab"
+    policy = untrained(folder)
+    (folder / ".training").mkdir()
+    (folder / ".training/our_lab_base.npz").write_bytes(b"on its way")
+    out = zip_out(lab)
+    assert set(out) == {"map.pgm", "map.yaml", "setup.yaml", "base.npz", "base.card.json", CHECKED}
+    assert lab.post(f"{PAGE}/our_lab/remove", data={"csrf": csrf(lab, PAGE)}).status_code == 303
+    form = {"csrf": csrf(lab, PAGE), "name": "our_lab"}
+    assert lab.post(PAGE, data=form, files=[("files", ("x.zip", zipped(out)))]).status_code == 303
+    assert (folder / "base.npz").read_bytes() == policy
+    page = lab.get(PAGE).text
+    assert "Left out" not in page
+    assert "<dd>base</dd>" in page
+    assert "our_lab/base" in lab.get("/lab/policies").text
+    with lab_services.database.session() as s:
+        assert s.scalars(select(Artefact.kind).where(Artefact.name == "our_lab/base")).one() == "policy"
+
+    form["name"] = "their_lab"
+    assert lab.post(PAGE, data=form, files=[("files", ("x.zip", zipped(out)))]).status_code == 303
+    assert "its card says policy our_lab/base; bring it back under its setup&#39;s name" in lab.get(PAGE).text
+    assert not (uploaded_setups() / "their_lab/base.npz").exists()
+
+
+def test_what_is_not_as_training_left_it_is_left_out_and_told(lab, tmp_path):
+    bring(lab, tmp_path)
+    folder = uploaded_setups() / "our_lab"
+    other = untrained(folder, 0.1)
+    untrained(folder)
+    out = zip_out(lab)
+    for file in ("base.npz", "base.card.json"):
+        (folder / file).unlink()
+    card = json.loads(out["base.card.json"])
+    pickled = io.BytesIO()
+    np.savez(pickled, allow_pickle=True, meta=np.array([{}], dtype=object))
+
+    def with_card(content: bytes, **changed: object) -> dict[str, bytes]:
+        described = card | {"sha256": hashlib.sha256(content).hexdigest()} | changed
+        return {"base.npz": content, "base.card.json": json.dumps(described).encode()}
+
+    for files, why in (
+        ({"base.npz": out["base.npz"]}, "has no card"),
+        ({"base.card.json": out["base.card.json"]}, "base.npz is not among the files"),
+        ({"base.npz": other, "base.card.json": out["base.card.json"]}, "file and card disagree"),
+        ({"base.npz": other, "base.card.json": b"[" * 100_000}, "is incomplete or no card"),
+        (with_card(out["base.npz"], seed="none"), "is incomplete or no card"),
+        (with_card(out["base.npz"], results={"first": float("nan")}), "is incomplete or no card"),
+        (with_card(out["base.npz"], notes=["\0"]), "NUL characters"),
+        (with_card(out["base.npz"], parents={DEFINITION: "0" * 64}), "another description of the setup"),
+        (with_card(out["base.npz"], parents=card["parents"] | {"our_lab/base0": "0" * 64}), "of other policies"),
+        (with_card(pickled.getvalue()), "base.npz: "),
+        (with_card(resolve("study_room/base").read_bytes()), "is of setup study_room"),
+        ({"../base.npz": other, "../base.card.json": b""}, "is nothing that training a setup makes"),
+    ):
+        kept, left_out = bring_back(folder, files)
+        assert (kept, len(left_out)) == ([], 1)
+        assert why in left_out[0]
+        assert not list(tmp_path.rglob("base.*"))
+    assert bring_back(folder, with_card(out["base.npz"])) == (["our_lab/base"], [])
 
 
 def test_a_broken_setup_is_listed_with_its_error_and_removed(lab, tmp_path):

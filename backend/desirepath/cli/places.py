@@ -72,7 +72,8 @@ def train_setup_folder(
     seed: Annotated[int, typer.Option(min=0, max=9_999, help="Seed of everything random.")] = 0,
     queries: Annotated[int, typer.Option(min=10, max=2_000, help="Pairs in each query set.")] = 200,
     effort: Annotated[
-        float, typer.Option(min=0.001, max=10, help="Part of the usual training; little only shows that all runs.")
+        float,
+        typer.Option(min=0.001, max=10, help="Times the usual updates: 1 to use it, 0.03 to see whether all runs."),
     ] = 1.0,
     randomise: Annotated[
         bool,

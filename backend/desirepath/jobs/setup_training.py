@@ -12,12 +12,11 @@ from desirepath.jobs.kept_artefacts import require_job
 from desirepath.jobs.kinds import TrainSetupParams
 from desirepath.learning.shipping.own_setup import SetupTrainingConfig, in_words, train_setup
 from desirepath.simulation.setups import tell_changed
-from desirepath.store.query_sets import import_query_set
-from desirepath.store.shipped_policies import register
+from desirepath.store.query_sets import register_made
 
 
 def make_setup_ready(context: JobContext, params: TrainSetupParams) -> dict[str, Any]:
-    """Policies and query sets of the setup, into its folder and into the store."""
+    """Policies and query sets of the setup, into its folder and, as each stage ends, into the store."""
     config = SetupTrainingConfig(params.seed, params.queries, params.effort)
     began: dict[str, float] = {}
 
@@ -27,16 +26,20 @@ def make_setup_ready(context: JobContext, params: TrainSetupParams) -> dict[str,
         still = " It stood still and was begun anew." if "begun_anew" in metrics else ""
         context.progress(whole, message=f"{stage.replace('_', ' ')} {fraction:.0%}; {in_words(left_s)} left.{still}")
 
-    made = train_setup(params.setup, config, told)
-    with context.database.transaction() as s:
-        require_job(s, context)
-        policies = [register(s, context.files, name, job_id=context.job.id).id for name in made.policies]
-        queries = [import_query_set(s, context.files, name).id for name in made.query_sets]
-    tell_changed()
+    kept: dict[str, str] = {}
+
+    def keep(names: list[str]) -> None:
+        """List what a stage made at once: who stops the job then keeps it."""
+        with context.database.transaction() as s:
+            require_job(s, context)
+            kept.update({name: register_made(s, context.files, name, job_id=context.job.id).id for name in names})
+        tell_changed()
+
+    made = train_setup(params.setup, config, told, keep)
     return {
         "success_rate": made.success_rate,
         "begun_anew": made.begun_anew,
         "seconds": made.seconds,
-        "policies": policies,
-        "query_sets": queries,
+        "policies": [kept[name] for name in made.policies],
+        "query_sets": [kept[name] for name in made.query_sets],
     }

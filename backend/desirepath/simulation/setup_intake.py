@@ -96,6 +96,7 @@ def take_in(name: str, files: Mapping[str, bytes], root: Path, robot: str = "") 
         raise IntakeError(f"{name!r}: a setup's name is of lower-case letters, digits and _, beginning with a letter")
     if name in setup_folders():
         raise IntakeError(f"{name}: there is a setup of this name; take another, or remove it first")
+    files = {path: held for path, held in files.items() if path != CHECKED}
     left_out = sorted(path[:100] for path in files if PurePosixPath(path).suffix.lower() not in ENDINGS)
     files = {path: held for path, held in files.items() if PurePosixPath(path).suffix.lower() in ENDINGS}
     _check_names(files)
@@ -197,13 +198,22 @@ def checked(folder: Path) -> dict[str, Any]:
         return {}
 
 
+def add_left_out(folder: Path, left_out: list[str]) -> None:
+    """Say of a setup that was brought what else of it was left out."""
+    told = checked(folder)
+    told["left_out"] = [*told.get("left_out", ()), *left_out]
+    (folder / CHECKED).write_text(json.dumps(told), encoding="utf-8")
+
+
 def take_out(name: str) -> bytes:
-    """A zip of everything in a setup's folder: its description and what was trained there."""
+    """A zip of what is in a setup's folder: its description and what was trained there, not what is on its way."""
     folder = setup_folders()[name]
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as packed:
         for file in sorted(one for one in folder.rglob("*") if one.is_file()):
-            packed.write(file, f"{name}/{file.relative_to(folder).as_posix()}")
+            within = file.relative_to(folder)
+            if not within.parts[0].startswith("."):
+                packed.write(file, f"{name}/{within.as_posix()}")
     return out.getvalue()
 
 

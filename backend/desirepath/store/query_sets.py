@@ -28,7 +28,7 @@ from desirepath.store.artefacts import (
     save_trajectories,
 )
 from desirepath.store.models import Artefact
-from desirepath.store.shipped_policies import register_parents
+from desirepath.store.shipped_policies import register, register_parents
 
 if TYPE_CHECKING:
     from desirepath.learning.queries.queries import QuerySet
@@ -97,6 +97,15 @@ def import_query_set(s: Session, files: ArtefactStore, reference: str) -> Artefa
     if is_ranking_set(content):
         return save_ranking_set(s, files, RankingSet.from_bytes(content), **described)
     return save_query_set(s, files, QuerySet.from_bytes(content), **described)
+
+
+def register_made(s: Session, files: ArtefactStore, name: str, job_id: str | None = None) -> Artefact:
+    """Store the policy or query set of that name in a setup's folder, unless it is stored. Raises LearningError."""
+    from desirepath.learning.shipped_files import load_card
+
+    if load_card(name).kind == "query_set":
+        return import_query_set(s, files, name)
+    return register(s, files, name, job_id=job_id)
 
 
 def save_query_set(

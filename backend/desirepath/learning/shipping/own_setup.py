@@ -51,6 +51,10 @@ def tell_nobody(stage: str, fraction: float, metrics: dict[str, float], left_s: 
     """The callback of who does not want any."""
 
 
+def keep_nothing(made: list[str]) -> None:
+    """The callback of who takes what was made from the folder."""
+
+
 @dataclass(frozen=True)
 class SetupTrainingConfig:
     """How a setup's policies and queries are made. effort: part of the usual number of updates; little of it only shows
@@ -187,8 +191,14 @@ def is_made(folder: Path, artefact: str, described: str, command: str) -> bool:
     )
 
 
-def train_setup(name: str, config: SetupTrainingConfig | None = None, on_stage: OnStage = tell_nobody) -> SetupTrained:
-    """Make what is not made yet, into the folder of the setup of that name. Raises SetupError, LearningError,
+def train_setup(
+    name: str,
+    config: SetupTrainingConfig | None = None,
+    on_stage: OnStage = tell_nobody,
+    on_made: Callable[[list[str]], None] = keep_nothing,
+) -> SetupTrained:
+    """Make what is not made yet, into the folder of the setup of that name. on_made: is told the names of each stage's
+    artefacts once they lie there, first of those that lay there already. Raises SetupError, LearningError,
     SceneError."""
     config = config or SetupTrainingConfig()
     setup, folder = get_setup(name), setup_folders()[name]
@@ -196,6 +206,7 @@ def train_setup(name: str, config: SetupTrainingConfig | None = None, on_stage: 
     stages, done = stages_of(setup, config), dict(stages_done(folder, config))
     command = config.command(name)
     left = [one for one in stages if not done[one.name]]
+    on_made([f"{name}/{one}" for stage in stages if done[stage.name] for one in stage.makes])
     costs = expected_seconds(setup, config, [one.name for one in left])
     seconds: dict[str, float] = {}
     for stage in left:
@@ -223,6 +234,7 @@ def train_setup(name: str, config: SetupTrainingConfig | None = None, on_stage: 
         stage.make(request, config)
         shutil.rmtree(folder / ON_THE_WAY, ignore_errors=True)
         seconds[stage.name] = round(time.monotonic() - began, 1)
+        on_made([f"{name}/{one}" for one in stage.makes])
         told(1.0, {})
     return _told(folder, stages, seconds)
 

@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, File, Form, Request, UploadFile
@@ -28,14 +29,16 @@ from desirepath.simulation.setups import (
     get_setup,
     own_setups,
     setup_folders,
+    tell_changed,
     uploaded_setups,
     version,
 )
 from desirepath.store.models import Artefact, Job, ProtocolVersion, Study
 from desirepath.store.outbox import ENDED, enqueue_job
+from desirepath.store.query_sets import register_made
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
-from desirepath.web.core.dependencies import Db, services_of
+from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["settings"])
@@ -71,26 +74,43 @@ def setups(request: Request, database: Db) -> Response:
 def bring(
     request: Request,
     database: Db,
+    store: Files,
     user: CheckedCsrf,
     files: Annotated[list[UploadFile] | None, File()] = None,
     name: Annotated[str, Form()] = "",
     robot: Annotated[str, Form()] = "",
 ) -> Response:
-    """Take in a setup: files or one zip. What is wrong is said as `desirepath setup check` says it."""
+    """Take in a setup, with what was trained in it: files or one zip. What is wrong is said as `desirepath setup check`
+    says it."""
+    from desirepath.learning.shipping.brought_back import split
     from desirepath.simulation.setup_intake import IntakeError, gather, take_in
 
     root = uploaded_setups()
     try:
         root.mkdir(parents=True, exist_ok=True)
-        brought = gather((file.filename, file.file) for file in files or [] if file.filename)
+        trained, brought = split(gather((file.filename, file.file) for file in files or [] if file.filename))
         take_in(name.strip(), brought, root, robot)
     except (IntakeError, SetupError) as wrong:
         return _setups_page(request, database, status=422, problems=[str(wrong)], name=name, robot=robot)
     except ProtocolError as wrong:
         told = [str(problem) for problem in wrong.problems]
         return _setups_page(request, database, status=422, problems=told, name=name, robot=robot)
-    audit_details(request, setup=name.strip())
+    artefacts = _bring_back(database, store, root / name.strip(), trained) if trained else []
+    audit_details(request, setup=name.strip(), artefacts=len(artefacts))
     return RedirectResponse(f"{ADDRESS}?done=setup_brought#{name.strip()}", status_code=303)
+
+
+def _bring_back(database: Db, store: Files, folder: Path, trained: Mapping[str, bytes]) -> list[str]:
+    """Trained artefacts into the setup's folder and into the store; what is left out stands beside the setup."""
+    from desirepath.learning.shipping.brought_back import bring_back
+    from desirepath.simulation.setup_intake import add_left_out
+
+    kept, left_out = bring_back(folder, trained)
+    if left_out:
+        add_left_out(folder, left_out)
+    tell_changed()
+    with database.transaction() as s:
+        return [register_made(s, store, one).id for one in kept]
 
 
 @router.post(f"{ADDRESS}/{{name}}/train")
