@@ -30,7 +30,7 @@ class Installation:
 
     url: str
     data: Path
-    password: str
+    link: str
     notes: dict[str, str] = field(default_factory=dict)
 
 
@@ -39,9 +39,9 @@ def installation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installat
     data = tmp_path_factory.mktemp("installation")
     log = data / "server.log"
     with loopback_server(Settings(data=data), log=log) as (url, _):
-        password = re.search(r"with password (\S+)", log.read_text())
-        assert password, log.read_text()
-        yield Installation(url, data, password.group(1))
+        link = re.search(r"Experimenter +(\S+)", log.read_text())
+        assert link, log.read_text()
+        yield Installation(url, data, link.group(1))
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,7 @@ from desirepath.web.core.throttle import limiter_for
 from tests.web.lab_services import PASSWORD, csrf, sign_in
 
 OPEN_TO_ALL = {
-    *("/lab/sign-in", "/lab/sign-in/code", "/lab/language/{code}"),
+    *("/lab/sign-in", "/lab/sign-in/code", "/lab/sign-in/once", "/lab/language/{code}"),
     *("/lab/sign-in/openid", "/lab/sign-in/openid/return"),
 }
 

@@ -25,6 +25,7 @@ def register(app: typer.Typer) -> None:
     app.command()(worker)
     app.command()(migrate)
     app.command()(password)
+    app.command()(link)
 
 
 @in_data_folder
@@ -61,6 +62,7 @@ def serve(
 def _serve(services: Services, *, demo: bool, processes: int) -> None:
     from desirepath.store.shipped_policies import register_shipped
     from desirepath.web.core.auth import ensure_first_user
+    from desirepath.web.core.opening_link import is_closed, link_path
     from desirepath.web.replicas.supervisor import check_can_share, serve_many, serve_one
     from desirepath.web.server import run
 
@@ -72,7 +74,10 @@ def _serve(services: Services, *, demo: bool, processes: int) -> None:
     with services.database.one_starts():
         with services.database.transaction() as s:
             register_shipped(s, services.files)
-        password = ensure_first_user(services.database)
+            closed = is_closed(s, settings)
+        password = ensure_first_user(services.database, by_link=closed)
+        with services.database.transaction() as s:
+            once = link_path(s, settings)
     link = _demo_link(services) if demo else None
 
     def announce() -> None:
@@ -81,8 +86,10 @@ def _serve(services: Services, *, demo: bool, processes: int) -> None:
         console.print("\n[bold]Desire Path is running.[/bold]")
         if link:
             console.print(f"  Participant    {here}{link}")
-        console.print(f"  Experimenter   {here}/lab/studies")
+        console.print(f"  Experimenter   {here}{once or '/lab/studies'}", soft_wrap=True)
         console.print(f"  Analyst        {here}/lab/jobs")
+        if once:
+            console.print("  The experimenter's address signs in once, within an hour; another: desirepath link")
         if password:
             console.print(f"  Sign in as [bold]experimenter[/bold] with password [bold]{password}[/bold]")
             console.print("  (printed this once; change it after signing in)")
@@ -130,6 +137,28 @@ def migrate(as_json: JsonFlag = False) -> None:
 
     open_store(makes=True)[0].close()
     say({"revision": newest_revision()}, as_json)
+
+
+@in_data_folder
+def link(as_json: JsonFlag = False) -> None:
+    """Print a new address that signs the experimenter in once, while no password is set; the one before stops."""
+    from desirepath.cli.study import open_store
+    from desirepath.web.core.opening_link import link_path
+    from desirepath.web.replicas.only_server import running_server
+
+    settings, (database, _) = get_settings(), open_store()
+    with database.transaction() as s:
+        once = link_path(s, settings)
+    if once is None:
+        raise ValueError(
+            "the installation is open to others, or the experimenter has a password: sign in with it, or get a new one "
+            "by `desirepath password`"
+        )
+    address = f"{running_server(settings) or settings.local_url}{once}"
+    if as_json:
+        say({"address": address}, as_json)
+    else:
+        typer.echo(address)  # whole, however narrow the terminal is
 
 
 @in_data_folder

@@ -17,7 +17,7 @@ from urllib.parse import quote, urlsplit
 from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 from fastapi import Depends, Request
-from sqlalchemy import select
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, RedirectResponse, Response
@@ -27,13 +27,13 @@ from desirepath.store.models import SignIn, StudyRole, User, utc_now
 from desirepath.web.core.auditing import note_in_audit
 from desirepath.web.core.dependencies import Db, public_url, route_of, services_of
 from desirepath.web.core.lab_frame import LabRefusal, SignInState, lab_refusal
+from desirepath.web.core.opening_link import FIRST_USER, LINK, first_without_password, still_holds
 from desirepath.web.core.permits import allows
 from desirepath.web.core.roles import ROLES, rights_of, rule_of
 from desirepath.web.core.second_factor import has_second_factor, is_asked_for
 from desirepath.web.core.sign_ins import COOKIE, end_all, hash_token, note_seen
 
 SECOND_FACTOR = "/lab/account/second-factor"
-FIRST_USER = "experimenter"
 NOBODY = "-"  # in the audit log, for a name that is none: it may be a password typed into the wrong field
 SHORTEST_PASSWORD = 12  # characters (ours); NIST SP 800-63B asks for length, not for mixtures
 LONGEST_PASSWORD = 200  # hashing has a cost; nobody types more
@@ -67,15 +67,28 @@ class SecondFactorMissing(Exception):
     """Signed in without a second factor where this installation asks owners, or everybody, for one."""
 
 
-def ensure_first_user(database: Database, *, must_change: bool = True) -> str | None:
-    """Make the user `experimenter` where no user exists yet. Returns its random password, once, else None."""
+def ensure_first_user(database: Database, *, must_change: bool = True, by_link: bool = False) -> str | None:
+    """Make the user `experimenter` where no user exists yet. Returns its random password, once, else None.
+
+    by_link: without a password, it opens by an address that is printed (`opening_link.py`). Where it was made so and
+    the installation is open to others by now, it gets its password here.
+    """
     with database.transaction() as s:
-        if s.scalar(select(User.id).limit(1)) is not None:
+        if s.scalar(select(User.id).limit(1)) is None:
+            password = "" if by_link else new_password()
+            hashed = _hasher.hash(password) if password else ""
+            s.add(
+                User(
+                    name=FIRST_USER,
+                    password_hash=hashed,
+                    must_change_password=must_change and not by_link,
+                    role="owner",
+                )
+            )
+            return password or None
+        if by_link or first_without_password(s) is None:
             return None
-        password = new_password()
-        hashed = _hasher.hash(password)
-        s.add(User(name=FIRST_USER, password_hash=hashed, must_change_password=must_change, role="owner"))
-        return password
+    return reset_password(database, FIRST_USER)
 
 
 def add_user(database: Database, name: str, role: str) -> str:
@@ -131,14 +144,18 @@ def reset_password(database: Database, name: str) -> str:
         return password
 
 
-def change_password(database: Database, user_id: str, current: str, new: str, *, keep: bytes | None = None) -> None:
+def change_password(
+    database: Database, user_id: str, current: str, new: str, *, keep: bytes | None = None, by_link: bool = False
+) -> None:
     """Change a password and sign the account out in every browser but the one whose token hash is `keep`.
 
+    by_link: who asks came by the link that opens an account without a password, and gives it its first one.
     Raises AccountError: the current password is wrong, or the new one is too short, too long or no change.
     """
     with database.session() as s:
         user = s.get(User, user_id)
-        if user is None or not verify_password(user.password_hash, current):
+        first = by_link and user is not None and not user.password_hash
+        if user is None or not (first or verify_password(user.password_hash, current)):
             raise AccountError("current_wrong")
         checked = user.password_hash
     if not SHORTEST_PASSWORD <= len(new) <= LONGEST_PASSWORD:
@@ -152,6 +169,7 @@ def change_password(database: Database, user_id: str, current: str, new: str, *,
             raise AccountError("current_wrong")
         user.password_hash, user.must_change_password = new_hash, False
         end_all(s, user_id, but=keep)
+        s.execute(update(SignIn).where(SignIn.user_id == user_id, SignIn.method == LINK).values(method="password"))
 
 
 def new_password() -> str:
@@ -184,6 +202,8 @@ def require_sign_in(request: Request, database: Db) -> User:
         if found is None:
             raise NotSignedIn
         user, sign_in = found
+        if sign_in.method == LINK and not still_holds(s, request, user):
+            raise NotSignedIn
         given = s.execute(select(StudyRole.study_id, StudyRole.role).where(StudyRole.user_id == user.id))
         rights = rights_of(user.role, [(study, role) for study, role in given])
         asked_for = is_asked_for(services_of(request).settings.second_factor, rights)
@@ -192,13 +212,24 @@ def require_sign_in(request: Request, database: Db) -> User:
         seen_at, token_hash = sign_in.seen_at or sign_in.created_at, sign_in.token_hash
         csrf = sign_in.csrf
     note_seen(database, token_hash, seen_at)
-    request.state.sign_in = SignInState(user.name, user.role, csrf, user.must_change_password or missing, rights)
+    request.state.sign_in = SignInState(
+        user.name, user.role, csrf, user.must_change_password or missing, rights, by_link=sign_in.method == LINK
+    )
     path = request.url.path
     if user.must_change_password and path not in ("/lab/password", "/lab/sign-out"):
         raise PasswordMustChange
     if missing and not user.must_change_password and not path.startswith((SECOND_FACTOR, "/lab/sign-out")):
         raise SecondFactorMissing
     return user
+
+
+def is_signed_in(request: Request, database: Database) -> bool:
+    """Whether this browser is."""
+    try:
+        require_sign_in(request, database)
+    except (NotSignedIn, PasswordMustChange, SecondFactorMissing):
+        return False
+    return True
 
 
 SignedIn = Annotated[User, Depends(require_sign_in)]

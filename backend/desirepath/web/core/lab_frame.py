@@ -30,6 +30,7 @@ class SignInState:
     csrf: str
     must_change_password: bool = False
     rights: Rights = field(default_factory=Rights)
+    by_link: bool = False
 
     def may(self, right: str, study_id: str | None = None) -> bool:
         """Whether this may be done (`roles.Right`) in a study, or with what belongs to none."""

@@ -61,7 +61,8 @@ def change_own_password(
     try:
         if new != again:
             raise AccountError("password_differs")
-        change_password(database, user.id, current, new, keep=hash_token(request.cookies[COOKIE]))
+        by_link = request.state.sign_in.by_link
+        change_password(database, user.id, current, new, keep=hash_token(request.cookies[COOKIE]), by_link=by_link)
     except AccountError as problem:
         return lab_page(request, "lab/password.html", status=422, problem=problem, shortest=SHORTEST_PASSWORD)
     return RedirectResponse("/lab/studies?done=password_changed", status_code=303)

@@ -84,6 +84,8 @@ def save_settings(
         checked = check_public_url(address)
     except ValueError:
         return settings_page(request, database, status=422, problem="address", address=address)
+    if checked and request.state.sign_in.by_link:
+        raise LabRefusal(422, "password_first")
     contact_line = " ".join(help_contact.split())[:LONGEST_CONTACT]
     with database.transaction() as s:
         before = {"public_url": _stored(s, "public_url", "url"), "contact": _stored(s, "contact", "text")}

@@ -25,6 +25,7 @@ from desirepath.web.core.auth import (
     CheckedCsrf,
     SignedIn,
     is_served_securely,
+    is_signed_in,
     known_hash,
     refuse_foreign_origin,
     renew_hash,
@@ -32,7 +33,8 @@ from desirepath.web.core.auth import (
     verify_password,
 )
 from desirepath.web.core.dependencies import Db, services_of
-from desirepath.web.core.lab_frame import LANGUAGE_COOKIE, LANGUAGES, lab_page
+from desirepath.web.core.lab_frame import LANGUAGE_COOKIE, LANGUAGES, LabRefusal, lab_page
+from desirepath.web.core.opening_link import LINK, PATH, awaits_link, use_token
 from desirepath.web.core.sign_ins import (
     COOKIE,
     UNDER_WAY_COOKIE,
@@ -73,8 +75,32 @@ def choose_language(code: str, next: str = "") -> Response:
 
 
 @router.get("/lab/sign-in")
-def sign_in_page(request: Request, next: str = "") -> Response:
-    return lab_page(request, "lab/sign_in.html", next=safe_next(next), name="", problem=None)
+def sign_in_page(request: Request, database: Db, next: str = "") -> Response:
+    with database.session() as s:
+        by_link = awaits_link(s, services_of(request).settings)
+    return lab_page(request, "lab/sign_in.html", next=safe_next(next), name="", problem=None, by_link=by_link)
+
+
+@router.get(PATH)
+def sign_in_once(request: Request, database: Db, token: str = "") -> Response:
+    """Sign in by the address that the server printed, which opens once; the token leaves the address at once. 403 where
+    it is wrong, used, too old, or somebody else than this machine's own browser follows it."""
+    refuse_foreign_origin(request)
+    if "sec-purpose" in request.headers:  # a browser that looks ahead would use it up
+        raise LabRefusal(403, "link")
+    if seconds_to_wait(request, [(ATTEMPTS_PER_ADDRESS, f"link address:{network_of(request)}")]) is not None:
+        raise LabRefusal(429, "link")
+    with database.transaction() as s:
+        user = use_token(s, request, token)
+        if user is None:
+            record(s, "sign_in_refused", by=NOBODY, outcome="refused", method=LINK)
+        else:
+            s.expunge(user)
+    if user is not None:
+        return let_in(request, database, user, method=LINK, next="")
+    if request.cookies.get(COOKIE) and is_signed_in(request, database):  # the same address once more
+        return RedirectResponse("/lab/studies", status_code=303)
+    raise LabRefusal(403, "link")
 
 
 @router.post("/lab/sign-in")
