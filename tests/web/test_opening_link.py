@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import shutil
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
+from pathlib import Path
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import select, update
+from sqlalchemy import delete, select, update
 from structlog.testing import capture_logs
 
-from desirepath.store.models import Audit, SignIn, SignInUnderWay, User, utc_now
-from desirepath.web.application import create_application
+from desirepath.settings import Settings
+from desirepath.store.models import Audit, Setting, SignIn, SignInUnderWay, User, utc_now
+from desirepath.web.application import build_services, create_application
 from desirepath.web.core.auth import add_user
-from desirepath.web.core.dependencies import Services
+from desirepath.web.core.dependencies import Application, Services
 from desirepath.web.core.opening_link import RELAYED, link_path
 from desirepath.web.core.sign_ins import COOKIE
+from desirepath.web.core.throttle import limiter_for
 from desirepath.web.lab.settings_pages import _put
 from tests.web.lab_services import csrf, sign_in
 
@@ -24,12 +28,26 @@ STUDIES = "/lab/studies"
 HERE = ("127.0.0.1", 50_000)
 
 
+@pytest.fixture(scope="module")
+def installation(fresh_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Services, Application]]:
+    """One for all attacks here; what a test changes of it, `closed` puts back."""
+    data = shutil.copytree(fresh_data, tmp_path_factory.mktemp("closed") / "data")
+    services = build_services(Settings(data=data, _env_file=None))
+    yield services, create_application(services)
+    services.database.close()
+
+
 @pytest.fixture
-def closed(lab_services: Services) -> Services:
-    """An installation on loopback whose first account has no password, as `desirepath serve` makes one."""
-    with lab_services.database.transaction() as s:
-        s.execute(update(User).values(password_hash=""))
-    return lab_services
+def closed(installation: tuple[Services, Application]) -> Services:
+    """On loopback, the first account without a password, as `desirepath serve` makes it."""
+    services, _ = installation
+    services.limiter = limiter_for(None)
+    with services.database.transaction() as s:
+        for table in (SignIn, SignInUnderWay, Setting):
+            s.execute(delete(table))
+        s.execute(delete(User).where(User.name != "experimenter"))
+        s.execute(update(User).values(password_hash="", role="owner", must_change_password=False))
+    return services
 
 
 @pytest.fixture
@@ -41,12 +59,11 @@ def once(closed: Services) -> str:
 
 
 @pytest.fixture
-def browser(closed: Services) -> Callable[..., TestClient]:
+def browser(closed: Services, installation: tuple[Services, Application]) -> Callable[..., TestClient]:
     """A browser of its own, by default on this machine."""
-    application = create_application(closed)
 
     def opened(base: str = "http://127.0.0.1:8000", client: tuple[str, int] = HERE) -> TestClient:
-        return TestClient(application, base, follow_redirects=False, client=client)
+        return TestClient(installation[1], base, follow_redirects=False, client=client)
 
     return opened
 
@@ -77,7 +94,7 @@ def test_a_used_one_is_refused_elsewhere_with_words_and_opens_the_page_where_it_
     assert first.get(once).headers["location"] == STUDIES
     with closed.database.session() as s:
         logged = [(entry.action, entry.outcome) for entry in s.scalars(select(Audit).order_by(Audit.id))]
-    assert logged[:2] == [("signed_in", "done"), ("sign_in_refused", "refused")]
+    assert logged[-2:] == [("signed_in", "done"), ("sign_in_refused", "refused")]
 
 
 def test_of_many_at_once_one_gets_in(once, browser):
@@ -97,8 +114,8 @@ def test_a_wrong_one_opens_nothing_and_uses_nothing_up(once, browser, wrong):
 
 def test_guesses_are_counted(once, browser):
     here = browser()
-    answers = {here.get(f"{once}x").status_code for _ in range(110)}
-    assert answers == {403, 429}
+    answers = [here.get(f"{once}x").status_code for _ in range(101)]
+    assert (set(answers[:-1]), answers[-1]) == ({403}, 429)
 
 
 def test_an_old_one_is_refused(once, browser, closed):
@@ -113,11 +130,12 @@ def test_from_another_machine_it_is_refused_and_still_good_here(once, browser, a
     assert goes_in(browser(), once)
 
 
-@pytest.mark.parametrize("name", RELAYED)
-@pytest.mark.parametrize("says", ["127.0.0.1", "for=127.0.0.1;host=localhost"])
-def test_a_relayed_request_is_refused_whoever_it_says_it_is_from(once, browser, name, says):
-    assert not goes_in(browser(), once, **{name: says})
-    assert goes_in(browser(), once)
+def test_a_relayed_request_is_refused_whoever_it_says_it_is_from(once, browser):
+    here = browser()
+    for name in RELAYED:
+        assert not goes_in(here, once, **{name: "127.0.0.1"}), name
+        assert not goes_in(here, once, **{name: "for=127.0.0.1;host=localhost"}), name
+    assert goes_in(here, once)
 
 
 @pytest.mark.parametrize(
@@ -170,8 +188,8 @@ def test_a_browser_that_came_by_it_is_out_once_others_can_reach_the_pages(once, 
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.7", "lab.example.org"])
-def test_where_the_server_listens_for_others_there_is_none(closed, browser, once, host):
-    closed.settings = closed.settings.model_copy(update={"host": host})
+def test_where_the_server_listens_for_others_there_is_none(closed, browser, once, host, monkeypatch):
+    monkeypatch.setattr(closed, "settings", closed.settings.model_copy(update={"host": host}))
     with closed.database.transaction() as s:
         assert link_path(s, closed.settings) is None
     assert not goes_in(browser(), once)

@@ -92,14 +92,14 @@ def sign_in_once(request: Request, database: Db, token: str = "") -> Response:
         raise LabRefusal(429, "link")
     with database.transaction() as s:
         user = use_token(s, request, token)
-        if user is None:
-            record(s, "sign_in_refused", by=NOBODY, outcome="refused", method=LINK)
-        else:
+        if user is not None:
             s.expunge(user)
     if user is not None:
         return let_in(request, database, user, method=LINK, next="")
-    if request.cookies.get(COOKIE) and is_signed_in(request, database):  # the same address once more
+    if is_signed_in(request, database):  # the same address once more
         return RedirectResponse("/lab/studies", status_code=303)
+    with database.transaction() as s:
+        record(s, "sign_in_refused", by=NOBODY, outcome="refused", method=LINK)
     raise LabRefusal(403, "link")
 
 
