@@ -124,7 +124,7 @@ def test_an_old_one_is_refused(once, browser, closed):
     assert not goes_in(browser(), once)
 
 
-@pytest.mark.parametrize("address", ["192.168.1.7", "203.0.113.9", "::ffff:203.0.113.9", "fe80::1%eth0", "unknown"])
+@pytest.mark.parametrize("address", ["198.51.100.7", "203.0.113.9", "::ffff:203.0.113.9", "fe80::1%eth0", "unknown"])
 def test_from_another_machine_it_is_refused_and_still_good_here(once, browser, address):
     assert not goes_in(browser(client=(address, 4000)), once)
     assert goes_in(browser(), once)
@@ -139,7 +139,7 @@ def test_a_relayed_request_is_refused_whoever_it_says_it_is_from(once, browser):
 
 
 @pytest.mark.parametrize(
-    "host", ["evil.example", "127.0.0.1.evil.example", "192.168.1.7:8000", "localhost.evil.example"]
+    "host", ["evil.example", "127.0.0.1.evil.example", "198.51.100.7:8000", "localhost.evil.example"]
 )
 def test_under_a_name_that_somebody_else_may_own_it_is_refused(once, browser, host):
     """A page elsewhere whose name was turned to 127.0.0.1 while it was open (DNS rebinding)."""
@@ -174,7 +174,7 @@ def test_a_browser_that_came_by_it_is_out_once_others_can_reach_the_pages(once, 
     here = browser()
     assert goes_in(here, once)
     assert here.get(STUDIES, headers={"X-Forwarded-For": "127.0.0.1"}).status_code == 303
-    elsewhere = browser("http://192.168.1.7:8000", ("192.168.1.7", 4000))
+    elsewhere = browser("http://198.51.100.7:8000", ("198.51.100.7", 4000))
     elsewhere.cookies.set(COOKIE, here.cookies[COOKIE])
     assert elsewhere.get(STUDIES).status_code == 303
     assert here.get(STUDIES).status_code == 200
@@ -187,7 +187,7 @@ def test_a_browser_that_came_by_it_is_out_once_others_can_reach_the_pages(once, 
         assert link_path(s, closed.settings) is None
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.7", "lab.example.org"])
+@pytest.mark.parametrize("host", ["0.0.0.0", "::", "198.51.100.7", "lab.example.org"])
 def test_where_the_server_listens_for_others_there_is_none(closed, browser, once, host, monkeypatch):
     monkeypatch.setattr(closed, "settings", closed.settings.model_copy(update={"host": host}))
     with closed.database.transaction() as s:
