@@ -100,6 +100,10 @@ WRONG = {
         {"observation.state": pa.array([[0.0, float("nan"), 0.0]] * COUNT, pa.list_(pa.float32(), 3))},
         r"row 0, y of the robot = nan",
     ),
+    "time going back": (
+        {"timestamp": pa.array([0.0 if k == 3 else 0.1 * k for k in range(COUNT)], pa.float32())},
+        r"row 3, time of the robot = 0.0: goes back",
+    ),
     "no numbers": ({"observation.state": pa.array(["x"] * COUNT)}, r"column observation.state = 'string': must hold"),
     "empty cells": ({"timestamp": pa.array([None] * COUNT, pa.float32())}, r"column timestamp, row 0: is empty"),
     "lists of several lengths": (

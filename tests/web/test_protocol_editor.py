@@ -126,6 +126,13 @@ def test_errors_stand_at_their_line_while_the_forms_stay_until_the_yaml_can_be_r
         (line, "stages[4].block.view")
     ]
     assert "<li data-index" in wrong["part"]
+    shown = re.findall(r'href="(/lab/new/\w+/preview/\d+)"[^>]*>[^<]*<span class="unseen">: ([^<]+)', wrong["part"])
+    assert "Block" not in dict(map(reversed, shown))
+    assert len(shown) >= 4  # what can be looked at without that stage
+    assert [lab.get(address).status_code for address, _ in shown] == [200] * len(shown)
+    untitled = editor.send(QUICK.replace("title:", "titel:", 1))
+    assert "/preview/" not in untitled["part"]
+    assert "There is no preview yet" in untitled["part"]
     broken = editor.send(QUICK.replace("stages:", "stages: [", 1))
     assert broken["part"] is None
     assert "is not valid YAML" in broken["problems"][0]["message"]

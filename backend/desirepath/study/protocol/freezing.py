@@ -128,8 +128,10 @@ def freeze_text(
     file: str = "protocol.yaml",
     folder: Path = PROTOCOLS,
     query_sets: Mapping[str, str] | None = None,
+    in_part: bool = False,
 ) -> FrozenProtocol:
-    """The same for YAML that was uploaded or pasted; its texts and questionnaires come from `folder`."""
+    """The same for YAML that was uploaded or pasted; its texts and questionnaires come from `folder`. in_part: only to
+    be looked at, so that what a whole protocol needs may be missing: stages, what its analysis is about."""
 
     def read(name: str) -> str | None:
         path = folder / name
@@ -138,7 +140,7 @@ def freeze_text(
         except OSError:
             return None
 
-    return _frozen(as_text(text), file, read, (folder, query_sets or {}))
+    return _frozen(as_text(text), file, read, (folder, query_sets or {}), in_part=in_part)
 
 
 def thaw(study: Study | ProtocolVersion) -> FrozenProtocol:
@@ -180,7 +182,7 @@ def shipped_query_sets() -> list[str]:
 # ---- reading -------------------------------------------------------------------------------------------------------
 
 
-def _frozen(text: str, file: str, read: Read, sets: Sets | None = None) -> FrozenProtocol:
+def _frozen(text: str, file: str, read: Read, sets: Sets | None = None, *, in_part: bool = False) -> FrozenProtocol:
     """sets: None of a study that there is, which has its own; its declared analysis was not always checked, nor whether
     a number stood in quotes."""
     new = sets is not None
@@ -208,8 +210,9 @@ def _frozen(text: str, file: str, read: Read, sets: Sets | None = None) -> Froze
     if length or whole is None:
         problems += length
     else:
-        problems += problems_across(protocol, questionnaires, source)
-        problems += analysis_problems(protocol, questionnaires, source) if new else ()
+        across = [*problems_across(protocol, questionnaires, source)]
+        across += analysis_problems(protocol, questionnaires, source) if new else ()
+        problems += [one for one in across if one.field.startswith("stages[") or not in_part]
     if problems:
         raise ProtocolError(problems)
     files = dict(sorted(reader.files.items()))

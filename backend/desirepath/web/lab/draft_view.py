@@ -9,7 +9,7 @@ from fastapi import Request
 
 from desirepath.grammar.source import ProtocolError, Source
 from desirepath.store.query_sets import query_sets_here
-from desirepath.study.protocol.freezing import shipped_query_sets
+from desirepath.study.protocol.freezing import FrozenProtocol, shipped_query_sets
 from desirepath.study.protocol.outline import describe_stages, estimate_minutes
 from desirepath.study.protocol.stages import STAGES
 from desirepath.web.core.dependencies import Services, services_of
@@ -25,9 +25,10 @@ def draft_view(request: Request, draft: Draft) -> dict[str, Any]:
     """What `editor_part.html` shows of a draft: `frozen` or its `problems`, and forms where it is YAML (`source`)."""
     services = services_of(request)
     frozen, problems = None, []
+    with services.database.session() as s:
+        sets = query_sets_here(s)
     try:
-        with services.database.session() as s:
-            frozen = draft.freeze(query_sets_here(s))
+        frozen = draft.freeze(sets)
     except ProtocolError as wrong:
         problems = wrong.problems
     suggested = names_in(services, draft)
@@ -52,9 +53,19 @@ def draft_view(request: Request, draft: Draft) -> dict[str, Any]:
         "protocol_fields": protocol_form(source, suggested) if source else (),
         "kinds": [*STAGES],
         "minutes": estimate_minutes(frozen.protocol) if frozen else sum(known) / 60,
-        "stage_keys": [key for key, _ in frozen.protocol.keyed_stages] if frozen else [],
+        "previews": _previews(draft, frozen, sets),
         "power": services.power.newest(frozen.hash) if frozen else None,
     }
+
+
+def _previews(draft: Draft, frozen: FrozenProtocol | None, sets: dict[str, str]) -> dict[int, int]:
+    """Index of a stage -> number of its first step in the preview, of those that can be looked at."""
+    try:
+        found, kept = (frozen, None) if frozen else draft.freeze_valid(sets)
+    except ProtocolError:
+        return {}
+    first, keys = first_steps(found), [key for key, _ in found.protocol.keyed_stages]
+    return dict(zip(range(len(keys)) if kept is None else kept, [first[key] for key in keys], strict=True))
 
 
 def names_in(services: Services, draft: Draft) -> dict[str, list[str]]:

@@ -12,7 +12,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import yaml
+
 from desirepath.grammar import text_files
+from desirepath.grammar.source import ProtocolError, Source
 from desirepath.grammar.text_files import NotUtf8Error, as_text, read_text
 from desirepath.installed import PROTOCOLS
 from desirepath.study.protocol.freezing import FrozenProtocol, find_shipped_protocols, freeze_text
@@ -20,7 +23,9 @@ from desirepath.web.core.draft_folders import RefusedUpload, find_folder, new_fo
 
 LARGEST_FILE = 512 * 1024  # bytes; a protocol has a few kB
 MOST_FILES = 40
+MOST_TRIES = 8  # to leave stages out that need one that was left out
 FOLDERS = {".md": "texts", ".yaml": "questionnaires"}  # where an uploaded file belongs, by its ending
+_STAGE = re.compile(r"stages\[([0-9]{1,6})\]")
 _FILE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
 
@@ -62,7 +67,28 @@ class Draft:
 
     def freeze(self, query_sets: Mapping[str, str]) -> FrozenProtocol:
         """The checked protocol. query_sets: what it may name by id. Raises ProtocolError with every problem."""
-        return freeze_text(self.yaml, file=self.file.name, folder=self.folder, query_sets=query_sets)
+        return self._frozen(self.yaml, query_sets)
+
+    def _frozen(self, text: str, query_sets: Mapping[str, str], *, in_part: bool = False) -> FrozenProtocol:
+        return freeze_text(text, file=self.file.name, folder=self.folder, query_sets=query_sets, in_part=in_part)
+
+    def freeze_valid(self, query_sets: Mapping[str, str]) -> tuple[FrozenProtocol, list[int]]:
+        """The protocol of those stages alone in which nothing is wrong, for a look at them, and their indices. Raises
+        ProtocolError where something else is wrong, or they make no protocol."""
+        source = Source(self.file.name, self.yaml)
+        stages = source.data.get("stages") if isinstance(source.data, dict) else None
+        kept = list(range(len(stages))) if isinstance(stages, list) else []
+        for tries_left in reversed(range(MOST_TRIES)):
+            text = yaml.safe_dump({**source.data, "stages": [stages[k] for k in kept]}) if stages else self.yaml
+            try:
+                return self._frozen(text, query_sets, in_part=True), kept
+            except ProtocolError as problem:
+                named = [_STAGE.match(one.field) for one in problem.problems if one.file == source.file]
+                wrong = {int(found[1]) for found in named if found}
+                if not wrong or not tries_left:
+                    raise
+                kept = [k for place, k in enumerate(kept) if place not in wrong]
+        raise AssertionError("the last try raises")
 
     def discard(self) -> None:
         shutil.rmtree(self.folder, ignore_errors=True)

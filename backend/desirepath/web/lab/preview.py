@@ -166,7 +166,9 @@ def _drafted(services: Services, draft_id: str, study_id: str | None = None) -> 
     try:
         with services.database.session() as s:
             study = s.get(Study, study_id) if study_id is not None else None
-            return draft.freeze(query_sets_here(s) if study is None else query_sets_for(s, study))
+            if study is None:
+                return draft.freeze_valid(query_sets_here(s))[0]
+            return draft.freeze(query_sets_for(s, study))
     except ProtocolError:
         raise LabRefusal(422, "not_valid") from None
 
