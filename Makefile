@@ -5,10 +5,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Whole files go to a process, long ones first: a browser draws in software, so that more processes than cores hinder each other.
 TEST_PROCESSES ?= $(shell nproc)
-EXTRAS := postgres s3 reference openid recordings dev
+EXTRAS := postgres s3 reference openid recordings docs dev
 SIDE_BY_SIDE = -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
 
-.PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test lint lock secrets clean
+.PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test lint lock secrets docs results clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
@@ -59,6 +59,15 @@ lock:
 	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o scripts/tools.lock \
 	  $$(sed -n 's/^\([A-Za-z0-9._-]*\).*==.*/--no-emit-package \1/p' requirements.lock)
 
+# The manual as a site in site/, which fetches nothing from elsewhere; the lab shows the same pages without being built.
+docs: setup
+	$(BIN)/python -m desirepath_experiments.manual
+	$(BIN)/zensical build --clean --strict
+
+# The manual's page of results, from experiments/results.
+results: setup
+	$(BIN)/python -m desirepath_experiments.manual results
+
 # What docker-compose.yml needs before its first start; what is there stays.
 secrets:
 	mkdir -p -m 700 secrets
@@ -73,4 +82,4 @@ rehearse-upgrade: setup-test
 	$(BIN)/python -m tests.composed upgrade $(if $(OLD),--old $(OLD)) --participants 4
 
 clean:
-	rm -rf $(VENV) .venv-tools node_modules frontend/static/npm .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) site .venv-tools node_modules frontend/static/npm .pytest_cache .mypy_cache .ruff_cache

@@ -27,13 +27,14 @@ from tests.fences import DOCUMENTS, Fence, fences_of
 EXTENDING, REFERENCE = "docs/extending.md", "docs/protocol-reference.md"
 RUN_BY = {
     ("README.md", "In a notebook"): "test_notebook.py",
+    ("docs/python.md", "In a notebook"): "test_notebook.py",  # of the README, as `experiments/test_manual.py` says
     ("docs/architecture.md", "States"): "study/test_states.py",
     **{(EXTENDING, section): "test_recipes.py" for section in (*test_recipes.PLUG_INS, *test_recipes.IN_THE_SOURCE)},
     **{(EXTENDING, section): "test_own_setup.py" for section in test_own_setup.SECTIONS},
     (EXTENDING, "A building"): "simulation/test_ground_maps.py",
-    ("docs/experimenters-guide.md", "Your recordings"): "here",
-    ("docs/analysts-guide.md", "A policy on a robot"): "deploy/test_bundle.py",
-    ("docs/analysts-guide.md", "People whom the nine objectives cannot describe"): "here",
+    ("docs/your-recordings.md", "Formats"): "here",
+    ("docs/your-policies.md", "A policy on a robot"): "deploy/test_bundle.py",
+    ("docs/your-policies.md", "Inputs of a reward network"): "here",
     ("docs/your-robot.md", "With your own stack"): "deploy/test_node.py",
     (REFERENCE, "Blocks"): "here",
     (REFERENCE, "Every stage, worked"): "here",
@@ -133,12 +134,12 @@ def test_the_questionnaire_of_the_reference_is_one() -> None:
     assert read.blocks[0].items[0].key == "ease"
 
 
-def test_the_manifest_of_the_analysts_guide_is_read() -> None:
-    (fence,) = fences_of("docs/analysts-guide.md", language="json")
+def test_the_manifest_of_a_reward_is_read() -> None:
+    (fence,) = fences_of("docs/your-policies.md", language="json")
     assert read_manifest(fence.text.encode(), "weights.json").width > 60
 
 
-def test_the_mapping_of_the_experimenters_guide_is_read(tmp_path: Path) -> None:
-    (fence,) = fences_of("docs/experimenters-guide.md", "Your recordings", "yaml")
+def test_the_mapping_of_recordings_is_read(tmp_path: Path) -> None:
+    (fence,) = fences_of("docs/your-recordings.md", language="yaml")
     (tmp_path / "mapping.yaml").write_text(fence.text)
     assert read_mapping(tmp_path / "mapping.yaml")

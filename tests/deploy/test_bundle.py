@@ -70,7 +70,7 @@ def test_it_drives_a_robot_that_has_numpy_and_nothing_else_of_the_house(exported
 
 
 def test_the_guides_lines_drive(exported: Path) -> None:
-    (fence,) = fences_of("docs/analysts-guide.md", "A policy on a robot", "python")
+    (fence,) = fences_of("docs/your-policies.md", "A policy on a robot", "python")
     told: list[tuple[float, float]] = []
     given = {"ranges": np.full(360, 4.0), "drive": lambda v, w: told.append((v, w))}
     exec(fence.text.replace('"DIR"', repr(str(exported))), given)

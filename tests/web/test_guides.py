@@ -1,4 +1,4 @@
-"""The guides inside the lab: every page leads to the part that fits it, and no link leads nowhere."""
+"""The manual inside the lab: every page leads to the part that fits it, and no link of any document leads nowhere."""
 
 from __future__ import annotations
 
@@ -6,13 +6,19 @@ import re
 
 import pytest
 
-from desirepath.installed import DOCS
+from desirepath.installed import DOCS, FRONTEND
 from desirepath.web.application import create_application
-from desirepath.web.core.guides import FITTING, GUIDES, HERE, fitting_guide, guide
+from desirepath.web.core.guides import FITTING, GUIDES, HERE, anchor_of, find, fitting_guide, guide
+from tests.fences import DOCUMENTS, FENCE
 from tests.web.lab_services import Walked
 
 
-def test_every_link_of_a_guide_leads_to_something_that_is_there():
+def anchors(name: str) -> set[str]:
+    return {passage.anchor for passage in guide(name).passages}
+
+
+def test_every_link_of_the_manual_leads_to_something_that_is_there():
+    assert sorted(GUIDES) == sorted(path.stem for path in DOCS.glob("*.md"))
     for name in GUIDES:
         for address in re.findall(r'href="([^"]+)"', guide(name).html):
             if "://" in address:
@@ -20,16 +26,43 @@ def test_every_link_of_a_guide_leads_to_something_that_is_there():
             to, _, part = address.removeprefix(f"{HERE}/").partition("#")
             to = to or name
             assert to in GUIDES, (name, address)
-            assert not part or part in guide(to).anchors, (name, address)
+            assert not part or part in anchors(to), (name, address)
+
+
+def test_links_of_templates_lead_to_parts_of_the_manual():
+    for template in (FRONTEND / "templates").rglob("*.html"):
+        for name, part in re.findall(rf'href="{HERE}/([\w-]+)(?:#([\w-]+))?"', template.read_text("utf-8")):
+            assert name in GUIDES, template
+            assert not part or part in anchors(name), (template, part)
+
+
+def test_links_of_readme_and_notebook_lead_to_files_and_their_parts():
+    for path in DOCUMENTS:
+        for address in re.findall(r"\]\(([^)\s]+)\)", FENCE.sub("", path.read_text("utf-8"))):
+            to, _, part = address.partition("#")
+            if "://" in to:
+                continue
+            file = path.parent / to if to else path
+            assert file.exists(), (path, address)
+            headings = re.findall(r"^#+ (.+)$", file.read_text("utf-8"), re.MULTILINE) if part else []
+            assert not part or part in map(anchor_of, headings), (path, address)
+
+
+def test_words_are_found_in_headings_first():
+    first, *others = find("reward network")
+    assert (first.guide.name, first.passage.anchor) == ("your-policies", "inputs-of-a-reward-network")
+    assert all("reward" in f"{one.passage.title} {one.passage.words}".casefold() for one in others)
+    assert find("") == find("xyzzy") == []
 
 
 def test_every_page_leads_to_a_part_that_exists(lab_services):
     for where in FITTING.values():
         name, _, part = where.partition("#")
         assert name in GUIDES
-        assert not part or part in guide(name).anchors, where
+        assert not part or part in anchors(name), where
     routes = create_application(lab_services).openapi()["paths"]
-    assert all(any(route == one or route.startswith(f"{one}/") for route in routes) for one in FITTING)
+    reached = [one for one in FITTING if any(route == one or route.startswith(f"{one}/") for route in routes)]
+    assert reached == list(FITTING)
     assert fitting_guide("/lab/studies/{study_id}/recruit").endswith("#recruiting-and-paying")
     assert fitting_guide("/lab/password") == HERE
 
@@ -56,7 +89,8 @@ def test_guides_are_read_by_who_is_signed_in(lab, visitor):
         assert title.replace("'", "’") in shown.text.replace("&#39;", "’").replace("'", "’")
         assert f'href="{HERE}/{name}"' in listed
     assert lab.get(f"{HERE}/../secrets").status_code == 404
-    assert lab.get(f"{HERE}/architecture").status_code == 404
+    assert lab.get(f"{HERE}/numbers").status_code == 404
+    assert f'href="{HERE}/limits#in-operation"' in lab.get(f"{HERE}?find=backups downloaded").text
     visitor.cookies.clear()
     assert visitor.get(f"{HERE}/data-dictionary").status_code in (303, 401)
 

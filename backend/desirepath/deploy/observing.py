@@ -15,7 +15,7 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 NOBODY, NOBODY_AMONG_MANY = (6.0, math.pi), (20.0, 0.0)
 """Distance (m) and bearing (rad) at which a person is observed whom nobody told of. One person: straight behind, by
-which policies that were never without one drive best (ours, `docs/analysts-guide.md`). Of several: as the engine of
+which policies that were never without one drive best (ours, `docs/your-policies.md`). Of several: as the engine of
 crowds has it."""
 Mount = tuple[float, float, float]
 """Where a lidar is in the robot's frame: x, y (m), yaw (rad)."""

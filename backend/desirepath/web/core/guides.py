@@ -1,29 +1,44 @@
-"""Markdown as safe HTML: a study's texts, and the guides of `docs/` as pages of the lab with what fits which page.
+"""Markdown as safe HTML: a study's texts, and the manual of `docs/` as pages of the lab with what fits which page.
 
-Raw HTML in a text is shown as text, images are not fetched. The guides' routes are `lab/guide_pages.py`'s.
+Its order is `mkdocs.yml`'s, by which `make docs` builds the same pages as a site. Raw HTML in a text is shown as text,
+images are not fetched. The guides' routes are `lab/guide_pages.py`'s.
 """
 
 from __future__ import annotations
 
 import itertools
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
+import yaml
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
 from markupsafe import Markup
 
-from desirepath.installed import DOCS
+from desirepath.installed import DOCS, ROOT
 
 HERE = "/lab/guides"
-GUIDES = (
-    "experimenters-guide",
-    "protocol-reference",
-    "analysts-guide",
-    "participants-guide",
-    "data-dictionary",
-)
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A part of the manual: its pages, by the names of their files."""
+
+    title: str
+    names: tuple[str, ...]
+
+
+def _contents() -> tuple[Chapter, ...]:
+    read = yaml.safe_load((ROOT / "mkdocs.yml").read_text(encoding="utf-8"))["nav"]
+    parts = [part for chapter in read for part in chapter.items()]
+    pages = [(title, [files] if isinstance(files, str) else files) for title, files in parts]
+    return tuple(Chapter(title, tuple(file.removesuffix(".md") for file in files)) for title, files in pages)
+
+
+CONTENTS = _contents()
+GUIDES = tuple(name for chapter in CONTENTS for name in chapter.names)
 FITTING = {
     "/lab/new": "experimenters-guide#a-new-study",
     "/lab/new/{draft_id}": "protocol-reference",
@@ -36,7 +51,9 @@ FITTING = {
     "/lab/studies/{study_id}/now": "experimenters-guide#watching",
     "/lab/studies/{study_id}/people": "experimenters-guide#watching",
     "/lab/studies/{study_id}/people/{code}": "experimenters-guide#excluding-withdrawing-erasing",
-    "/lab/studies/{study_id}/paths": "experimenters-guide#drawn-paths",
+    "/lab/studies/{study_id}/paths": "asking-people#drawn-paths",
+    "/lab/studies/{study_id}/coding": "asking-people#open-questions",
+    "/lab/studies/{study_id}/robots": "experimenters-guide#a-real-robot",
     "/lab/studies/{study_id}/data": "experimenters-guide#data-and-report",
     "/lab/studies/{study_id}/answers": "experimenters-guide#data-and-report",
     "/lab/studies/{study_id}/report": "experimenters-guide#data-and-report",
@@ -45,12 +62,14 @@ FITTING = {
     "/lab/settings": "experimenters-guide#accounts-and-roles",
     "/lab/audit": "experimenters-guide#accounts-and-roles",
     "/lab/jobs": "analysts-guide#jobs",
-    "/lab/recordings": "experimenters-guide#your-recordings",
+    "/lab/recordings": "your-recordings",
     "/lab/snapshots": "analysts-guide",
     "/lab/policies": "analysts-guide#what-the-numbers-mean",
     "/lab/artefacts": "analysts-guide#what-the-numbers-mean",
     "/lab/compare": "analysts-guide#what-the-numbers-mean",
     "/lab/flow-field": "analysts-guide#flow-fields",
+    "/lab/live": "policies#preference-conditioned-policies",
+    "/lab/settings/setups": "extending#a-robot-and-its-setup",
     "/lab/explain": "analysts-guide#what-moved-the-robot",
 }
 """Route, and all that begin with it -> the part of a guide that says most about it; the longest one counts."""
@@ -77,14 +96,39 @@ def prose(text: str, shift: int | None = None) -> Markup:
 
 
 @dataclass(frozen=True)
+class Passage:
+    """What stands under one heading, as plain words. level: 1 for the page's own title."""
+
+    level: int
+    anchor: str
+    title: str
+    words: str
+
+
+@dataclass(frozen=True)
 class Guide:
-    """One guide. sections: (anchor, words) of its second-level headings."""
+    """One page of the manual."""
 
     name: str
-    title: str
     html: Markup
-    sections: tuple[tuple[str, str], ...]
-    anchors: frozenset[str]
+    passages: tuple[Passage, ...]
+
+    @property
+    def title(self) -> str:
+        return self.passages[0].title
+
+    @property
+    def sections(self) -> list[Passage]:
+        return [passage for passage in self.passages if passage.level == 2]
+
+
+@dataclass(frozen=True)
+class Found:
+    """A passage with all words that were looked for, and what stands around the first of them."""
+
+    guide: Guide
+    passage: Passage
+    around: str
 
 
 def fitting_guide(route: str) -> str:
@@ -93,29 +137,50 @@ def fitting_guide(route: str) -> str:
     return f"{HERE}/{FITTING[max(above, key=len)]}" if above else HERE
 
 
-@lru_cache(maxsize=len(GUIDES))
+@lru_cache
 def guide(name: str) -> Guide:
     """Raises KeyError for a guide that there is not."""
     if name not in GUIDES:
         raise KeyError(name)
     tokens = _MARKDOWN.parse((DOCS / f"{name}.md").read_text(encoding="utf-8"))
-    headings: list[tuple[str, str, str]] = []
-    for opened, words in itertools.pairwise(tokens):
-        if opened.type == "heading_open":
-            title = "".join(child.content for child in words.children or ())
-            anchor = _anchor(title)
-            opened.attrSet("id", anchor)
-            headings.append((opened.tag, anchor, title))
+    passages = tuple(_passages(tokens))
     for token in tokens:
         _lead_on(token.children or ())
     # Markup: the renderer escapes everything that came from the text (html=False).
-    shown = Markup(_MARKDOWN.renderer.render(tokens, _MARKDOWN.options, {}))  # noqa: S704
-    sections = tuple((anchor, title) for tag, anchor, title in headings if tag == "h2")
-    return Guide(name, headings[0][2], shown, sections, frozenset(anchor for _, anchor, _ in headings))
+    return Guide(name, Markup(_MARKDOWN.renderer.render(tokens, _MARKDOWN.options, {})), passages)  # noqa: S704
 
 
-def _anchor(words: str) -> str:
-    """As GitHub makes it, so that links between the files work here and there."""
+def find(words: str) -> list[Found]:
+    """Passages of the manual that have all of the words, those first that have them in their heading."""
+    wanted = words.casefold().split()
+    found = []
+    for page in map(guide, GUIDES):
+        for passage in page.passages:
+            text = f"{passage.title} {passage.words}".casefold()
+            if wanted and all(word in text for word in wanted):
+                begin = max(0, passage.words.casefold().find(wanted[0]) - 60)
+                found.append(Found(page, passage, passage.words[begin : begin + 200]))
+    return sorted(found, key=lambda one: not all(word in one.passage.title.casefold() for word in wanted))
+
+
+def _passages(tokens: list[Token]) -> Iterator[Passage]:
+    """Give every heading its anchor, and say what stands below it."""
+    places = [place for place, token in enumerate(tokens) if token.type == "heading_open"]
+    for place, end in itertools.pairwise([*places, len(tokens)]):
+        title = _plain(tokens[place + 1])
+        tokens[place].attrSet("id", anchor_of(title))
+        yield Passage(
+            int(tokens[place].tag[1]), anchor_of(title), title, " ".join(map(_plain, tokens[place + 3 : end]))
+        )
+
+
+def _plain(token: Token) -> str:
+    """Its words without marks: of a paragraph, of a table's cell, of code."""
+    return token.content if token.children is None else "".join(child.content or " " for child in token.children)
+
+
+def anchor_of(words: str) -> str:
+    """Of a heading's words. As GitHub makes it, so that links between the files work here and there."""
     return re.sub(r"[^\w\- ]", "", words.strip().lower()).replace(" ", "-")
 
 

@@ -1,26 +1,28 @@
-"""The guides and the protocol reference inside the lab, for who is signed in. What they say is `docs/`'s."""
+"""The manual inside the lab, for who is signed in. What it says is `docs/`'s."""
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Depends, Request
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Query, Request
 from starlette.responses import Response
 
 from desirepath.web.core.auth import check_csrf
-from desirepath.web.core.guides import GUIDES, guide
+from desirepath.web.core.guides import CONTENTS, GUIDES, find, guide
 from desirepath.web.core.lab_frame import LabRefusal, lab_page
 
 router = APIRouter(prefix="/lab/guides", dependencies=[Depends(check_csrf)], tags=["guides"])
 
 
 @router.get("")
-def guides(request: Request) -> Response:
-    """Which guides there are, with their parts."""
-    return lab_page(request, "lab/guides.html", guides=[guide(name) for name in GUIDES])
+def guides(request: Request, words: Annotated[str, Query(alias="find", max_length=100)] = "") -> Response:
+    """What the manual has, and what is found in it."""
+    return lab_page(request, "lab/guides.html", contents=CONTENTS, guide_of=guide, words=words, found=find(words))
 
 
 @router.get("/{name}")
 def one_guide(request: Request, name: str) -> Response:
-    """One guide."""
+    """One page of the manual."""
     if name not in GUIDES:
         raise LabRefusal(404, "no_guide")
-    return lab_page(request, "lab/guide.html", guide=guide(name))
+    return lab_page(request, "lab/guide.html", guide=guide(name), contents=CONTENTS, guide_of=guide)

@@ -1,0 +1,138 @@
+"""Pages of the manual that are written by the product itself: `python -m desirepath_experiments.manual` (`make docs`).
+
+`docs/command-line.md` is made of the commands' own help, `docs/python.md` of docstrings, `docs/results.md` of stored
+results (`results_page.py`). Tests tell when one is not what would be written now.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import typer
+
+import desirepath
+from desirepath.cli.main import app
+from desirepath.installed import DOCS, ROOT
+from desirepath_experiments.results_page import results
+
+ELSEWHERE = ("benchmark", "ship")
+"""Of the laboratory, and long: their `--help` says what they take."""
+STORED = ("to_parts", "from_parts", "to_bytes", "from_bytes")
+"""Methods of stored formats."""
+EVERYWHERE = ("as_json", "data")
+"""Options that every command has."""
+
+
+def command_line() -> str:
+    """The reference of all commands: what each does, its arguments and options."""
+    root: Any = typer.main.get_command(app)
+    single = {name: command for name, command in root.commands.items() if not hasattr(command, "commands")}
+    groups = {name: group for name, group in root.commands.items() if hasattr(group, "commands")}
+    lines = [
+        "# Command line",
+        "",
+        "Written by the commands themselves: `desirepath COMMAND --help` says the same. Every command that ends takes"
+        " `--json`: one object on stdout, logs on stderr, exit code 0 only on success. `--data FOLDER` names the"
+        " installation. `desirepath --install-completion` completes commands and options in your shell. `benchmark`"
+        " (measuring) and `ship` (making what is shipped) are long and not here: see their `--help`.",
+    ]
+    for title, commands in {"desirepath": single, **{name: group.commands for name, group in groups.items()}}.items():
+        if title in ELSEWHERE:
+            continue
+        lines += ["", f"## {title}"]
+        for name, command in commands.items():
+            if not command.hidden and name not in ELSEWHERE:
+                words = ["desirepath", *([] if title == "desirepath" else [title]), name]
+                lines += ["", *_command(" ".join(words), command)]
+    return "\n".join(lines) + "\n"
+
+
+def _command(words: str, command: Any) -> Iterator[str]:
+    shown = [one for one in command.params if one.name not in EVERYWHERE and not getattr(one, "hidden", False)]
+    arguments = [one.name.upper() for one in shown if one.param_type_name == "argument"]
+    yield from (f"### {' '.join([words, *arguments])}", "", _flat(command.help or ""))
+    records = [one.get_help_record(typer.Context(command)) for one in shown]
+    if any(records):
+        yield from (
+            "",
+            "| | |",
+            "|---|---|",
+            *(f"| `{_cell(names)}` | {_cell(said)} |" for names, said in filter(None, records)),
+        )
+
+
+def _cell(text: str) -> str:
+    return _flat(text).replace("|", "\\|")
+
+
+def python_interface() -> str:
+    """What `import desirepath` offers, by signatures and docstrings, after the README's example."""
+    (example,) = re.findall(r"^```python\n.*?^```$", (ROOT / "README.md").read_text("utf-8"), re.MULTILINE | re.DOTALL)
+    lines = [
+        "# Python",
+        "",
+        "In a notebook or a script; neither a server nor a database is needed.",
+        "",
+        "## In a notebook",
+    ]
+    lines += ["", example, "", "## Reference", "", "All of `desirepath`, as `import desirepath as dp` gives it."]
+    for name in desirepath.__all__:
+        lines += ["", *_named(f"{name}", getattr(desirepath, name))]
+    return "\n".join(lines) + "\n"
+
+
+def _named(name: str, what: Any) -> Iterator[str]:
+    yield from (f"### {name}", "", _signed(name, what), *_said(what))
+    for method, of in vars(what).items() if inspect.isclass(what) else ():
+        function = of.__func__ if isinstance(of, classmethod | staticmethod) else of
+        shown = function.fget if isinstance(function, property) else function
+        if not method.startswith("_") and method not in STORED and inspect.isfunction(shown) and inspect.getdoc(shown):
+            called = f"{name}.{method}"
+            yield from ("", f"```text\n{called}\n```" if isinstance(function, property) else _signed(called, shown))
+            yield from _said(shown)
+
+
+def _signed(name: str, what: Callable[..., Any]) -> str:
+    signature = inspect.signature(what)
+    taken = [
+        one.replace(annotation=_Bare(one.annotation))
+        for one in signature.parameters.values()
+        if one.name not in ("self", "cls")
+    ]
+    returns = "" if inspect.isclass(what) else f" -> {signature.return_annotation}"
+    line = f"{name}({', '.join(map(str, taken))}){returns}"
+    if len(line) >= 100:
+        line = "\n".join([f"{name}(", *(f"    {one}," for one in taken), f"){returns}"])
+    return f"```text\n{line}\n```"
+
+
+class _Bare(str):
+    """An annotation without the quotes that postponed ones have."""
+
+    __repr__ = str.__str__
+
+
+def _said(what: Any) -> Iterator[str]:
+    for paragraph in (inspect.getdoc(what) or "").split("\n\n"):
+        yield from ("", _flat(paragraph))
+
+
+def _flat(text: str) -> str:
+    return " ".join(text.split())
+
+
+PAGES = {"command-line": command_line, "python": python_interface, "results": results}
+
+
+def main(names: Sequence[str]) -> None:
+    """Write the pages of these names, or all."""
+    for name in names or PAGES:
+        (DOCS / f"{name}.md").write_text(PAGES[name](), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
