@@ -242,12 +242,14 @@ class PathsMessage(TypedDict):
 
 
 class MirrorOrder(TypedDict):
-    """From the page: where a real robot is (x, y, yaw), what its lidar hit, where it would go, where people stand."""
+    """From the page: where a real robot is (x, y, yaw), what its lidar hit, where it would go, where people stand.
+    walls: corners of what its map has; absent: as before."""
 
     pose: list[float]
     scan: list[list[float]]
     plan: list[list[float]]
     people: list[list[float]]
+    walls: NotRequired[list[list[list[float]]]]
 
 
 class RobotsMoved(TypedDict):

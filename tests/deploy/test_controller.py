@@ -14,6 +14,7 @@ from desirepath.deploy.controller import Controller
 from desirepath.deploy.inputs import Command, InputError, Odometry, Person, Scan
 from desirepath.deploy.manifest import read_manifest
 from desirepath.deploy.observing import Observer
+from desirepath.deploy.predicting import predict_way
 from desirepath.learning.policies.adaptable import AdaptablePolicy
 from desirepath.learning.policies.bundles import bundle_files, scan_in, zipped
 from desirepath.learning.policies.export import policy_to_onnx
@@ -22,7 +23,7 @@ from desirepath.learning.policies.manifest import robot_manifest, setup_manifest
 from desirepath.learning.policies.policy import Policy, StoredPolicy
 from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.learning.shipped_files import resolve
-from desirepath.simulation.fast import FastEngine
+from desirepath.simulation.fast import FastEngine, rollout
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import Setup, get_setup
 from tests.deploy.side_by_side import compare, heard
@@ -48,6 +49,26 @@ def test_it_commands_what_the_engine_does_recoveries_included() -> None:
     assert stuck.by["recovery 1"] > 10
     assert stuck.by["policy"] > 90
     assert stuck.command < CLOSE
+
+
+def test_where_it_would_go_is_where_it_goes() -> None:
+    """A second ahead, of what is seen at the start alone; what it was asked leaves the controller as it was."""
+    whole = load_policy("study_room/base")
+    scenes = draw_scenes(ROOM, range(40_000, 40_008))
+    (controller,), apart = controllers(whole, 1), []
+    for driven in rollout(ROOM, whole.rollout_policy, scenes):
+        scene, start = driven.scene, driven.scene.start
+        odometry, person = Odometry(0.0, start.x, start.y, start.yaw, 0.0, 0.0), scene.person.pose
+        heard_now = (scan_in(ROOM, scene, start), odometry, (scene.goal.x, scene.goal.y), [Person(person.x, person.y)])
+        controller.reset()
+        way = predict_way(controller, *heard_now)
+        command = controller.step(*heard_now)
+        controller.reset()
+        assert command == controller.step(*heard_now)
+        assert 5 <= len(way) <= 20
+        apart.append(math.dist(way[4], driven.poses[5, :2]))
+    assert np.median(apart) < 0.05
+    assert max(apart) < 0.5
 
 
 def test_whoever_is_freed_by_nothing_stands_in_both() -> None:

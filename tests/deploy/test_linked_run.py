@@ -1,6 +1,7 @@
 """A run that a server asks for: what its orders make a node do. The server's own side is in `tests/web`; here it is a
 list of what was said, so that every order comes at its moment."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -34,7 +35,8 @@ class Node:
 
     def __init__(self, rig):
         self.rig, self.supervisor, self.controller = rig, rig.supervisor, rig.controller
-        self.stops, self.weights = [], []
+        self.stops, self.weights, self.odom_in_map = [], [], (1.0, 0.0, math.pi / 2)
+        self.controller.weights = {}
         rig.supervisor._told = lambda change: change.state is State.STOPPED and self.stops.append((0.0, change.reason))
 
     def act(self, name, by="by hand"):
@@ -53,6 +55,7 @@ class Node:
 
     def set_weights(self, weights):
         self.weights.append(dict(weights))
+        self.controller.weights = weights
 
 
 @pytest.fixture
@@ -62,6 +65,8 @@ def at(monkeypatch):
     server = Server()
     monkeypatch.setattr("desirepath.deploy.ros.linked.time", SimpleNamespace(monotonic=lambda: rig.t))
     node = Node(rig)
+    # the rig's controller wants what it is told and has no policy that could be driven on
+    monkeypatch.setattr("desirepath.deploy.ros.linked.predict_way", lambda *heard: [(6.0, 1.0)])
     return SimpleNamespace(rig=rig, server=server, node=node, run=LinkedRun(server, READY, True, None))
 
 
@@ -84,11 +89,26 @@ def test_the_server_starts_what_was_armed_and_hears_of_it(at):
     assert at.node.supervisor.told_of == (Person(6.0, 3.0),)
     assert at.node.weights == [{"farther": 1.0}]
     assert at.server.said[-1]["pose"] == [0.0, 0.0, 0.0]
+    assert at.server.said[-1]["plan"] == [[1.0, 0.0]], "in the run's frame"
+    assert at.server.said[-1]["in_map"] == [0.0, 5.0, 1.571], "the run's frame in the map's"
     at.rig.controller.wanted, at.rig.controller.arrived = Command(0.0, 0.0), True
     assert go_on(at, 1)
     at.run.over(at.node)
     assert at.server.handed_in["run"] == "r1"
     assert (at.server.handed_in["reached"], at.server.handed_in["stops"]) == (True, [])
+
+
+def test_it_says_since_when_it_is_driven_by_which_weights(at):
+    at.server.orders = replace(READY, drive=True, weights={"farther": 1.0})
+    go_on(at, 2)
+    at.server.orders = replace(READY, number=2, drive=True, weights={"smoother": 0.5, "closer": 0.0})
+    steps = at.node.supervisor.steps
+    at.run(at.node)
+    assert at.server.said[-1]["weights"] == {"farther": 1.0}
+    go_on(at, 1)
+    assert at.node.supervisor.steps > steps
+    assert at.server.said[-1]["weights"] == {"smoother": 0.5}
+    assert 0 <= at.server.said[-1]["since_s"] < 1
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ import pytest
 from desirepath.deploy.controller import Controller
 from desirepath.deploy.inputs import Odometry, Person
 from desirepath.deploy.link import Frame, Link, Orders, describe
+from desirepath.deploy.predicting import predict_way
 from desirepath.deploy.recorder import Recorder
 from desirepath.learning.policies.bundles import scan_in
 from desirepath.settings import Settings
@@ -116,7 +117,11 @@ class FakeRobot:
             recorder.people(at_s, people)
             recorder.command(at_s, command)
             recorder.weights(at_s, controller.weights)
-            self.link.say(describe(frame, "driving", odometry, scan=scan, goal=goal, people=people, command=command))
+            weighed = (controller.weights, 0.0)
+            plan = predict_way(controller, scan, odometry, goal, people)
+            self.link.say(
+                describe(frame, "driving", odometry, scan=scan, goal=goal, people=people, plan=plan, driven_by=weighed)
+            )
             time.sleep(self.period_s)
         reached = controller.arrived
         recorder.state(at_s, "stopped", "goal" if reached else "told to")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import html
 import json
 import threading
 from uuid import uuid4
@@ -72,6 +73,7 @@ def test_a_robot_drives_for_somebody_hears_new_weights_is_mirrored_and_recorded(
     told = session.post(f"{here}/robot/robot_drive/weights", json={"weights": {"farther": 0.9, "smoother": 0.3}})
     assert told.status_code == 204, told.text
     until(lambda: (turtle.link.orders.weights or {}).get("farther") == 0.9)
+    until(lambda: mirrored[-1]["weights"] == {"farther": 0.9, "smoother": 0.3}, "and says that it drives by them")
     assert session.post(f"{here}/robot/robot_drive/person", json={"place": [2.0, 1.0]}).status_code == 204
     until(lambda: turtle.link.orders.person == (2.0, 1.0))
     too_early = session.post(
@@ -264,11 +266,29 @@ def test_only_who_runs_the_study_lets_robots_in_drives_them_or_takes_recordings(
         for path in ("", f"/{robot.id}/drive", f"/{robot.id}/stop", f"/{robot.id}/revoke"):
             assert looker.post(f"{page}{path}", data={"csrf": given, "name": "x"}).status_code == 403, path
         api = f"/api{page}/{robot.id}"
-        for path, body in (("weights", {"weights": {}}), ("person", {"place": [0, 0]})):
+        for path, body in (("weights", {"weights": {}}), ("person", {"place": [0, 0]}), ("words", {"sentence": "x"})):
             assert looker.post(f"{api}/{path}", json=body, headers={"X-CSRF": given}).status_code == 403, path
         assert looker.get(f"/lab/studies/{robot_lab.study}/robot-runs/{run}.mcap").status_code == 403
     for path, body in (("weights", {"weights": {}}), ("person", {"place": [0, 0]})):
         assert robot_lab.lab.post(f"{api}/{path}", json=body).status_code == 403, "not without the page's token"
+
+
+def test_the_labs_page_has_the_steps_controls_a_triangle_and_sentences(robot_lab):
+    robot = robot_lab.admit_id(robot_lab.admit())
+    page, api = (f"{at}/lab/studies/{robot_lab.study}/robots/{robot}" for at in ("", "/api"))
+    plain = robot_lab.lab.get(page).text
+    assert "data-ends" in plain
+    assert "data-triangle" not in plain
+    three = "?corner=farther&corner=smoother&corner=faster"
+    assert 'data-triangle="farther smoother faster"' in robot_lab.lab.get(page + three).text
+    started = robot_lab.press(f"{robot}/drive{three}", setup="study_room", x="2", y="0")
+    assert started.headers["location"] == page + three, "the triangle stays"
+    assert "[[[4.0, -5.7]" in html.unescape(robot_lab.lab.get(page).text), "the walls of the setup's room"
+    opposed = robot_lab.lab.get(f"{page}?corner=farther&corner=closer&corner=faster")
+    assert "no two of them opposites" in opposed.text
+    given = {"X-CSRF": csrf(robot_lab.lab, page)}
+    read = robot_lab.lab.post(f"{api}/words", json={"sentence": "keep well away from me"}, headers=given)
+    assert read.json()["weights"]["farther"] > 0
 
 
 # ---- a run's end -----------------------------------------------------------------------------------------------------

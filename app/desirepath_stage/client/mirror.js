@@ -12,6 +12,8 @@
   /** @type {MirrorOrder | null} */
   let now = null;
   let painted = "";
+  /** Corners of what the map has. @type {number[][][]} */
+  let walls = [];
   /** @type {{x: number, y: number} | null} */
   let press = null;
 
@@ -31,6 +33,14 @@
       const [a, b] = [project(x, y), project(x, y + 1)];
       return a && b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 40;
     };
+    pen.fillStyle = scheme.isDark() ? "rgb(150 144 134)" : "rgb(120 112 100)";
+    for (const wall of walls) {
+      const spots = wall.map(([x, y]) => project(x, y));
+      if (!spots.every(Boolean)) continue;
+      pen.beginPath();
+      spots.forEach((spot, i) => spot && (i ? pen.lineTo(spot[0], spot[1]) : pen.moveTo(spot[0], spot[1])));
+      pen.fill();
+    }
     const plan = [seen.pose.slice(0, 2), ...seen.plan].map(([x, y]) => project(x, y));
     for (const [width, ink] of /** @type {[number, string][]} */ ([[10, scheme.colour("--paper")], [6, "rgb(47 106 61)"]])) {
       pen.lineWidth = width;
@@ -75,6 +85,7 @@
     show(order) {
       const first = !now;
       now = order;
+      walls = order.walls ?? walls;
       window.desirePath.player.place(0, order.pose, true);
       window.desirePath.camera.fit(); // a slow machine's viewer may have put its own camera over the scene's
       if (first) {
@@ -85,6 +96,7 @@
     /** Another scene stands there. */
     stop() {
       now = null;
+      walls = [];
       painted = "";
       canvas.remove();
     },

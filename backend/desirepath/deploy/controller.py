@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,12 @@ class Controller:
         self.driven_by, self.arrived = "policy", False
         last = len(self._driving.networks)
         self._progress = Progress(1, last, found.period_s, found.recovery) if found.recovery else None
+
+    def copy(self) -> Controller:
+        """One that goes on from here and leaves this one as it is."""
+        other = copy.copy(self)
+        other._progress = copy.deepcopy(self._progress)
+        return other
 
     @property
     def manifest(self) -> Mapping[str, Any]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import quote, urlsplit
 
-from desirepath.deploy.inputs import Command, Odometry, Person, Scan
+from desirepath.deploy.inputs import Odometry, Person, Scan
 
 WAIT_S = 20.0  # how long the server may hold a question for orders
 PATIENCE_S = 10.0  # beyond that, of any request
@@ -25,8 +25,7 @@ SAY_EVERY_S = 0.2
 AGAIN_AFTER_S = (0.1, 5.0)  # a lost connection, first and at most
 LARGEST_BUNDLE = 64 * 2**20  # bytes
 LARGEST_REPLY = 2**20
-MOST_SEEN, MOST_PEOPLE = 120, 20  # of what is said at once
-AHEAD_S, PLANNED = 2.0, 12  # ours: how far ahead it is said where it would go, and by how many places
+MOST_SEEN, MOST_PEOPLE, MOST_PLANNED = 120, 20, 40  # of what is said at once
 Place = tuple[float, float]
 
 
@@ -118,11 +117,14 @@ def describe(
     laser: tuple[float, float, float] = (0.0, 0.0, 0.0),
     goal: Place | None = None,
     people: Sequence[Person] = (),
-    command: Command | None = None,
+    plan: Sequence[Place] = (),
+    in_map: Frame | None = None,
+    driven_by: tuple[Mapping[str, float], float] | None = None,
 ) -> dict[str, Any]:
     """What is said of a robot, places in the run's frame. state: off, armed, driving or stopped, and the `reason`;
-    goal, people: in the odometry's frame; laser: x, y, yaw of the lidar in base; command: what it was told, from which
-    follows where it would go within `AHEAD_S`."""
+    goal, people, plan (where it would go): in the odometry's frame; laser: x, y, yaw of the lidar in base; in_map:
+    where the odometry's frame is in the map's, where that is known; driven_by: the weights of its last command, and for
+    how many seconds it has commanded by them."""
     x, y = frame.into(odometry.x, odometry.y)
     yaw = math.remainder(odometry.yaw - frame.yaw, 2 * math.pi)
     said: dict[str, Any] = {
@@ -131,10 +133,17 @@ def describe(
         "pose": [round(x, 3), round(y, 3), round(yaw, 3)],
         "speed": [round(odometry.v, 3), round(odometry.w, 3)],
         "scan": [] if scan is None else _hits(scan, laser, (x, y, yaw)),
-        "plan": [] if command is None else _arc(command, (x, y, yaw)),
+        "plan": [_rounded(frame.into(*place)) for place in plan[:MOST_PLANNED]],
         "people": [_rounded(frame.into(person.x, person.y)) for person in people[:MOST_PEOPLE]],
     }
-    return said | ({} if goal is None else {"goal": _rounded(frame.into(*goal))})
+    said |= {} if goal is None else {"goal": _rounded(frame.into(*goal))}
+    if in_map is not None:
+        at_x, at_y = in_map.out_of((frame.x, frame.y))
+        said["in_map"] = [*_rounded((at_x, at_y)), round(math.remainder(in_map.yaw + frame.yaw, 2 * math.pi), 3)]
+    if driven_by is not None:
+        weights, since_s = driven_by
+        said |= {"weights": {name: weight for name, weight in weights.items() if weight}, "since_s": round(since_s, 3)}
+    return said
 
 
 def _hits(scan: Scan, laser: tuple[float, float, float], pose: tuple[float, float, float]) -> list[list[float]]:
@@ -154,18 +163,6 @@ def _hits(scan: Scan, laser: tuple[float, float, float], pose: tuple[float, floa
         bx, by = lx + reach * math.cos(lyaw + angle), ly + reach * math.sin(lyaw + angle)
         hits.append(_rounded((x + c * bx - s * by, y + s * bx + c * by)))
     return hits
-
-
-def _arc(command: Command, pose: tuple[float, float, float]) -> list[list[float]]:
-    """Where that command would lead, in the frame of the pose."""
-    x, y, yaw = pose
-    ahead, step_s = [], AHEAD_S / PLANNED
-    for _ in range(PLANNED):
-        x += command.v * step_s * math.cos(yaw + command.w * step_s / 2)
-        y += command.v * step_s * math.sin(yaw + command.w * step_s / 2)
-        yaw += command.w * step_s
-        ahead.append(_rounded((x, y)))
-    return ahead
 
 
 def _rounded(place: Place) -> list[float]:

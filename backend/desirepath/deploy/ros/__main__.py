@@ -69,9 +69,8 @@ def parser(prog: str) -> argparse.ArgumentParser:
     add(
         "--map-to-odom",
         type=_numbers(3),
-        default=(0.0, 0.0, 0.0),
         metavar="X,Y,YAW",
-        help="the odometry's frame in the map's",
+        help="where the odometry's frame is in the map's, where the two are not the same",
     )
     add("--stamped", action="store_true", help="tell the robot by TwistStamped, not by Twist")
     add("--once", action="store_true", help="end when the robot has driven and stands; exit code 0 where it arrived")
@@ -118,7 +117,8 @@ def main(
             legs=asked.legs,
             stamped=asked.stamped,
             laser=asked.laser or (here.laser if here else ()),
-            map_to_odom=asked.map_to_odom,
+            map_to_odom=asked.map_to_odom or (0.0, 0.0, 0.0),
+            in_map=asked.map_to_odom is not None or bool(goal),
             rules=_rules(asked, here),
             weights=asked.weights,
             body=here.body if here else None,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from desirepath.deploy.conditioning import WeightsError
 from desirepath.deploy.inputs import Odometry, Person
 from desirepath.deploy.link import Frame, Link, LinkError, Orders, Place, describe
+from desirepath.deploy.predicting import predict_way
 from desirepath.deploy.recorder import Recorder
 from desirepath.deploy.safety import State
 
@@ -33,6 +34,7 @@ class LinkedRun:
         self._frame = Frame()
         self._set_out = False
         self._weights: Mapping[str, float] | None = None
+        self._steps_before, self._weighed_at = -1, -math.inf  # of its weights; its first command by them
         self._person: Place | None = None
         self._tried = self._said = self._began = -math.inf
 
@@ -46,6 +48,8 @@ class LinkedRun:
             node.act("arm", "for the server")
         if one.where is not None:
             self._follow(node, orders, one.where, now)
+            if self._weighed_at == -math.inf and one.steps > self._steps_before:
+                self._weighed_at = now
             if now - self._said >= SAY_EVERY_S:
                 self._said = now
                 self._say(node, orders, one.where)
@@ -60,6 +64,7 @@ class LinkedRun:
             self._frame = Frame.at(where)
         if orders.weights is not None and orders.weights != self._weights:
             self._weights = orders.weights
+            self._steps_before, self._weighed_at = one.steps, -math.inf
             try:
                 node.set_weights(orders.weights)
             except WeightsError as problem:
@@ -83,6 +88,11 @@ class LinkedRun:
 
     def _say(self, node: DriveNode, orders: Orders, where: Odometry) -> None:
         one = node.supervisor
+        goal = self._frame.out_of(orders.goal) if orders.goal is not None else None
+        plan: list[Place] = []
+        if goal is not None and one.seen is not None and one.state in (State.ARMED, State.DRIVING):
+            plan = predict_way(node.controller, one.seen, where, goal, one.told_of)
+        weighed = self._weighed_at > -math.inf
         self._link.say(
             describe(
                 self._frame,
@@ -91,9 +101,11 @@ class LinkedRun:
                 reason=one.reason,
                 scan=one.seen,
                 laser=node.controller.laser,
-                goal=self._frame.out_of(orders.goal) if orders.goal is not None else None,
+                goal=goal,
                 people=one.told_of,
-                command=one.command if one.state is State.DRIVING else None,
+                plan=plan,
+                in_map=Frame(*node.odom_in_map) if node.odom_in_map else None,
+                driven_by=(node.controller.weights, time.monotonic() - self._weighed_at) if weighed else None,
             )
         )
 

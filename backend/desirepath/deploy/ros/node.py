@@ -52,13 +52,14 @@ class Listener(Protocol):
 
 @dataclass(frozen=True)
 class Drive:
-    """How a policy drives here. Every field but body, weights, people, nobody and legs is a parameter of the node too.
+    """How a policy drives here. Every field but body, weights, people, nobody, in_map and legs is a parameter of the
+    node too.
 
     goal: (x, y) in the odometry's frame, or none yet. people: where they stand; nobody: there is nobody. legs: where
     nobody tells of people, they are looked for in the scan (`deploy/legs.py`). stamped: tell
     the robot by TwistStamped, with the time of the scan that is answered. laser: where the lidar is, if not where the
-    policy's was; map_to_odom: where the odometry's frame is in the map's. body: the robot's outline, if not the one of
-    the policy's.
+    policy's was; map_to_odom: where the odometry's frame is in the map's; in_map: it is there also where that is all
+    zeros, which else only says that nobody knows. body: the robot's outline, if not the one of the policy's.
     """
 
     goal: tuple[float, ...] = ()
@@ -68,6 +69,7 @@ class Drive:
     stamped: bool = False
     laser: tuple[float, ...] = ()
     map_to_odom: tuple[float, ...] = (0.0, 0.0, 0.0)
+    in_map: bool = False
     map_frame: str = "map"
     rules: Rules = field(default_factory=Rules)
     weights: Mapping[str, float] = field(default_factory=dict)
@@ -102,7 +104,10 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
             body=drive.body,
         )
         self._odom_frame, self._stamp = "", None
-        self._map_in_odom = _inverse(drive.map_to_odom)
+        self.odom_in_map: Place | None = None  # where it was told
+        self._map_in_odom: Place = (0.0, 0.0, 0.0)
+        if drive.in_map or any(drive.map_to_odom):
+            self._be_in_map((drive.map_to_odom[0], drive.map_to_odom[1], drive.map_to_odom[2]))
         self._diagnosed_at = -math.inf
         self._connect()
         if drive.goal:
@@ -195,7 +200,10 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         place = (at.x, at.y, 2 * math.atan2(turn.z, turn.w))
         if not all(math.isfinite(value) for value in place):
             return self.supervisor.stop(f"map_to_odom = {place}: must be numbers")
-        self._map_in_odom = _inverse(place)
+        self._be_in_map(place)
+
+    def _be_in_map(self, place: Place) -> None:
+        self.odom_in_map, self._map_in_odom = place, _inverse(place)
 
     def _stop(self, message: Any) -> None:
         self.supervisor.hold("the stop topic", bool(message.data))

@@ -5,7 +5,9 @@ They move its weights while it drives, and say afterwards how they liked it. The
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -24,6 +26,7 @@ from desirepath.study.steps import Planning
 from desirepath.study.wire import Progress, WholeNumber
 
 POINTS = 7
+MOST_WALLS = 1_000  # ours: rectangles of a map that a page is sent
 AROUND_M = 1.5  # ours: of the floor around start and goal, where the robot may go and its lidar sees
 Metres = Annotated[float, Field(ge=-robots.REACH_M, le=robots.REACH_M, allow_inf_nan=False)]
 Goal = tuple[Metres, Metres]
@@ -88,7 +91,7 @@ class RobotDrive(Tuning):
     }
 
     def payload(self, step: TuningStep, page: Page) -> dict[str, Any]:
-        return super().payload(step, page) | {"points": POINTS}
+        return super().payload(step, page) | {"points": POINTS, "walls": known_walls(step.setup)}
 
     def state(self, step: TuningStep, moment: Moment) -> dict[str, Any] | None:
         run = robots.run_at(moment.s, moment.session, step.key)
@@ -161,6 +164,30 @@ def empty_floor(setup: str, goal: tuple[float, float]) -> Scene:
 
     of = get_setup(setup)
     return Scene(setup, 0, Pose(0.0, 0.0), Pose(*goal), of.goal_radius_m, UnrecordedPerson())
+
+
+@lru_cache(maxsize=8)
+def known_walls(setup: str) -> list[list[tuple[float, float]]]:
+    """What stands in every scene of a setup, as corners (m, its map's frame): the walls of its room, or all that its
+    lab drew of a building, the largest of a map; nothing of a place that is furnished anew each time."""
+    from desirepath.simulation.scenes import own_map
+    from desirepath.simulation.setups import get_setup
+    from desirepath.study.personalising.live_rollouts import scenes_of
+
+    scene = scenes_of(setup)[0]
+    solids = [*(scene.room.walls() if scene.room else ()), *(scene.obstacles if get_setup(setup).plan else ())]
+    walls = [_corners(one.pose, one.length / 2, one.width / 2) for one in solids]
+    here = own_map(scene)
+    if here is not None:
+        largest = sorted(here.walls.tolist(), key=lambda r: (r[0] - r[2]) * (r[3] - r[1]))[:MOST_WALLS]
+        walls += [[(a, b), (c, b), (c, d), (a, d)] for a, b, c, d in largest]
+    return [[(round(x, 2), round(y, 2)) for x, y in corners] for corners in walls]
+
+
+def _corners(at: Pose, along: float, across: float) -> list[tuple[float, float]]:
+    c, s = math.cos(at.yaw), math.sin(at.yaw)
+    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    return [(at.x + c * i * along - s * j * across, at.y + s * i * along + c * j * across) for i, j in signs]
 
 
 def _simulated_drive(step: RobotDriveStep, weights: Mapping[str, float]) -> dict[str, Any]:

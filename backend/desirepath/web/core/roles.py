@@ -119,6 +119,7 @@ CHANGING: dict[str, Rule] = {
     "/lab/studies/{study_id}/robot-runs/{run_id}/skip": Rule(Right.RUN, "robot_run_skipped"),
     "/api/lab/studies/{study_id}/robots/{robot_id}/weights": Rule(Right.RUN),
     "/api/lab/studies/{study_id}/robots/{robot_id}/person": Rule(Right.RUN),
+    "/api/lab/studies/{study_id}/robots/{robot_id}/words": Rule(Right.RUN),
     "/lab/studies/{study_id}/people/{code}/notes": Rule(Right.RUN, "note_written"),
     "/lab/studies/{study_id}/people/{code}/notes/{note_id}/remove": Rule(Right.RUN, "note_removed"),
     "/lab/studies/{study_id}/people/{code}/exclude": Rule(Right.RUN, "participant_excluded"),

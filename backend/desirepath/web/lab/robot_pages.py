@@ -17,16 +17,19 @@ from starlette.responses import RedirectResponse, Response
 from desirepath.simulation.setups import preference_setups
 from desirepath.store.models import Participant, RobotRun, Session, Study, StudyRobot, utc_now
 from desirepath.study import robots
-from desirepath.study.kinds.live import clean_weights, controls_of, objectives_on
-from desirepath.study.kinds.robot_drive import AROUND_M, empty_floor
+from desirepath.study.kinds.live import clean_weights, controls_of, in_triangle, objectives_on, three_corners
+from desirepath.study.kinds.robot_drive import AROUND_M, empty_floor, known_walls
+from desirepath.study.kinds.words import language_of
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.contract import storable
 from desirepath.web.core.dependencies import Db, Files, TheServices
-from desirepath.web.core.lab_frame import LabRefusal
+from desirepath.web.core.lab_frame import LabRefusal, lab_language
 from desirepath.web.core.media import ANY_FILE
 from desirepath.web.lab.study_tabs import study_tab, the_study
-from desirepath.web.participant.sent import PersonPointed, RobotWeights
+from desirepath.web.participant.live_requests import read_wish
+from desirepath.web.participant.replies import WordsUnderstood
+from desirepath.web.participant.sent import PersonPointed, RobotWeights, WordsRead
 from desirepath.web.robot.mirror import mirrored
 from desirepath_stage.stage import Stage
 
@@ -111,6 +114,8 @@ def robot_page(request: Request, study_id: str, robot_id: str, services: TheServ
         run = robots.run_of(s, robot)
         study = the_study(s, study_id)
         setup, goal = (run.setup, (run.goal[0], run.goal[1])) if run else (preference_setups()[0], (3.0, 0.0))
+        corners, wrong = _corners(request, setup, _triangle_of(s, run))
+        start = run.weights if run else {}
         shown = next(iter(_runs(s, study, RobotRun.id == run.id)), None) if run else None
         waiting = _runs(s, study, RobotRun.state == "waiting", RobotRun.id != (run.id if run else ""))
         return study_tab(
@@ -122,10 +127,35 @@ def robot_page(request: Request, study_id: str, robot_id: str, services: TheServ
             shown=shown,
             waiting=waiting,
             setups=preference_setups(),
-            start=run.weights if run else {},
-            payload={"controls": controls_of(setup), "triangle": None},
+            start=in_triangle(start, corners) if corners else start,
+            payload={"controls": controls_of(setup), "triangle": corners},
+            corners=corners,
+            wrong_corners=wrong,
+            all_objectives=objectives_on(setup),
+            walls=known_walls(setup),
+            lab_words=True,
             replay=services.replays.grant(Floor(setup, goal)),
         )
+
+
+def _triangle_of(s: DatabaseSession, run: RobotRun | None) -> list[str] | None:
+    """The three that the run's step weighs in a triangle, if it does."""
+    session = s.get(Session, run.session_id) if run is not None and run.session_id else None
+    if session is None or run is None:
+        return None
+    return next((step.get("objectives") for step in session.plan if step["key"] == run.step_key), None)
+
+
+def _corners(request: Request, setup: str, usual: list[str] | None) -> tuple[list[str] | None, bool]:
+    """The triangle's corners that the address names, else the usual ones, None for sliders; whether it names none that
+    can be."""
+    named = [corner for corner in request.query_params.getlist("corner") if corner]
+    if "corner" not in request.query_params:
+        return usual, False
+    try:
+        return (three_corners(named, objectives_on(setup)) if named else None), False
+    except ValueError:
+        return usual, True
 
 
 @router.post("/lab/studies/{study_id}/robots/{robot_id}/drive")
@@ -160,7 +190,7 @@ def drive(
         session_id = found.session_id
         audit_details(request, run=found.id)
     _told(services, robot_id, session_id)
-    return RedirectResponse(f"/lab/studies/{study_id}/robots/{robot_id}", status_code=303)
+    return _back(request, study_id, robot_id)
 
 
 @router.post("/lab/studies/{study_id}/robots/{robot_id}/stop")
@@ -172,7 +202,7 @@ def stop(request: Request, study_id: str, robot_id: str, services: TheServices, 
         session_id = run.session_id
         audit_details(request, run=run.id)
     _told(services, robot_id, session_id)
-    return RedirectResponse(f"/lab/studies/{study_id}/robots/{robot_id}", status_code=303)
+    return _back(request, study_id, robot_id)
 
 
 @router.post("/lab/studies/{study_id}/robot-runs/{run_id}/skip")
@@ -209,6 +239,14 @@ def person(study_id: str, robot_id: str, services: TheServices, body: PersonPoin
     return Response(status_code=204)
 
 
+@router.post("/api/lab/studies/{study_id}/robots/{robot_id}/words", response_model=WordsUnderstood)
+def words(request: Request, study_id: str, robot_id: str, services: TheServices, body: WordsRead) -> Response:
+    """What a sentence is read as, in the reader's language; the page then sends the weights."""
+    with services.database.session() as s:
+        _the_robot(s, study_id, robot_id)
+    return read_wish(body.sentence, language_of(lab_language(request)))
+
+
 @router.get(
     "/api/lab/studies/{study_id}/robots/{robot_id}/stream",
     response_class=Response,
@@ -234,6 +272,12 @@ def recording(study_id: str, run_id: str, database: Db, files: Files) -> Respons
         content = files.get(run.recording)
     headers = {"Content-Disposition": f'attachment; filename="run-{run_id}.mcap"'}
     return Response(content, media_type=ANY_FILE, headers=headers)
+
+
+def _back(request: Request, study_id: str, robot_id: str) -> Response:
+    """To the robot's page, with the triangle that it had."""
+    asked = f"?{request.url.query}" if request.url.query else ""
+    return RedirectResponse(f"/lab/studies/{study_id}/robots/{robot_id}{asked}", status_code=303)
 
 
 def _the_robot(s: DatabaseSession, study_id: str, robot_id: str) -> StudyRobot:

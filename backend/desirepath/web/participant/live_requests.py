@@ -9,6 +9,7 @@ from __future__ import annotations
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
+from desirepath.learning.words.lexicon import Language
 from desirepath.store.models import utc_now
 from desirepath.study.kind import Moment, kind_of
 from desirepath.study.kinds.live import LiveKind, LiveStep, clean_weights
@@ -81,16 +82,17 @@ def words(token: str, key: str, services: TheServices, body: WordsRead) -> Respo
         language = language_of(session.language)
         if not isinstance(step, WordsStep | RobotDriveStep):
             raise BadValue("key", key[:80], "must be a step at which a wish is written down")
-    got = understand(body.sentence, language)  # outside the transaction: it computes
+    return read_wish(body.sentence, language)  # outside the transaction: it computes
+
+
+def read_wish(sentence: str, language: Language) -> Response:
+    """What it is read as, as the reply `WordsUnderstood`."""
+    got = understand(sentence, language)
     questions = [
-        {
-            "text": body.sentence[question.start : question.end],
-            "offered": list(question.offered),
-            "about": question.about,
-        }
+        {"text": sentence[question.start : question.end], "offered": list(question.offered), "about": question.about}
         for question in got.questions[:MOST_QUESTIONS]
     ]
-    parts = mark_stretches(body.sentence, got)
+    parts = mark_stretches(sentence, got)
     reply = {"parts": parts, "weights": got.weights, "questions": questions, "meant_weight": MEANT}
     reply |= {"language": got.language} if got.language != language else {}
     return reply_of(WordsUnderstood, reply)

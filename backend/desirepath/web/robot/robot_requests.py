@@ -42,6 +42,8 @@ Metre = Annotated[float, Field(allow_inf_nan=False, ge=-robots.REACH_M, le=robot
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 Place = Annotated[list[Metre], Field(min_length=2, max_length=2)]
 Reason = Annotated[str, Field(max_length=120)]
+Objective = Annotated[str, Field(max_length=40)]
+Weight = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
 
 
 class RobotSaid(Sent):
@@ -56,6 +58,15 @@ class RobotSaid(Sent):
     scan: Annotated[list[Place], Field(max_length=120)] = Field([], description="what its lidar hit")
     plan: Annotated[list[Place], Field(max_length=40)] = Field([], description="where it would go next")
     people: Annotated[list[Place], Field(max_length=20)] = []
+    in_map: Annotated[list[Metre], Field(min_length=3, max_length=3)] | None = Field(
+        None, description="where the run's frame is in the map of its setup: x, y (m), yaw (rad); null: nobody told it"
+    )
+    weights: Annotated[dict[Objective, Weight], Field(max_length=20)] | None = Field(
+        None, description="by which it was last commanded, those above 0"
+    )
+    since_s: float | None = Field(
+        None, ge=0, le=86_400, allow_inf_nan=False, description="seconds since its first command by these weights"
+    )
 
 
 class Stop(Sent):

@@ -3,7 +3,6 @@
 
 import { stageNeeds } from "../kind.js";
 import { RobotPanel } from "../robot.js";
-import { Refused } from "../send.js";
 
 class Drive extends RobotPanel {
   /**
@@ -75,21 +74,12 @@ class Drive extends RobotPanel {
   clicked(event) {
     const button = event.target instanceof Element ? event.target.closest("button") : null;
     if (button && "stop" in button.dataset) void this.quietly("stop", {});
-    else if (button && "say" in button.dataset) void this.saySo();
     else super.clicked(event);
   }
 
-  async saySo() {
-    const field = /** @type {HTMLInputElement} */ (this.root.querySelector("#robot-sentence"));
-    if (!field.value.trim()) return field.focus();
-    try {
-      const { weights } = await this.words({ sentence: field.value });
-      if (Object.keys(weights).length) this.controls.put(weights, "words");
-      else this.needs.announce(this.own("nothing_understood"));
-      this.text("#live-does", Object.keys(weights).length ? "" : this.own("nothing_understood"));
-    } catch (error) {
-      if (!(error instanceof Refused)) throw error;
-    }
+  /** @param {object} body */
+  read(body) {
+    return this.words(body);
   }
 
   async done() {
