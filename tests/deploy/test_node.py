@@ -10,22 +10,29 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sqlalchemy import select
 from typer.testing import CliRunner
 
 from desirepath.cli.main import app
 from desirepath.deploy.inputs import Command, InputError, Odometry, Scan
-from desirepath.deploy.ros.__main__ import main, parser
+from desirepath.deploy.ros.__main__ import RULES, main, parser
 from desirepath.deploy.ros.messages import moved
+from desirepath.deploy.safety import Rules
 from desirepath.installed import ROOT
 from desirepath.learning.policies.bundles import bundle_files
 from desirepath.learning.policies.policy import read_policy
 from desirepath.learning.shipped_files import resolve
+from desirepath.store.database import Database
+from desirepath.store.models import RobotRun
 from tests.fences import fences_of
+from tests.running import until
 from tests.test_fences import commands_of
+from tests.web.lab_services import csrf
 
 HERE = Path(__file__).parent
 PAGE = "docs/your-robot.md"
@@ -93,6 +100,48 @@ def test_the_commands_of_the_page_drive_it_to_its_goal(ros, tmp_path):
     assert re.search(r"scan to command, p99: \d+\.\d+ ms", said[-1] + said[-2])
 
 
+@needs_ros
+def test_the_labs_order_reaches_wheels_over_ros(robot_lab, ros, tmp_path):
+    """Server, robot's node and a robot on ROS 2's topics: started, steered and stopped from the lab's page."""
+    token, words = robot_lab.admit(), ["drive", "--simulated", "--arm", "--v-max", "0.2"]
+    robot = robot_lab.admit_id(token)
+    environment = ros | {"DESIREPATH_ROBOT_TOKEN": token}
+    command = [str(PYTHON), "-m", "desirepath", *words, "--from", robot_lab.url, "--data", str(tmp_path / "here")]
+    mirror, database = robot_lab.services.mirror, robot_lab.services.database
+
+    def say(name: str) -> object:
+        return (mirror.latest(robot) or {}).get(name)
+
+    assert robot_lab.press(f"{robot}/drive", setup="study_room", x="3", y="0").status_code == 303
+    with subprocess.Popen(command, env=environment, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL) as node:
+        try:
+            until(lambda: say("state") == "driving", "the lab's order starts it")
+            until(lambda: abs(say("speed")[0]) > 0.05, "wheels turn")
+            assert say("in_map") is not None, "its world is the setup's room"
+            page = f"/lab/studies/{robot_lab.study}/robots/{robot}"
+            given = {"X-CSRF": csrf(robot_lab.lab, page)}
+            moved = robot_lab.lab.post(f"/api{page}/weights", json={"weights": {"farther": 0.8}}, headers=given)
+            assert moved.status_code == 204
+            until(lambda: say("weights") == {"farther": 0.8}, "it drives by new weights")
+            assert robot_lab.press(f"{robot}/stop").status_code == 303
+            until(lambda: say("speed") == [0.0, 0.0] or say("run") is None, "it stands")
+            with database.session() as s:
+                run = s.scalars(select(RobotRun)).one()
+            until(lambda: _recorded(database, run.id), "its recording was handed in")
+        finally:
+            node.terminate()
+    robot_lab.press(f"{robot}/revoke")  # what still waits for its orders is told
+    with database.session() as s:
+        run = s.scalars(select(RobotRun)).one()
+    assert run.moved_at is not None
+    assert [stop["reason"] for stop in run.summary["stops"]][-1] == "experimenter"
+
+
+def _recorded(database: Database, run: str) -> bool:
+    with database.session() as s:
+        return s.get_one(RobotRun, run).recording is not None
+
+
 def _state(line: str) -> str:
     found = re.search(r"\[desirepath\]: (off|armed|not started|driving|stopped):", line)
     return found[1] if found else ""
@@ -118,6 +167,20 @@ def test_every_drive_of_the_page_is_one_that_there_is():
         end = words.index("--ros-args") if "--ros-args" in words else len(words)
         asked = parser("drive").parse_args(words[2:end])
         assert asked.policy or asked.server
+
+
+def test_help_says_every_rule_of_safety_with_its_number(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"], "desirepath drive")
+    said = " ".join(capsys.readouterr().out.split())
+    for rule in (
+        "--keep-out-m NUMBER stand where somebody's centre is so near",
+        "default: 0.5",
+        "default: the robot's",
+    ):
+        assert rule in said
+    assert "desirepath drive --from https://HOST" in said
+    assert set(RULES) == {one.name for one in fields(Rules)} - {"stale_s", "tick_s"}
 
 
 def test_the_loop_of_the_page_drives_a_robot_of_ones_own(bundle):

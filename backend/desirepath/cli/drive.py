@@ -36,10 +36,11 @@ def find_bundle(policy: str) -> Path | bytes:
     path = Path(policy)
     if path.is_dir() or path.suffix == ".zip":
         return path
-    from desirepath.learning.policies.bundles import bundle_files, zipped
+    from desirepath.learning.policies.bundles import driving_files, zipped
     from desirepath.learning.policies.policy import read_policy
 
-    return zipped(bundle_files(read_policy(policy_file(policy)), policy.partition("@")[2]))
+    stored, weights = read_policy(policy_file(policy)), policy.partition("@")[2]
+    return zipped(driving_files(stored.driving(weights) if weights else stored))
 
 
 def read_robot_here(file: str) -> RobotHere:

@@ -30,6 +30,23 @@ WORDS = ("arm", "start", "stop", "off", "quit")
 TOKEN = "DESIREPATH_ROBOT_TOKEN"  # noqa: S105  (the name of a variable)
 HELP = "arm, start, stop (or only Enter), off, quit"
 WORLD, GOAL = Path(__file__).with_name("world.yaml"), (-0.6, 4.2)
+RULES = {
+    "people_stale_s": "stand where people come by messages and there were none for so long, s",
+    "keep_out_m": "stand where somebody's centre is so near to the robot's, m; 0: never",
+    "collision_s": "slow down, or stand, where it would touch something so soon, s; 0: never",
+    "braking": "how hard it brakes, m/s^2, for that",
+    "slowed_s": "stand after it was slowed down for so long, s",
+    "armed_s": "be off after it was armed and not started for so long, s",
+    "v_max": "fastest, m/s",
+    "w_max": "fastest turn, rad/s",
+    "v_change": "largest change of speed, m/s^2",
+    "w_change": "largest change of turning, rad/s^2",
+}
+EXAMPLES = """examples:
+  {prog} POLICY --simulated                                a robot of ir-sim, to try it
+  {prog} POLICY --goal 3,1.5 --nobody --v-max 0.15         slowly, 3 m ahead and 1.5 m to the left
+  {prog} POLICY --record drive.mcap --once --ros-args -r scan:=/front/scan
+  {prog} --from https://HOST --token-file FILE             as a study's robot"""
 NO_ROS = (
     "ROS 2 is not to be found here: {problem}. On a robot: source /opt/ros/DISTRO/setup.bash and use its own Python. "
     'Elsewhere (Python 3.11, Linux): pip install "desirepath[ros]", in an environment of its own'
@@ -49,11 +66,15 @@ def parser(prog: str) -> argparse.ArgumentParser:
     """What may be asked for."""
     made = argparse.ArgumentParser(
         prog=prog,
-        description="Drive a robot by a policy, over ROS 2. It stands until you arm and start it, with the words "
-        f"{HELP}, or by the services of these names. After --ros-args: remappings and parameters, as for every node.",
+        epilog=EXAMPLES.format(prog=prog),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Drive a robot by a policy, over ROS 2. It stands until you arm and start it, with the words\n"
+        f"{HELP},\nor by the services of these names. After --ros-args: remappings and parameters, as for\nevery node.",
     )
-    add = made.add_argument
-    add("policy", metavar="POLICY", nargs="?", help="a bundle (folder or zip) that `desirepath policies export` wrote")
+    add, named = made.add_argument, "a bundle (folder or zip) that `desirepath policies export` wrote"
+    if prog.startswith("desirepath"):
+        named += ", or a policy of this installation: its id, or a shipped name as study_room/base"
+    add("policy", metavar="POLICY", nargs="?", help=named)
     add("--from", dest="server", metavar="URL", help="a server's robot instead: its runs, as its lab starts them")
     add("--token-file", type=Path, metavar="FILE", help=f"what the lab's page Robots told; else the variable {TOKEN}")
     add("--participant", metavar="CODE", help="with --from: only this participant's policy, driven from here")
@@ -81,10 +102,16 @@ def parser(prog: str) -> argparse.ArgumentParser:
         metavar="WORLD",
         help="with a robot of ir-sim, in that world or ours",
     )
+    rules = made.add_argument_group("rules of safety")
     for one in fields(Rules):
         if one.name not in ("stale_s", "tick_s"):
-            said = "as the robot's" if one.default is None else f"default {one.default:g}"
-            add(f"--{one.name.replace('_', '-')}", type=float, metavar="NUMBER", help=f"a rule of safety; {said}")
+            said = "the robot's" if one.default is None else f"{one.default:g}"
+            rules.add_argument(
+                f"--{one.name.replace('_', '-')}",
+                type=float,
+                metavar="NUMBER",
+                help=f"{RULES[one.name]}; default: {said}",
+            )
     return made
 
 
