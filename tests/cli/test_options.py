@@ -29,6 +29,7 @@ class Drawing:
 class Job(BaseModel):
     snapshot: str
     names: tuple[str, ...] = ("a", "b")
+    arms: tuple[Literal["ours", "theirs"], ...] = ("ours",)
     rate: float = Field(0.1, gt=0)
 
 
@@ -52,16 +53,16 @@ def told(*words: str) -> dict[str, Any]:
 def test_what_is_left_out_is_the_default_of_the_class():
     told_of = told("x")
     assert told_of["drawing"] == {**Drawing().__dict__, "seeds": [0, 1]}
-    assert told_of["job"] == {"snapshot": "0", "names": ["a", "b"], "rate": 0.1}
+    assert told_of["job"] == {"snapshot": "0", "names": ["a", "b"], "arms": ["ours"], "rate": 0.1}
     assert told_of["seed"] == 3
 
 
 def test_fields_are_options_by_their_names_or_by_those_that_are_given():
-    given = "--seeds 2-4,9 --part 0.25 --engine slow --no-careful --out o.png --names c,d --seed 8 --data d"
+    given = "--seeds 2-4,9 --part 0.25 --engine slow --no-careful --out o.png --names c,d --arms theirs,ours --seed 8 --data d"
     told_of = told("x", *given.split())
     wanted = {"seeds": [2, 3, 4, 9], "share_m": 0.25, "engine": "slow", "careful": False, "out": "o.png"}
     assert told_of["drawing"] == wanted | {"hidden": "given"}
-    assert (told_of["job"]["names"], told_of["seed"]) == (["c", "d"], 8)
+    assert (told_of["job"]["names"], told_of["job"]["arms"], told_of["seed"]) == (["c", "d"], ["theirs", "ours"], 8)
 
 
 @pytest.mark.parametrize(
@@ -71,6 +72,7 @@ def test_fields_are_options_by_their_names_or_by_those_that_are_given():
         (["--engine", "quick"], 2, "fast"),
         (["--hidden", "x"], 2, "--hidden"),
         (["--seeds", "1,two"], 1, "--seeds 1,two: whole numbers with commas, or FIRST-LAST"),
+        (["--arms", "ours,nobodys"], 1, "'ours' or 'theirs'"),
         (["--rate", "0"], 1, "--rate 0.0: Input should be greater than 0"),
     ],
 )

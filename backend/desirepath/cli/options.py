@@ -94,7 +94,7 @@ def _read(annotation: Any, value: Any, name: str) -> Any:
         return value
     kind, words = get_args(annotation)[0], [word for word in value.split(",") if word]
     if kind is not int:
-        return tuple(kind(word) for word in words)
+        return tuple(kind(word) if isinstance(kind, type) else word for word in words)  # literals: read by the class
     numbers: list[int] = []
     for word in words:
         both = RANGE.fullmatch(word)
