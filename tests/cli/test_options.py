@@ -58,8 +58,8 @@ def test_what_is_left_out_is_the_default_of_the_class():
 
 
 def test_fields_are_options_by_their_names_or_by_those_that_are_given():
-    given = "--seeds 2-4,9 --part 0.25 --engine slow --no-careful --out o.png --names c,d --arms theirs,ours --seed 8 --data d"
-    told_of = told("x", *given.split())
+    given = "--seeds 2-4,9 --part 0.25 --engine slow --no-careful --out o.png --names c,d --seed 8 --data d"
+    told_of = told("x", *given.split(), "--arms", "theirs,ours")
     wanted = {"seeds": [2, 3, 4, 9], "share_m": 0.25, "engine": "slow", "careful": False, "out": "o.png"}
     assert told_of["drawing"] == wanted | {"hidden": "given"}
     assert (told_of["job"]["names"], told_of["job"]["arms"], told_of["seed"]) == (["c", "d"], ["theirs", "ours"], 8)

@@ -6,12 +6,21 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
-from torch.nn.functional import mse_loss
+from torch.nn.functional import huber_loss, mse_loss
 
 from desirepath.learning.policies.networks import Parameters, actor_forward, critic_forward
 from desirepath.learning.policies.shape import EXPLAINED_HEADS, NetworkShape
 from desirepath.learning.td3.backprop import Adam
-from desirepath.learning.td3.td3 import Batch, Td3Config, act, actor_gradients, critic_gradients, td_targets
+from desirepath.learning.td3.td3 import (
+    MOST_AWAY,
+    Batch,
+    Td3Config,
+    act,
+    actor_gradients,
+    cloning_gradients,
+    critic_gradients,
+    td_targets,
+)
 from desirepath.simulation.setups import Setup, get_setup
 
 EXPLAINED_ROOM = get_setup("explained_room")
@@ -84,6 +93,19 @@ def test_actor_gradients_are_those_of_the_loss(shape: NetworkShape, with_term: b
     actions = actor_forward(batch.observations, actor.layers)
     loss = -critic_forward(batch.observations, actions, critic.frozen(), n_heads=1)[0].mean()
     torch.autograd.backward(loss + added(batch.observations, actions) if with_term else loss)
+    assert_equal_gradients(ours, actor.grad)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_cloning_gradients_are_those_of_hubers_loss(shape: NetworkShape) -> None:
+    actor, _ = networks(shape)
+    batch = random_batch(shape)
+    cloning_gradients(batch.observations.numpy(), batch.actions.numpy(), actor.weights, actor.gradients)
+    assert actor.grad is not None
+    ours = actor.grad.numpy().copy()
+    actor.zero_grad()
+    actions = actor_forward(batch.observations, actor.layers)
+    torch.autograd.backward(2 / BATCH * huber_loss(actions, batch.actions, reduction="sum", delta=MOST_AWAY))
     assert_equal_gradients(ours, actor.grad)
 
 

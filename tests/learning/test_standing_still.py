@@ -14,7 +14,7 @@ from desirepath.learning.td3 import base
 from desirepath.learning.td3.base import BaseConfig, Look, base_config, train_base
 from desirepath.learning.td3.way_guide import WayGuide
 from desirepath.simulation import setups
-from desirepath.simulation.fast import make_engine
+from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
 
@@ -78,6 +78,16 @@ def test_what_begins_anew_has_another_seed_and_more_of_the_guide():
 def test_a_training_that_drives_is_left_alone():
     config = replace(base_config("open_field", seed=1), updates=300, checkpoints=1, selection_scenes=50, **QUICK)
     assert train_base(config).restarts == []
+
+
+def test_a_clone_of_the_guide_drives_before_a_critic_judges():
+    config = replace(base_config("study_room", seed=2), n_envs=64, random_transitions=6_400, buffer_size=20_000)
+    training = base.BaseTraining(config)
+    while training.transitions < config.random_transitions:
+        assert training.vector_step() == 0
+    assert training.cloning_updates == 100 * config.cloned
+    scenes = scene_set("study_room", 200, purpose=Purpose.SELECT, seed=0)
+    assert success_rate(evaluate(training.policy().act, training.setup, scenes).outcome) > 0.7
 
 
 def test_settings_without_a_guide_are_stored_as_before_there_was_one():

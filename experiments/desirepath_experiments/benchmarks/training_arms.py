@@ -55,7 +55,8 @@ class TrainBenchmarkConfig:
 class Progress:
     """Where a training is: its policies by weights (`last`, `averaged`), its work and the processor seconds it took.
 
-    seconds: all of training; update_seconds: of it, in updates with their sampling; the rest is stepping environments.
+    updates: those that clone a guide included. seconds: all of training; update_seconds: of it, in updates with their
+    sampling; the rest is stepping environments.
     """
 
     policies: dict[str, Policy]
@@ -178,13 +179,16 @@ def train_ours(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Trai
     stepping = Stopwatch(training.collector.step)
     training.collector.step = stepping  # type: ignore[method-assign]
 
+    def made() -> int:
+        return training.cloning_updates + training.agent.updates
+
     def chunk() -> Progress:
-        goal = training.agent.updates + config.updates_per_check
-        while training.agent.updates < goal:
+        goal = made() + config.updates_per_check
+        while made() < goal:
             whole()
         policies = {AVERAGED: training.policy(averaged=True), LAST: training.policy()}
         updating = whole.spent.seconds - stepping.spent.seconds
-        return Progress(policies, training.agent.updates, training.transitions, *whole.spent, updating)
+        return Progress(policies, made(), training.transitions, *whole.spent, updating)
 
     return train_until_target(arm, training.setup, base.seed, chunk, config)
 

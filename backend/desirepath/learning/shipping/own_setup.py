@@ -29,7 +29,7 @@ GUIDED = {"guidance": 2.0, "let_go": 0.5, "smoothness": 0.2, "smoothness_wanted"
 """Of conditioned policies: without, in a building of eight rooms, success falls by 8 points from the base policy's."""
 REPORT_SCENES = 1_000  # of the base policy, whose success is told
 SELECTION_SCENES = 400
-BASE_UPDATES, SMOOTHING_UPDATES = 30_000, 6_000
+BASE_UPDATES, SMOOTHING_UPDATES = 15_000, 5_000
 LAST_GUIDANCE = 2.0  # without it success falls again by 10 points once the guide lets go, in a building of eight rooms
 CONDITIONED_UPDATES = 30_000
 ENSEMBLE_STEPS = 15_000
@@ -272,7 +272,8 @@ def expected_seconds(setup: Setup, config: SetupTrainingConfig, stages: list[str
     while time.monotonic() - began < PROBED_S:
         training.vector_step()
     per_update = (time.monotonic() - began) / (training.agent.updates - before)
-    updates = _part(BASE_UPDATES, config) + _part(SMOOTHING_UPDATES, config)
+    cloning = _part(usual.random_transitions, config) // usual.n_envs * usual.cloned // 2  # half as much work each
+    updates = cloning + _part(BASE_UPDATES, config) + _part(SMOOTHING_UPDATES, config)
     conditioned = _part(CONDITIONED_UPDATES, config)
     steps = _part(ENSEMBLE_STEPS, config) * PolicyEnsembleConfig().members
     report = drawing * _part(REPORT_SCENES, config)

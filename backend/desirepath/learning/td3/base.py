@@ -33,8 +33,13 @@ from desirepath.simulation.setups import get_setup
 TURNING = 1  # which of the two actions is the turn rate
 GUIDED_SHARE = 0.5
 GUIDANCE = 4.0
+CLONED = 24
+GUIDES = frozenset({"guided_share", "guidance", "guided_updates", "last_guidance", "cloned"})
 MOST_RESTARTS = 3
 LOOKING_SCENES = 100
+CLONING_RATE, CLONING_BATCH, CLONING_DECAY = 1e-3, 256, 0.997
+CHANCE_FIRST = 0.05  # of the phase in which the guide is cloned, until the policy drives
+CRITIC_ALONE = 600  # updates after it, in which the critic learns what that policy is worth
 
 OnProgress = Callable[[float, dict[str, float]], None]
 """(fraction done in [0, 1], metrics by name); called from the training loop, must return quickly."""
@@ -97,13 +102,14 @@ class BaseConfig:
     guidance: float = 0.0  # ours: weight of the squared distance from its actions in the actor's loss, to begin with
     guided_updates: int = 10_000  # ours: over which that weight falls
     last_guidance: float = 0.0  # ours: to which it falls
+    cloned: int = 0  # ours: updates that clone the guide, for every step of the environments before the first of TD3
     randomise: bool = False  # whether robots get wrong what real ones do, up to `RANDOMISED`
 
     def as_dict(self) -> dict[str, Any]:
         """As `stored_config`; without guide and randomness where they have no part, as before there were any."""
         stored = stored_config(self)
-        without = set() if self.guided_share else {"guided_share", "guidance", "guided_updates", "last_guidance"}
-        without |= set() if self.randomise else {"randomise"}
+        without = frozenset[str]() if self.guided_share else GUIDES
+        without = without if self.randomise else {*without, "randomise"}
         return {name: value for name, value in stored.items() if name not in without}
 
 
@@ -112,7 +118,7 @@ def base_config(setup: str, seed: int = 0) -> BaseConfig:
     of = get_setup(setup)
     usual = BaseConfig(setup, seed, FAST_HEADS if of.extractors else EXPLAINED_HEADS)
     if not of.solids:
-        usual = replace(usual, guided_share=GUIDED_SHARE, guidance=GUIDANCE)
+        usual = replace(usual, guided_share=GUIDED_SHARE, guidance=GUIDANCE, cloned=0 if of.crowded else CLONED)
     if of.crowded:  # half as long: a step among pedestrians takes five times as long
         return replace(usual, updates=40_000, smoothing_updates=8_000, selection_scenes=500)
     return usual
@@ -158,6 +164,9 @@ class BaseTraining:
         self._guides = np.zeros((config.buffer_size if self._guide else 0, 2), dtype=np.float32)
         """What the guide would have done instead of each transition of the buffer."""
         self._chance = np.random.default_rng([config.seed, 0x5EE])
+        self._cloned = config.cloned if self._guide else 0
+        self.agent.actor_waits = CRITIC_ALONE if self._cloned else 0
+        self.cloning_updates = 0
 
     def vector_step(self) -> int:
         """One step of all environments, then `updates_per_step` updates (none while the buffer fills at random).
@@ -172,7 +181,10 @@ class BaseTraining:
             self._guided_step(self._guide, warm)
         self.transitions += config.n_envs
         if not warm:
+            self._clone()
             return self.agent.updates
+        if self.agent.updates == 0:
+            self.agent.synchronise_targets()
         self.agent.set_learning_rate(self.learning_rate())
         penalty, guidance = self.smoothness_penalty(), self.guidance()
         for _ in range(config.updates_per_step):
@@ -192,13 +204,28 @@ class BaseTraining:
         guided = guide.act()
         self._guides[self.buffer.next_rows(len(guided))] = guided
 
-        def first(_: Floats) -> Floats:
-            actions = self._chance.uniform(-1, 1, guided.shape).astype(np.float32)
+        def first(observations: Floats) -> Floats:
+            chance = self._chance.uniform(-1, 1, guided.shape).astype(np.float32)
+            actions = self.agent.act(observations) if self._cloned_share() > CHANCE_FIRST else chance
             drives = (np.arange(1, len(actions) + 1) * share) % 1 < share
             actions[drives] = guided[drives]
             return actions
 
         self.collector.step(self.agent.act if warm else first, self.buffer)
+
+    def _cloned_share(self) -> float:
+        """How far the phase before TD3's updates is, if the guide is cloned in it; else 0."""
+        return self.transitions / self.config.random_transitions if self._cloned else 0.0
+
+    def _clone(self) -> None:
+        """The actor's updates towards what the guide would have done. The policy itself drives in the environments that
+        the guide does not drive in, so that its own mistakes are among what is cloned (DAgger, Ross et al. 2011)."""
+        self.agent.set_learning_rate(CLONING_RATE * min(1.0, 0.1 + 1.8 * (1 - self._cloned_share())))
+        for _ in range(self._cloned):
+            rows = self.buffer.draw_rows(CLONING_BATCH, self._sampler).numpy()
+            self.agent.clone(self.buffer.data.observations.numpy()[rows], self._guides[rows])
+            self._average.lerp_(self.agent.actor.flat, 1 - CLONING_DECAY)
+            self.cloning_updates += 1
 
     def _term(self, rows: torch.Tensor, penalty: float, guidance: float) -> ActorTerm | None:
         if penalty <= 0 and guidance <= 0:
@@ -334,7 +361,7 @@ def _train(
 
     def between(updates: int) -> None:
         _look(training, looks)
-        if file is not None:
+        if file is not None and updates:
             training.keep(file)
         if updates and updates % (100 * config.updates_per_step) == 0:
             on_progress(

@@ -31,6 +31,8 @@ from desirepath.learning.td3.backprop import (
     move_towards,
 )
 
+MOST_AWAY = 0.5  # where Huber's loss of cloning turns from square to straight; ours
+
 ActorTerm = Callable[[Floats, Floats], Floats]
 """(observations (n, obs), this actor's actions (n, 2)) -> gradient (n, 2), at these actions, of what an algorithm adds
 to the actor's loss; in closed form, as everything here."""
@@ -124,6 +126,18 @@ def actor_gradients(
     return -float(value.output.mean())
 
 
+def cloning_gradients(observations: Floats, wanted: Floats, actor: Weights, gradients: Weights) -> None:
+    """Write the gradients of Huber's loss between pi(s) and the wanted actions (n, 2)."""
+    seen = features(observations, actor)
+    (layers,), (of_layers,) = heads_of(observations, actor), heads_of(observations, gradients)
+    through = head(seen.joined, layers)
+    actions = np.tanh(through.output)
+    away = np.clip(actions - wanted, -MOST_AWAY, MOST_AWAY) * np.float32(2 / len(actions))
+    at_first = head_backward(away * (1 - actions * actions), seen.joined, through, layers, of_layers)
+    if has_extractors(observations, actor):
+        features_backward(at_first @ layers[0][0].T, seen, actor, gradients)
+
+
 class Memory(NamedTuple):
     """An agent's weights (actor, critic, their targets) and optimiser states at one moment."""
 
@@ -147,6 +161,8 @@ class Td3Agent:
         self._actor_optimiser = Adam(self.actor.flat.numel(), config.learning_rate)
         self._critic_optimiser = Adam(self.critic.flat.numel(), config.learning_rate)
         self.updates = 0
+        self.actor_waits = 0
+        """So many updates teach the critic alone, of an actor that can drive already."""
         self.losses: dict[str, float] = {}
         """Of the last update, by name, for curves; nothing is decided by them."""
 
@@ -189,13 +205,19 @@ class Td3Agent:
         self.updates += 1
         if self.updates % self.config.policy_delay:
             return
-        observations = batch.observations.numpy()
-        value = actor_gradients(observations, self.actor.weights, self.critic.weights, self.actor.gradients, term)
-        self.losses["actor_loss"] = value
-        _step(self._actor_optimiser, self.actor)
+        if self.updates > self.actor_waits:
+            observations = batch.observations.numpy()
+            value = actor_gradients(observations, self.actor.weights, self.critic.weights, self.actor.gradients, term)
+            self.losses["actor_loss"] = value
+            _step(self._actor_optimiser, self.actor)
         tau = np.float32(self.config.tau)
         move_towards(self.actor_target.flat.numpy(), self.actor.flat.numpy(), tau)
         move_towards(self.critic_target.flat.numpy(), self.critic.flat.numpy(), tau)
+
+    def clone(self, observations: Floats, wanted: Floats) -> None:
+        """One step of the actor alone towards the wanted actions (n, 2) there, as in DAgger (Ross et al. 2011)."""
+        cloning_gradients(observations, wanted, self.actor.weights, self.actor.gradients)
+        _step(self._actor_optimiser, self.actor)
 
     def act(self, observations: Floats) -> Floats:
         """observations (n, obs) -> actions (n, 2) in [-1, 1], without exploration."""
