@@ -4,6 +4,7 @@
   "use strict";
   const { bridge, viser, camera, player, sheet, scheme, bodies, trail, pictures, draw, steer, mirror, walk, explained } = window.desirePath;
   bridge.state.keys = { pen: draw.KEYS, feet: walk.KEYS };
+  const [HELD_LOOKS, HELD_EVERY_MS] = [24, 500];
   /** Counts scenes; waiting for one ends when the next comes. */
   let shown = 0;
   /** @type {(() => void)[]} */
@@ -44,10 +45,18 @@
         document.documentElement.dataset.stage = "ready";
         bridge.state.ready = true;
         bridge.post("ready", { keys: bridge.state.keys });
+        holdView(mine, HELD_LOOKS);
         for (const next of afterReady.splice(0)) next();
       }));
     };
     whenStanding();
+  }
+
+  /** On a slow machine viser puts its own camera over the scene's after it was shown. @param {number} mine @param {number} looks */
+  function holdView(mine, looks) {
+    if (mine !== shown || !looks) return;
+    camera.fit();
+    setTimeout(() => holdView(mine, looks - 1), HELD_EVERY_MS);
   }
 
   /** @param {() => void} action */

@@ -4,6 +4,9 @@
 import { stageNeeds } from "../kind.js";
 import { RobotPanel } from "../robot.js";
 
+/** Somebody who waited longer for it takes no note of the moment. */
+const MOMENT_S = 120;
+
 class Drive extends RobotPanel {
   /**
    * @param {HTMLElement} root
@@ -54,7 +57,7 @@ class Drive extends RobotPanel {
     if (phase === "over") words.push(this.own(drove ? "over" : "no_drive"));
     else if (phase === "driving") words.push(this.own("driving", { robot: robot ?? "" }));
     else words.push(robot ? this.own("waiting_for", { robot }) : this.own("waiting"));
-    if (seconds && answers) words.push(this.own("wheels", { seconds: Math.round(seconds * 10) / 10, answers }));
+    if (seconds && seconds < MOMENT_S && answers) words.push(this.own("wheels", { seconds: Math.round(seconds * 10) / 10, answers }));
     this.text("#live-way", words.join(" "));
   }
 
