@@ -98,7 +98,7 @@ def test_german_pages_name_things_in_german(analyst: TestClient, known: SimpleNa
         PAGE, params={"policy_a": known.base, "scene": "3500000000", "lang": "de"}, headers={"accept-language": "de"}
     )
     assert page.status_code == 200
-    assert "Was den Roboter bewegt hat" in page.text
+    assert "Erklärung (Feature-Attribution)" in page.text
     assert "Säule" in page.text
 
 

@@ -24,13 +24,13 @@ def test_jobs_say_whose_they_are_what_was_asked_and_how_good_it_is(lab, lab_serv
                 )
             )  # fmt: skip
     page = lab.get("/lab/jobs").text
-    assert "instant</span>" in page
-    assert "thesis&#39;s recipe</span>" in page
+    assert "instant (conditioned)</span>" in page
+    assert "thesis (relabelled buffer)</span>" in page
     assert re.search(r"93\s?%", page)
     assert "success at the gate" in page
     mine = lab.get(f"/lab/jobs?participant={walked.finished}&kind=align").text
     assert f"/people/{walked.finished}" in mine
-    assert "thesis&#39;s recipe</span>" not in mine
+    assert "thesis (relabelled buffer)</span>" not in mine
     assert "No job matches" in lab.get("/lab/jobs?participant=nobody").text
     states = re.findall(r'class="tag[^"]*">(succeeded|queued|failed|cancelled)', lab.get("/lab/jobs?sort=-state").text)
     assert states == sorted(states, reverse=True)
@@ -43,7 +43,7 @@ def test_a_jobs_page_says_which_machine_had_it_and_how_that_ended(lab, lab_servi
             begin_attempt(s, job, WorkerName(f"{machine}-0-aaaaaaaa", machine))
         id_ = job.id
     page = re.sub(r"<[^>]+>", " ", lab.get(f"/lab/jobs/{id_}/live").text)
-    assert re.search(r"cellar\s.*another worker took the job up.*attic\s.*at work", page, re.DOTALL)
+    assert re.search(r"cellar\s.*another worker took over.*attic\s.*running", page, re.DOTALL)
     told = lab.get(f"/api/lab/jobs/{id_}").json()["attempts"]
     assert [(one["machine"], one["outcome"]) for one in told] == [("cellar", "lost"), ("attic", "running")]
 

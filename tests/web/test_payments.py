@@ -100,7 +100,7 @@ def test_who_may_not_pay_sees_no_id_and_no_button(as_role, lab_services, walked)
 
 def test_recruiting_warns_while_nothing_leads_back_to_the_platform(lab, walked):
     recruit = lab.get(f"/lab/studies/{walked.id}/recruit").text
-    assert "No way back is set" in recruit
+    assert "No return address is set" in recruit
     page = lab.post(f"/lab/studies/{walked.id}/revise", data={"csrf": csrf(lab)})
     draft = page.headers["location"]
     yaml = (
@@ -110,4 +110,4 @@ def test_recruiting_warns_while_nothing_leads_back_to_the_platform(lab, walked):
     )
     assert lab.post(draft, data={"csrf": csrf(lab), "yaml": yaml}).status_code == 303
     assert lab.post(f"{draft}/open", data={"csrf": csrf(lab)}).status_code == 303
-    assert "No way back is set" not in lab.get(f"/lab/studies/{walked.id}/recruit").text
+    assert "No return address is set" not in lab.get(f"/lab/studies/{walked.id}/recruit").text

@@ -82,20 +82,20 @@ def test_a_running_study_is_changed_here_and_what_it_means_is_said_before(lab: T
     draft = made.headers["location"]
     page = lab.get(draft).text
     assert "files.pause.md" in page  # the version was raised, the text replaced where the study keeps it
-    assert "People read other words from now on" in page
-    assert "Make version 3" in page
+    assert "New participants read a different wording" in page
+    assert "Create version 3" in page
     assert lab.get(f"{draft}/preview/1").status_code == 200
     yaml = lab.get(f"{here}/protocol.yaml").text
     same = lab.post(draft, data={**form, "yaml": yaml})
     assert (same.status_code, "must be higher" in lab.get(draft).text) == (303, True)
     lab.post(draft, data={**form, "yaml": yaml.replace("version: 2", "version: 3") + "hours: 3\n"})
     assert "hours" in lab.get(draft).text
-    assert "Make version 3" not in lab.get(draft).text
+    assert "Create version 3" not in lab.get(draft).text
     lab.post(draft, data={**form, "yaml": yaml.replace("version: 2", "version: 3")})
     done = lab.post(f"{draft}/open", data=form)
     assert done.headers["location"] == f"{here}/protocol?done=study_revised"
     told = lab.get(done.headers["location"]).text
-    assert "The new version is there" in told
+    assert "The new version is saved" in told
     assert "files.pause.md" in told
     assert lab.get(draft).status_code == 404
 

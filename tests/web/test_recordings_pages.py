@@ -73,7 +73,7 @@ def test_recordings_and_answers_from_elsewhere_have_pages_and_say_so(lab, lab_se
         page = lab.get(path)
         assert page.status_code == 200
         assert "recorded elsewhere" in page.text
-        assert "comes with the product" not in page.text
+        assert "built-in" not in page.text
     page = lab.get(f"/lab/snapshots/{snapshot}").text
     assert "people, imported from a file" in page
     answer = re.search(rf"/lab/snapshots/{snapshot}/answers/[^\"]+", page).group()

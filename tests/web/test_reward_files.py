@@ -85,13 +85,13 @@ def test_a_reward_of_ones_own_is_taken_in_asked_and_told_in_words(lab, lab_servi
     assert started.status_code == 303, started.text
     page = lab.get(f"/lab/jobs/{done(lab_services, monkeypatch)}").text
     words = {
-        "en": ("How well it is predicted", "20 pairs in other scenes", "Calibration error", "typical differences"),
-        "de": ("Wie gut es vorhergesagt wird", "20 Paare in anderen Szenen", "Kalibrierungsfehler", "Unterschiede"),
+        "en": ("Predictive accuracy", "20 pairs in other scenes", "Calibration error", "typical differences"),
+        "de": ("Vorhersagegüte", "20 Paare in anderen Szenen", "Kalibrierungsfehler", "Unterschiede"),
     }[language]
     assert all(one in page for one in words)
     assert "answers = 9" not in page
     assert "desirepath jobs start ask_person" in page
-    assert {"en": "taken in from a file", "de": "aus einer Datei aufgenommen"}[language] in page
+    assert {"en": "uploaded", "de": "hochgeladen"}[language] in page
 
 
 def test_a_reward_model_that_was_learned_here_is_asked_in_the_same_way(lab, two_studies, lab_services, monkeypatch):
@@ -163,7 +163,7 @@ def test_what_says_the_same_of_every_step_is_pointed_at(lab):
     width = STUDY_ROOM.observation_size + 2
     torch.save({"0.weight": torch.zeros(1, width), "0.bias": torch.ones(1)}, content)
     page = take_in(lab, content=content.getvalue()).headers["location"]
-    assert "It says the same of every step" in lab.get(page).text
+    assert "The reward is the same for every step" in lab.get(page).text
 
 
 def test_only_what_was_uploaded_is_looked_over(lab, lab_services, colleague):

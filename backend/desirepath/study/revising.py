@@ -24,15 +24,15 @@ from desirepath.study.session.versions import newest_protocol
 from desirepath.study.studies import StudyError, materials_of
 
 MEANS = {
-    "words": "People read other words from now on; what they are asked stays the same.",
-    "consent": "Who joins from now on consents to other words; every answer names the consent it was given under.",
-    "items": "Answers to this questionnaire are not comparable across the versions; analyse them apart.",
-    "trials": "Who joins from now on is shown other trials; analyse the versions apart, or report the change.",
-    "stages": "Who joins from now on meets other stages, or in another order; report the change.",
-    "assignment": "The orders are filled anew from here on: places of the earlier version count no more.",
-    "taking_in": "Other people, or other devices, are taken in from now on; report it with the exclusions.",
+    "words": "New participants read a different wording; the questions stay the same.",
+    "consent": "New participants consent to a different text; every answer records the consent it was given under.",
+    "items": "Answers to this questionnaire are not comparable across versions; analyse them separately.",
+    "trials": "New participants see different trials; analyse the versions separately, or report the change.",
+    "stages": "New participants go through different stages, or in a different order; report the change.",
+    "assignment": "Counterbalancing starts over; slots of the earlier version no longer count.",
+    "taking_in": "Different people or devices are admitted; report it with the exclusion criteria.",
     "analysis": "The analysis plan was changed after data were collected; the report shows it as a deviation.",
-    "running": "How the study is run changes; nothing that is asked or shown.",
+    "running": "Only the procedure changes, nothing that is asked or shown.",
 }
 """What each sort of change means for data that are there already."""
 _SORTS = {
