@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from desirepath.web.core.artefact_names import artefact_name
 from desirepath.web.core.catalogues import TextError, Texts, flatten, placeholders
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
@@ -110,3 +111,25 @@ def test_browsers_translate_no_code_link_or_command() -> None:
     tags = [tag for page in (FRONTEND / "templates").rglob("*.html") for tag in code.findall(page.read_text("utf-8"))]
     assert len(tags) > 30
     assert [tag for tag in tags if 'translate="no"' not in tag] == []
+
+
+@pytest.mark.parametrize(
+    ("stored", "german"),
+    [
+        ("Halls, 15 answers of S001", "Halls, 15 Antworten von S001"),
+        (
+            "instant policy: Halls, 40 answers of 3 simulated participants in top_down, seed 0 against base, seed 1",
+            "Sofort-Policy: Halls, 40 Antworten von 3 simulierten Teilnehmenden (von oben), Seed 0 gegen Basis, Seed 1",
+        ),
+        (
+            "linear reward model: Halls, 2 answers of 2 people, seed 0",
+            "Belohnungsmodell (linear): Halls, 2 Antworten von 2 Menschen, Seed 0",
+        ),
+        ("6 demonstrations in the corridor by S001", "6 Demonstrationen (corridor) von S001"),
+        ("study_room/base", "study_room/base"),
+        ("My policy: the best, ever", "My policy: the best, ever"),
+    ],
+)
+def test_names_that_jobs_gave_are_shown_in_the_readers_language(texts: Texts, stored: str, german: str) -> None:
+    assert artefact_name(stored, texts.get("en")) == stored
+    assert artefact_name(stored, texts.get("de")) == german

@@ -302,7 +302,7 @@ def test_stored_values_read_the_same_in_every_language(lab, walked: Walked):
     page = f"/lab/studies/{walked.id}/people/{walked.finished}"
     for language in ("en", "de"):
         told = lab.get(page, headers={"Accept-Language": language}).text
-        assert re.search(r'<span lang="en" translate="no"><span class="soft">given</span> true; ', told)
+        assert re.search(r'<code lang="en" translate="no">given=true; ', told)
 
 
 def test_excluding_needs_a_reason_is_marked_and_can_be_undone(lab, lab_services, walked: Walked):

@@ -85,7 +85,7 @@ def test_health_names_a_database_that_does_not_answer(client, services, monkeypa
 def test_health_names_everything_that_is_wrong_for_programs_and_for_people(client, services, monkeypatch, tmp_path):
     assert client.get("/health").json()["problems"] == []
     page = client.get("/health", headers={"Accept": "text/html", "Accept-Language": "de"})
-    assert (page.status_code, "Alles ist in Ordnung" in page.text) == (200, True)
+    assert (page.status_code, "Alles funktioniert" in page.text) == (200, True)
     heartbeat.beat(services.settings.data)
     long_ago = time.time() - 1000
     os.utime(services.settings.data / heartbeat.FILE, (long_ago, long_ago))
@@ -94,7 +94,7 @@ def test_health_names_everything_that_is_wrong_for_programs_and_for_people(clien
     assert (found.status_code, found.json()["problems"]) == (200, ["store_away", "no_worker"])
     page = client.get("/health", headers={"Accept": "text/html"}).text
     assert "The artefact store does not answer" in page
-    assert "No worker works" in page
+    assert "No worker is running" in page
 
 
 def test_who_replaces_a_server_waits_until_its_first_visitors_need_not(client, services):

@@ -98,7 +98,7 @@ def test_what_cannot_be_asked_is_said_beside_the_field(lab: TestClient):
         ({"participants": "2"}, "Participants: needs a number from 3 to 500."),
         ({"participants": "10, many"}, "Participants: needs a number from 3 to 500."),
         ({"effect": "nan"}, "Effect: needs a number from 0 to 3."),
-        ({"cohorts": "20.5"}, "Made-up studies: needs a number from 20 to 1,000."),
+        ({"cohorts": "20.5"}, "Simulated studies: needs a number from 20 to 1,000."),
     ):
         refused = lab.post(f"{draft}/power", data={"csrf": token, **wrong})
         assert refused.status_code == 422
@@ -119,7 +119,7 @@ def test_the_condition_and_the_item_of_the_effect_are_chosen_on_the_page(lab: Te
     assert "<option selected>fun</option>" in shown
     refused = lab.post(f"{draft}/power", data={"csrf": csrf(lab, f"{draft}/power"), **chosen, "item": "nonsense"})
     assert refused.status_code == 422
-    assert "Item: this protocol has no such one." in html.unescape(refused.text)
+    assert "Item: not in this protocol." in html.unescape(refused.text)
     asked = PowerAsked.of(chosen, choices)
     assert asked.command("FILE").endswith("--participants 5 --cohorts 20 --condition top_down --item fun")
     assert PowerAsked.of(asked.query, choices) == asked

@@ -65,7 +65,7 @@ def test_no_answer_is_stored_before_the_consent_and_declining_marks_the_visit(vi
     page = visitor.get(f"/p/{token}").text
     told = page.partition("<main")[2].partition("</main>")[0]
     assert f'Participant ID: <span translate="no">{person.code}</span>.' in told
-    assert "You do not take part" in told
+    assert "You are not taking part" in told
     assert "Thank" not in told, "nobody is thanked for what they did not give"
     again = visitor.get(link).text
     assert "You decided not to take part in this study." in again

@@ -86,7 +86,6 @@ class Worker:
         stopping = self._stopping
         self._engine.start()
         self._signals.start()
-        log.info("worker ready", worker=self.name.id, processes=self._settings.training_processes)
         due = dict.fromkeys(("revive", "alive", "tidy"), 0.0)
         while not stopping.is_set():
             try:
@@ -208,6 +207,8 @@ def run_worker(settings: Settings, *, parent: int | None = None) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop_asked.put(None))
     worker = Worker(settings, stopping, woken)
+    if parent is None:  # one that another command started says nothing unasked
+        log.info("worker started", worker=worker.name.id, processes=settings.training_processes)
     worker.run()
     worker.close()
     # No orderly end of the engine: it would wait for the interrupted steps and record them as failed. Left as they

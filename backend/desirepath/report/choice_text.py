@@ -66,7 +66,7 @@ def agreement_section(findings: Findings) -> Section:
             triads,
         ),
         Table(
-            "Position: an answer that follows the order of showing looks like agreement.",
+            "Position bias: choosing by the order of presentation looks like agreement.",
             ["condition", "answers", "P(second shown), 95 % interval", "decision (s, mean of medians)"],
             position,
         ),

@@ -25,6 +25,7 @@ from desirepath.store.places import StoreAway
 from desirepath.store.plain_data import Unstorable
 from desirepath.study.refusals import Refused
 from desirepath.web.core import plug_ins
+from desirepath.web.core.artefact_names import artefact_name
 from desirepath.web.core.catalogues import Texts
 from desirepath.web.core.contract import trouble_in
 from desirepath.web.core.dependencies import Application, Services, route_of
@@ -65,6 +66,7 @@ def _templates() -> Jinja2Templates:
         templates.env.loader = plug_ins.with_step_templates(templates.env.loader)
     templates.env.trim_blocks = templates.env.lstrip_blocks = True
     templates.env.filters["prose"] = prose
+    templates.env.filters["artefact_name"] = artefact_name
     return templates
 
 
