@@ -53,7 +53,7 @@ def test_every_stage_is_told_in_words_and_versions_stand_apart(lab: TestClient, 
     first = lab.get(f"/lab/studies/{study.id}/protocol?number=1").text
     for page in (newest, first):
         assert "Versions of the protocol" in page
-        assert "Who joins from now on meets other stages" in page
+        assert "New participants go through different stages" in page
         assert "Comprehension check" in page
         assert "view: top_down, first_person, immersive" in page
         assert "lab.protocol." not in page
