@@ -133,4 +133,4 @@ def test_check_it_says_what_the_own_policy_is_compared_with(lab: TestClient):
         page = html.unescape(lab.get(made.headers["location"]).text)
         assert tuple(re.findall(r"<dt>(Own against [^<]+)</dt>", page)) == told
         assert ("own policy: signed ranks" in page) == (shipped == "personalisation_study"), "of the analysis plan"
-        assert ("a simulated person’s policy stands in" in page) == (len(told) == 3)
+        assert ("a simulated person’s policy is used" in page) == (len(told) == 3)
