@@ -129,7 +129,7 @@ def erase_participant(
         ):
             files.delete(sha)
         counts["orphans"] = _sweep_orphans(s, files)
-        counts["job_files"] = _delete_job_files(data, doomed.jobs)
+        counts["job_files"] = delete_job_files(data, doomed.jobs)
         replaced = replace_artefacts(s, files, study_id, taken_apart)
         tombstone = Tombstone(study_id=study_id, erased_by=by, counts=counts)
         s.add(tombstone)
@@ -314,7 +314,7 @@ def _sweep_orphans(s: Session, files: ArtefactStore) -> int:
     return len(orphans)
 
 
-def _delete_job_files(data: Path, jobs: set[str]) -> int:
+def delete_job_files(data: Path, jobs: set[str]) -> int:
     """Delete logs, checkpoints and whatever else is named by one of the jobs. Returns how many entries there were."""
     logs = [path for job_id in sorted(jobs) for path in data.rglob(f"*{job_id}*")]
     for path in logs:

@@ -18,7 +18,7 @@ What = Literal[
     "base", "ensemble", "conditioned", "added",
     "queries", "varied-queries", "manner-queries", "triples", "ranking-set",
     "stand-ins", "population-priors", "step-basis", "policy-library", "path-weights",
-    "adaptable", "attention", "depth", "depth-perception", "words-veto",
+    "adaptable", "attention", "depth", "depth-perception", "words-veto", "example-study",
 ]  # fmt: skip
 MODULES = {
     "policies": ("base", "ensemble", "conditioned", "added"),
@@ -33,10 +33,17 @@ MODULES = {
     "attention": ("attention",),
     "depth": ("depth", "depth-perception"),
     "second_reader": ("words-veto",),
+    "example_study": ("example-study",),
 }
 """Of `shipping`, with what each makes by `ship_WHAT(request)`."""
 OF_THE_PRODUCT = ("query_sets",)
-ONLY_OF = {"adaptable": "adaptable", "attention": "crowd_corridor", "depth": "home", "depth-perception": "home"}
+ONLY_OF = {
+    "adaptable": "adaptable",
+    "attention": "crowd_corridor",
+    "depth": "home",
+    "depth-perception": "home",
+    "example-study": "study_room",
+}
 
 
 @plain_errors
