@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any
 
+import structlog
 import typer
 from rich.console import Console
 
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
 
 DEMO_PROTOCOL = PROTOCOLS / "quick_preference_study.yaml"
 DEMO_NAME = "Demo: how should the robot pass you?"
+EXAMPLE_PATIENCE_S = 20.0  # ours: several server processes load what visitors wait for in processes of their own
+log = structlog.get_logger("desirepath.server")
 
 
 def register(app: typer.Typer) -> None:
@@ -31,6 +35,10 @@ def register(app: typer.Typer) -> None:
 @in_data_folder
 def serve(
     demo: Annotated[bool, typer.Option("--demo", help="Open a demo study and print its link.")] = False,
+    example: Annotated[
+        bool | None,
+        typer.Option("--example/--no-example", help="Bring a finished study of simulated people; default with --demo."),
+    ] = None,
     port: Annotated[int | None, typer.Option(help="Port of the pages; the stage takes the next one.")] = None,
     host: Annotated[str | None, typer.Option(help="Address to listen on.")] = None,
     processes: Annotated[
@@ -52,14 +60,14 @@ def serve(
             check_ports(settings)
         services = build_services(settings)
         try:
-            _serve(services, demo=demo, processes=processes)
+            _serve(services, demo=demo, example=demo if example is None else example, processes=processes)
         finally:
             remove_silent_pipes(services.database)
             for database in (services.database, Database(settings.jobs_database)):  # the worker's, which has ended
                 database.close()
 
 
-def _serve(services: Services, *, demo: bool, processes: int) -> None:
+def _serve(services: Services, *, demo: bool, example: bool, processes: int) -> None:
     from desirepath.store.shipped_policies import register_shipped
     from desirepath.web.core.auth import ensure_first_user
     from desirepath.web.core.opening_link import is_closed, link_path
@@ -79,8 +87,11 @@ def _serve(services: Services, *, demo: bool, processes: int) -> None:
         with services.database.transaction() as s:
             once = link_path(s, settings)
     link = _demo_link(services) if demo else None
+    services.brings_example = example
 
     def announce() -> None:
+        if example:
+            Thread(target=_bring_example, args=(services,), daemon=True).start()
         here = settings.own_url
         console = Console()
         console.print("\n[bold]Desire Path is running.[/bold]")
@@ -102,6 +113,18 @@ def _serve(services: Services, *, demo: bool, processes: int) -> None:
         serve_many(settings, services.peers, processes, on_ready=announce)
     else:
         run(services, on_ready=announce)
+
+
+def _bring_example(services: Services) -> None:
+    """The example study, once in an installation's life, and not while anybody waits for the first page."""
+    from desirepath.store.example_study import add_example
+
+    services.prepared.wait(EXAMPLE_PATIENCE_S)
+    try:
+        add_example(services.database, services.files)
+    except Exception:
+        log.exception("the example study could not be brought")
+    services.brings_example = False
 
 
 def _demo_link(services: Services) -> str:

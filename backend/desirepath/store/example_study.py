@@ -11,23 +11,21 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 import json
 import re
 import secrets
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Select, Table, delete, select
+from sqlalchemy import Table, delete, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.installed import DATASETS
 from desirepath.learning.shipped_files import resolve
-from desirepath.store.artefacts import ArtefactStore, load_trajectory
+from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import COMPACT_PENDING, Database
 from desirepath.store.erasure import delete_job_files
 from desirepath.store.models import (
@@ -50,159 +48,24 @@ from desirepath.store.models import (
     Trial,
 )
 from desirepath.store.models.base import UtcDateTime
-from desirepath.store.query_sets import StoredQuery, import_query_set, queries_of
+from desirepath.store.query_sets import import_query_set, queries_of
 
 FILE = DATASETS / "example_study" / "example_study.zip"
 FORMAT = "desirepath-example-1"
 SETTING = "example_study"
 """Its row: {"study": id}; {"study": null} once it was removed, so that it does not come back."""
 ROWS, SHOWN = "rows.json", "shown.npz"
-SAME_BYTES = 64  # shorter agreements with the shipped policy are not looked for
 HASHES = re.compile(r"[0-9a-f]{64}")
 Rows = dict[str, list[dict[str, Any]]]
+MODELS: tuple[type[Base], ...] = (
+    Study, Participant, Session, TrajectoryRow, Trial, Response, Event, Job, JobAttempt, JobMetric, Artefact,
+    ArtefactParent, ArtefactAnswer,
+)  # fmt: skip
+"""Its tables in the order in which their rows refer to each other."""
 
 
 class ExampleError(ValueError):
     """The example study cannot be packed, brought or removed as asked; nothing was changed."""
-
-
-@dataclass(frozen=True)
-class Packed:
-    """The file, and how many rows of each table it holds."""
-
-    content: bytes
-    counts: dict[str, int]
-
-
-# ---- packing: on an installation that was made for it and holds nothing else -----------------------------------------
-
-
-def pack_example(db: Database, files: ArtefactStore, study_id: str) -> Packed:
-    """Everything of the study, as the installation's only one. Raises ExampleError for what names something else."""
-    from desirepath.learning.queries.queries import Query, QuerySet, round_observations
-
-    with db.session() as s:
-        rows = {model.__tablename__: [_as_data(row) for row in s.scalars(query)] for model, query in _whole(study_id)}
-        query_set = s.get_one(Artefact, rows["study"][0]["protocol"]["materials"]["query_set"])
-        local = _places(queries_of(s, files, query_set.id))
-        contents = {row["id"]: files.get(row["id"]) for row in rows["artefact"]}
-        sources = {of: source for of, source in _sources(s, files, rows) if source}
-    brought = [row for row in rows["trajectory"] if row["id"] not in local]
-    ids, queries, shown = {}, [], []
-    for first, second in _by_scene(brought):
-        a, b = (round_observations(load_trajectory(files, name)) for name in (first, second))
-        ids |= {first: a.digest(), second: b.digest()}
-        queries.append(Query(a.scene, a, b, (0, 0)))
-        shown.append([ids[first], ids[second]])
-    rows["trajectory"] = brought
-    rows, contents = _renamed(rows, contents, ids)
-    about = {
-        "format": FORMAT,
-        "query_set": query_set.name,
-        "local": {name: place for name, place in local.items() if name in json.dumps(rows)},
-        "shown": shown,
-        "rows": rows,
-        "files": {sha: _difference(content, *sources.get(sha, ("", b""))) for sha, content in contents.items()},
-    }
-    out = io.BytesIO()
-    with zipfile.ZipFile(out, "w") as packed:
-        for name, content in (
-            (ROWS, json.dumps(about, sort_keys=True, separators=(",", ":")).encode()),
-            (SHOWN, QuerySet(query_set.setup, tuple(queries), {}).to_bytes()),
-        ):
-            packed.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED, 9)
-    return Packed(out.getvalue(), {name: len(of) for name, of in rows.items()})
-
-
-def _whole(study_id: str) -> Iterator[tuple[type[Base], Select[Any]]]:
-    """The tables in the order in which their rows refer to each other, and what of each is the study's."""
-    artefacts = select(Artefact.id).where(Artefact.study_id == study_id)
-    jobs = select(Job.id).where(Job.study_id == study_id)
-    yield Study, select(Study)
-    yield Participant, select(Participant).order_by(Participant.code)
-    yield Session, select(Session).order_by(Session.created_at)
-    yield TrajectoryRow, select(TrajectoryRow).order_by(TrajectoryRow.scene_hash, TrajectoryRow.id)
-    yield Trial, select(Trial).order_by(Trial.session_id, Trial.index)
-    yield Response, select(Response).order_by(Response.created_at)
-    yield Event, select(Event).where(Event.study_id == study_id).order_by(Event.id)
-    yield Job, select(Job).where(Job.study_id == study_id).order_by(Job.created_at)
-    yield JobAttempt, select(JobAttempt).where(JobAttempt.job_id.in_(jobs)).order_by(JobAttempt.began_at)
-    yield JobMetric, select(JobMetric).where(JobMetric.job_id.in_(jobs)).order_by(JobMetric.id)
-    yield Artefact, select(Artefact).where(Artefact.study_id == study_id).order_by(Artefact.created_at)
-    yield ArtefactParent, select(ArtefactParent).where(ArtefactParent.artefact_id.in_(artefacts))
-    yield ArtefactAnswer, select(ArtefactAnswer).where(ArtefactAnswer.artefact_id.in_(artefacts))
-
-
-MODELS = tuple(model for model, _ in _whole(""))
-
-
-def _as_data(row: Base) -> dict[str, Any]:
-    """A row as JSON; numbers that only give an order are left out, as are what opens links and sessions."""
-    left_out = {"recruiting_token", "token_hash"} | ({"id"} if isinstance(row, Event | JobMetric) else set())
-    values = {column.name: getattr(row, column.name) for column in row.__table__.columns}
-    return {
-        name: value.isoformat() if isinstance(value, datetime) else value
-        for name, value in values.items()
-        if name not in left_out and value is not None
-    }
-
-
-def _places(queries: Sequence[StoredQuery]) -> dict[str, list[Any]]:
-    """What a query set names -> [which query, which of its ids]."""
-    names = ("id", "trajectory_a", "trajectory_b")
-    return {getattr(query, name): [k, name] for k, query in enumerate(queries) for name in names}
-
-
-def _by_scene(rows: Sequence[Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
-    """Ids two by two, each pair of one scene; who is left over stands with itself."""
-    waiting: dict[str, str] = {}
-    for row in rows:
-        other = waiting.pop(row["scene_hash"], None)
-        if other is None:
-            waiting[row["scene_hash"]] = row["id"]
-        else:
-            yield other, row["id"]
-    yield from ((alone, alone) for alone in waiting.values())
-
-
-def _sources(s: DatabaseSession, files: ArtefactStore, rows: Rows) -> Iterator[tuple[str, tuple[str, bytes]]]:
-    """Of what was conditioned: the shipped policy's name and bytes."""
-    for row in rows["artefact_parent"]:
-        if row["role"] == "conditioned":
-            yield row["artefact_id"], (s.get_one(Artefact, row["parent_id"]).name, files.get(row["parent_id"]))
-
-
-def _renamed(rows: Rows, contents: Mapping[str, bytes], ids: Mapping[str, str]) -> tuple[Rows, dict[str, bytes]]:
-    """Rows and artefacts in which every id is written as `ids` has it. Texts among the artefacts that name some get
-    names of their own; they stand in the order in which they were made of each other."""
-    ids, kept = dict(ids), {}
-    for name, content in contents.items():
-        new = _written(content.decode(), ids).encode() if content[:1] == b"{" else content
-        ids[name] = hashlib.sha256(new).hexdigest()
-        kept[ids[name]] = new
-    return json.loads(_written(json.dumps(rows), ids)), kept
-
-
-def _written(text: str, ids: Mapping[str, str]) -> str:
-    return HASHES.sub(lambda found: ids.get(found[0], found[0]), text)
-
-
-def _difference(content: bytes, name: str, source: bytes) -> dict[str, Any]:
-    """The content as pieces: texts (base64) and [begin, end] of the source's bytes. name: the source's."""
-    known = {source[k : k + SAME_BYTES]: k for k in range(0, len(source) - SAME_BYTES, SAME_BYTES)}
-    pieces: list[Any] = []
-    own = at = 0
-    while at < len(content):
-        there = known.get(content[at : at + SAME_BYTES])
-        if there is None:
-            at += 1
-            continue
-        end, there_end = at, there
-        while end < len(content) and there_end < len(source) and content[end] == source[there_end]:
-            end, there_end = end + 1, there_end + 1
-        pieces += [base64.b64encode(content[own:at]).decode(), [there, there_end]]
-        own = at = end
-    return {"of": name, "pieces": [*pieces, base64.b64encode(content[own:]).decode()]}
 
 
 # ---- bringing it -----------------------------------------------------------------------------------------------------
@@ -223,7 +86,7 @@ def add_example(db: Database, files: ArtefactStore, source: Path = FILE) -> str 
     local = {name: str(getattr(queries[k], field)) for name, (k, field) in about["local"].items()}
     new = dict(zip(trajectories, files.put_all(trajectories.values()), strict=True))
     contents = {sha: _rebuilt(sha, described) for sha, described in about["files"].items()}
-    rows, contents = _renamed(about["rows"], contents, local | new)
+    rows, contents = renamed(about["rows"], contents, local | new)
     files.put_all(contents.values())
     with db.transaction() as s:
         if s.get(Setting, SETTING) is not None:
@@ -247,14 +110,29 @@ def _read(source: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
         raise ExampleError(f"{source}: is no example study ({problem})") from problem
     if about.get("format") != FORMAT:
         raise ExampleError(f"{source}: format {about.get('format')!r} is unknown; this version reads {FORMAT}")
-    trajectories = {}
+    trajectories: dict[str, bytes] = {}
     for (a, b), query in zip(about["shown"], shown, strict=True):
         trajectories |= {a: query.trajectory_a.to_bytes(), b: query.trajectory_b.to_bytes()}
     return about, trajectories
 
 
+def renamed(rows: Rows, contents: Mapping[str, bytes], ids: Mapping[str, str]) -> tuple[Rows, dict[str, bytes]]:
+    """Rows and artefacts in which every id is written as `ids` has it. Texts among the artefacts that name some get
+    names of their own; they stand in the order in which they were made of each other."""
+    ids, kept = dict(ids), {}
+    for name, content in contents.items():
+        new = _written(content.decode(), ids).encode() if content[:1] == b"{" else content
+        ids[name] = hashlib.sha256(new).hexdigest()
+        kept[ids[name]] = new
+    return json.loads(_written(json.dumps(rows), ids)), kept
+
+
+def _written(text: str, ids: Mapping[str, str]) -> str:
+    return HASHES.sub(lambda found: ids.get(found[0], found[0]), text)
+
+
 def _rebuilt(sha: str, described: Mapping[str, Any]) -> bytes:
-    """The artefact that was packed by `_difference`. Raises ExampleError where the shipped policy is another one."""
+    """The artefact that was packed by its difference. Raises ExampleError where the shipped policy is another one."""
     source = resolve(described["of"]).read_bytes() if described["of"] else b""
     parts = (base64.b64decode(one) if isinstance(one, str) else source[slice(*one)] for one in described["pieces"])
     content = b"".join(parts)
@@ -279,7 +157,13 @@ def _as_columns(model: type[Base], row: Mapping[str, Any]) -> dict[str, Any]:
 def example_id(s: DatabaseSession) -> str | None:
     """The study's id, where it is here."""
     row = s.get(Setting, SETTING)
-    return None if row is None else row.value["study"]
+    found: str | None = row.value["study"] if row is not None else None
+    return found
+
+
+def was_brought(s: DatabaseSession) -> bool:
+    """Whether it is here, or was and has been removed."""
+    return s.get(Setting, SETTING) is not None
 
 
 def remove_example(db: Database, files: ArtefactStore, data: Path) -> None:

@@ -20,7 +20,7 @@ from desirepath.report.simulated_cohorts import Cohort
 from desirepath.settings import Settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
-from desirepath.store.example_study import FILE, pack_example
+from desirepath.store.example_study import FILE
 from desirepath.store.models import Job, Study
 from desirepath.store.outbox import enqueue_job
 from desirepath.store.shipped_policies import policy_artefact
@@ -29,6 +29,7 @@ from desirepath.study.protocol.freezing import freeze
 from desirepath.study.simulated.http import simulate_study
 from desirepath.study.simulated.participant import Character
 from desirepath.study.studies import create_study
+from desirepath_experiments.shipping.example_packing import pack_example
 
 PROTOCOL = "quick_preference_study"
 NAME = "Example study (simulated people)"

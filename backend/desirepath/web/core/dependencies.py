@@ -60,6 +60,7 @@ class Services:
     listeners: Listeners
     admission: Admission
     prepared: threading.Event = field(default_factory=threading.Event)  # all is loaded that visitors wait for
+    brings_example: bool = False  # the example study is on its way
 
 
 class Application(FastAPI):

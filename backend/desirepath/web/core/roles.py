@@ -104,6 +104,7 @@ CHANGING: dict[str, Rule] = {
     "/lab/studies/{study_id}/power": Rule(Right.PLAN),
     "/lab/new/{draft_id}/open": Rule(Right.RUN, "study_created"),
     "/lab/preview-stage/{token}/{side}": LOOKING,
+    "/lab/studies/{study_id}/remove-example": Rule(Right.ERASE, "example_removed"),
     "/lab/studies/{study_id}/state": Rule(Right.RUN, "study_state_changed"),
     "/lab/studies/{study_id}/revise": Rule(Right.RUN),
     "/lab/studies/{study_id}/revise/{draft_id}": Rule(Right.RUN),

@@ -18,6 +18,7 @@ from starlette.responses import FileResponse, RedirectResponse, Response
 
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.events import log_event
+from desirepath.store.example_study import ExampleError, example_id, remove_example, was_brought
 from desirepath.store.models import Event, Study, utc_now
 from desirepath.store.retention import check_day, is_overdue
 from desirepath.store.who_counts import GROUPS
@@ -30,7 +31,7 @@ from desirepath.study.session.versions import newest_protocol
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, SignedIn, check_csrf
 from desirepath.web.core.contract import reply_of
-from desirepath.web.core.dependencies import Db, Files, contact, public_url
+from desirepath.web.core.dependencies import Db, Files, contact, public_url, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_page, rights_in
 from desirepath.web.core.media import answers_with
 from desirepath.web.core.permits import in_studies
@@ -59,6 +60,8 @@ from desirepath.web.lab.lab_data import Monitor
 from desirepath.web.lab.report_tab import Report, study_report
 from desirepath.web.lab.study_tabs import study_tab, the_study
 
+EXAMPLE_EVERY_S = 3  # ours: how often the list looks for it while it is on its way
+
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])
 router.include_router(analysis_pages.router)
 router.include_router(answer_replay.router)
@@ -79,10 +82,27 @@ router.include_router(team_pages.router)
 
 @router.get("/lab/studies")
 def studies(request: Request, database: Db) -> Response:
+    services = services_of(request)
     with database.session() as s:
-        return lab_page(
-            request, "lab/studies.html", lines=study_rows.study_lines(s, in_studies(rights_in(request), Study.id))
-        )
+        coming = services.brings_example and not was_brought(s)
+        lines = study_rows.study_lines(s, in_studies(rights_in(request), Study.id))
+        listed = lab_page(request, "lab/studies.html", lines=lines, coming=coming, example=example_id(s))
+    if coming:
+        listed.headers["Refresh"] = str(EXAMPLE_EVERY_S)
+    return listed
+
+
+@router.post("/lab/studies/{study_id}/remove-example")
+def remove_example_study(request: Request, study_id: str, database: Db, files: Files) -> Response:
+    """Remove the example study with all that came with it."""
+    with database.session() as s:
+        if example_id(s) != study_id:
+            raise LabRefusal(404, "no_study")
+    try:
+        remove_example(database, files, services_of(request).settings.data)
+    except ExampleError:
+        raise LabRefusal(422, "example_has_people") from None
+    return RedirectResponse("/lab/studies?done=example_removed", status_code=303)
 
 
 @router.get("/lab/studies/{study_id}")

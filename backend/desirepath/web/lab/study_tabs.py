@@ -10,7 +10,9 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
+from desirepath.store.example_study import example_id
 from desirepath.store.models import Participant, Study
+from desirepath.web.core.dependencies import services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_page
 
 OPEN = re.compile(r"""\btype:\s*["']?text\b""")  # an open question, in a questionnaire's YAML
@@ -46,4 +48,6 @@ def study_tab(
     beside = [name for name, there in (("robots", driven), ("paths", drawn), ("coding", written)) if there]
     tabs = (*TABS[:2], *beside, *TABS[2:])
     shown = template or f"lab/study_{tab}.html"
-    return lab_page(request, shown, status=status, study=study, tab=tab, tabs=tabs, **context)
+    with services_of(request).database.session() as s:
+        example = example_id(s) == study.id
+    return lab_page(request, shown, status=status, study=study, tab=tab, tabs=tabs, example=example, **context)
