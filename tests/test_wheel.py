@@ -62,7 +62,9 @@ def test_a_wheel_serves_the_demo(installed: Path, tmp_path: Path, monkeypatch: p
     monkeypatch.setenv("PYTHONPATH", str(installed))
     monkeypatch.chdir(tmp_path)
     with (
-        loopback_server(Settings(data=tmp_path / "data", _env_file=None), worker=False, arguments=("--demo",)) as (
+        loopback_server(
+            Settings(data=tmp_path / "data", _env_file=None), worker=False, arguments=("--demo", "--no-example")
+        ) as (
             url,
             _,
         ),

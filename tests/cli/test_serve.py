@@ -27,7 +27,7 @@ def start(data: Path, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple
 
     monkeypatch.setattr("desirepath.web.server.run", ready)
     ended = CliRunner().invoke(
-        app, ["serve", "--demo", "--data", str(data), "--port", str(free_port_pair()), *arguments]
+        app, ["serve", "--demo", "--no-example", "--data", str(data), "--port", str(free_port_pair()), *arguments]
     )
     assert ended.exit_code == 0, ended.output
     return ended.stdout, installations[0]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import Select, select
+from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.learning.queries.queries import Query, QuerySet, round_observations
@@ -85,8 +85,11 @@ def pack_example(db: Database, files: ArtefactStore, study_id: str) -> Packed:
 
 def _whole(study_id: str) -> Iterator[tuple[type[Base], Select[Any]]]:
     """The tables in the order in which their rows refer to each other, and what of each is the study's."""
-    artefacts = select(Artefact.id).where(Artefact.study_id == study_id)
-    jobs = select(Job.id).where(Job.study_id == study_id)
+    # What a study has measured by itself holds thousands of scenes; `example_study.py` asks for smaller ones.
+    large = select(Job.id).where(Job.kind == "evaluate", Job.created_by == "study")
+    ours = (Job.study_id == study_id, Job.id.not_in(large))
+    made = (Artefact.study_id == study_id, func.coalesce(Artefact.job_id, "").not_in(large))
+    artefacts, jobs = select(Artefact.id).where(*made), select(Job.id).where(*ours)
     yield Study, select(Study)
     yield Participant, select(Participant).order_by(Participant.code)
     yield Session, select(Session).order_by(Session.created_at)
@@ -94,10 +97,10 @@ def _whole(study_id: str) -> Iterator[tuple[type[Base], Select[Any]]]:
     yield Trial, select(Trial).order_by(Trial.session_id, Trial.index)
     yield Response, select(Response).order_by(Response.created_at)
     yield Event, select(Event).where(Event.study_id == study_id).order_by(Event.id)
-    yield Job, select(Job).where(Job.study_id == study_id).order_by(Job.created_at)
+    yield Job, select(Job).where(*ours).order_by(Job.created_at)
     yield JobAttempt, select(JobAttempt).where(JobAttempt.job_id.in_(jobs)).order_by(JobAttempt.began_at)
     yield JobMetric, select(JobMetric).where(JobMetric.job_id.in_(jobs)).order_by(JobMetric.id)
-    yield Artefact, select(Artefact).where(Artefact.study_id == study_id).order_by(Artefact.created_at)
+    yield Artefact, select(Artefact).where(*made).order_by(Artefact.created_at)
     yield ArtefactParent, select(ArtefactParent).where(ArtefactParent.artefact_id.in_(artefacts))
     yield ArtefactAnswer, select(ArtefactAnswer).where(ArtefactAnswer.artefact_id.in_(artefacts))
 

@@ -26,6 +26,7 @@ PERSON = "#8c7a1e"  # --data-5
 DRAWN = ((MAIN, "line-0"), (SIDES[0], "line-1"), ("#8a5a9b", "line-3"))  # --data-1, --data-3, --data-4
 LEARNED = (SIDES[1], "line-2")  # --data-2
 WALKED = (PERSON, "person-line")  # where the person went, in the person's colour
+STANDS_STEPS = 8  # ours: how long moving robots stand at the goal before they begin anew
 SCALE = ("#b5541c", "#a56247", "#8f6f69", "#6d7286", "#3b5f9e")  # from least to most; analyst.css: .scale-0 to -4
 FONT = "system-ui, sans-serif"
 
@@ -106,6 +107,18 @@ class _Drawing:
         self._parts.append(
             f'<circle class="{css}" cx="{x:.1f}" cy="{y:.1f}" r="{r:.1f}" fill="{fill}" stroke="{stroke}"/>'
         )
+
+    def moving_circle(
+        self, way: Sequence[tuple[float, float]], r: float, *, seconds: float, fill: str, css: str
+    ) -> None:
+        """A circle that goes along the points, one after the other in equal times, over and over; the style sheet
+        hides it (`moving`) from who wants little movement."""
+        rounds = f'dur="{seconds:.1f}s" repeatCount="indefinite"'
+        moves = "".join(
+            f'<animate attributeName="{name}" values="{";".join(f"{point[k]:.1f}" for point in way)}" {rounds}/>'
+            for k, name in enumerate(("cx", "cy"))
+        )
+        self._parts.append(f'<circle class="{css} moving" r="{r}" fill="{fill}">{moves}</circle>')
 
     def text(
         self, x: float, y: float, words: str, *, anchor: str = "start", fill: str = SOFT, css: str = "soft"
@@ -370,13 +383,23 @@ class _Plan:
         )
 
 
-def rollouts(scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[str], title: str) -> str:
-    """One scene from above with up to two rollouts in it: what the 3D stage shows, for print and without WebGL."""
+def rollouts(
+    scene: Scene, trajectories: Sequence[Trajectory], *, names: Sequence[str], title: str, moving: bool = False
+) -> str:
+    """One scene from above with up to two rollouts in it: what the 3D stage shows, for print and without WebGL.
+
+    moving: robots drive them in real time, over and over, the earlier one waiting for the later one at its end.
+    """
+    steps = max(len(trajectory.poses) for trajectory in trajectories) + STANDS_STEPS
     plan = _Plan(scene, [t.poses for t in trajectories], legend_lines=len(trajectories), title=title)
     for k, (trajectory, name) in enumerate(zip(trajectories, names, strict=True)):
         end = plan.path(trajectory.poses, stroke=SIDES[k], css=f"line-{k + 1}", width=3)
         plan.drawing.circle(*end, 4.5, fill=SIDES[k], css=f"fill-{k + 1}")
         plan.tell(name, stroke=SIDES[k], css=f"line-{k + 1}")
+        if moving:
+            poses = trajectory.poses.tolist()
+            way = [plan.at(x, y) for x, y, _ in poses + poses[-1:] * (steps - len(poses))]
+            plan.drawing.moving_circle(way, 7, seconds=steps * trajectory.dt, fill=SIDES[k], css=f"fill-{k + 1}")
     return plan.drawing.svg()
 
 

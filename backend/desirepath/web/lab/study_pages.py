@@ -32,7 +32,7 @@ from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, SignedIn, check_csrf
 from desirepath.web.core.contract import reply_of
 from desirepath.web.core.dependencies import Db, Files, contact, public_url, services_of
-from desirepath.web.core.lab_frame import LabRefusal, lab_page, rights_in
+from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
 from desirepath.web.core.media import answers_with
 from desirepath.web.core.permits import in_studies
 from desirepath.web.lab import (
@@ -56,6 +56,7 @@ from desirepath.web.lab import (
     team_pages,
 )
 from desirepath.web.lab.answer_rows import AnswerFilter, answers_page
+from desirepath.web.lab.first_pair import draw_first_pair
 from desirepath.web.lab.lab_data import Monitor
 from desirepath.web.lab.report_tab import Report, study_report
 from desirepath.web.lab.study_tabs import study_tab, the_study
@@ -81,12 +82,14 @@ router.include_router(team_pages.router)
 
 
 @router.get("/lab/studies")
-def studies(request: Request, database: Db) -> Response:
+def studies(request: Request, database: Db, files: Files) -> Response:
     services = services_of(request)
     with database.session() as s:
         coming = services.brings_example and not was_brought(s)
         lines = study_rows.study_lines(s, in_studies(rights_in(request), Study.id))
-        listed = lab_page(request, "lab/studies.html", lines=lines, coming=coming, example=example_id(s))
+        t = services.texts.get(lab_language(request))
+        pair = draw_first_pair(s, files, [line.study for line in lines], t)
+        listed = lab_page(request, "lab/studies.html", lines=lines, pair=pair, coming=coming, example=example_id(s))
     if coming:
         listed.headers["Refresh"] = str(EXAMPLE_EVERY_S)
     return listed
