@@ -55,6 +55,7 @@ FORMAT = "desirepath-example-1"
 SETTING = "example_study"
 """Its row: {"study": id}; {"study": null} once it was removed, so that it does not come back."""
 ROWS, SHOWN = "rows.json", "shown.npz"
+TEXT_BEGINS = b"{"  # snapshots and evaluations are JSON, which may name trajectories
 HASHES = re.compile(r"[0-9a-f]{64}")
 Rows = dict[str, list[dict[str, Any]]]
 MODELS: tuple[type[Base], ...] = (
@@ -121,7 +122,7 @@ def renamed(rows: Rows, contents: Mapping[str, bytes], ids: Mapping[str, str]) -
     names of their own; they stand in the order in which they were made of each other."""
     ids, kept = dict(ids), {}
     for name, content in contents.items():
-        new = _written(content.decode(), ids).encode() if content[:1] == b"{" else content
+        new = _written(content.decode(), ids).encode() if content[:1] == TEXT_BEGINS else content
         ids[name] = hashlib.sha256(new).hexdigest()
         kept[ids[name]] = new
     return json.loads(_written(json.dumps(rows), ids)), kept
@@ -133,6 +134,8 @@ def _written(text: str, ids: Mapping[str, str]) -> str:
 
 def _rebuilt(sha: str, described: Mapping[str, Any]) -> bytes:
     """The artefact that was packed by its difference. Raises ExampleError where the shipped policy is another one."""
+    if "text" in described:
+        return str(described["text"]).encode()
     source = resolve(described["of"]).read_bytes() if described["of"] else b""
     parts = (base64.b64decode(one) if isinstance(one, str) else source[slice(*one)] for one in described["pieces"])
     content = b"".join(parts)

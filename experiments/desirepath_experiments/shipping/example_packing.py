@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.learning.queries.queries import Query, QuerySet, round_observations
 from desirepath.store.artefacts import ArtefactStore, load_trajectory
 from desirepath.store.database import Database
-from desirepath.store.example_study import FORMAT, ROWS, SHOWN, Rows, renamed
+from desirepath.store.example_study import FORMAT, ROWS, SHOWN, TEXT_BEGINS, Rows, renamed
 from desirepath.store.models import (
     Artefact,
     ArtefactAnswer,
@@ -142,7 +142,9 @@ def _sources(s: DatabaseSession, files: ArtefactStore, rows: Rows) -> Iterator[t
 
 
 def _difference(content: bytes, name: str, source: bytes) -> dict[str, Any]:
-    """The content as pieces: texts (base64) and [begin, end] of the source's bytes. name: the source's."""
+    """The content as pieces: base64 and [begin, end] of the source's bytes; a text as it is. name: the source's."""
+    if content[:1] == TEXT_BEGINS:
+        return {"text": content.decode()}
     known = {source[k : k + SAME_BYTES]: k for k in range(0, len(source) - SAME_BYTES, SAME_BYTES)}
     pieces: list[Any] = []
     own = at = 0
