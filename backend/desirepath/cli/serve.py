@@ -17,8 +17,8 @@ from desirepath.settings import Settings, get_settings
 if TYPE_CHECKING:
     from desirepath.web.core.dependencies import Services
 
-DEMO_PROTOCOL = PROTOCOLS / "quick_preference_study.yaml"
-DEMO_NAME = "Demo: how should the robot pass you?"
+DEMO_PROTOCOL = PROTOCOLS / "meet_your_robot_study.yaml"
+DEMO_NAME = "Demo: meet the robot that learns from you"
 EXAMPLE_PATIENCE_S = 20.0  # ours: several server processes load what visitors wait for in processes of their own
 log = structlog.get_logger("desirepath.server")
 

@@ -185,8 +185,14 @@ def remove_example(db: Database, files: ArtefactStore, data: Path) -> None:
         s.add_all(Erasing(participant_id=person.id) for person in people)
         s.flush()
         doomed = _find_doomed(s, study_id)
-        named = _named(s, doomed)
+        texts = (files.get(sha) for sha in doomed["artefact_id"] if files.exists(sha))
+        named = _named(s, doomed) | {
+            sha for text in texts if text[:1] == TEXT_BEGINS for sha in HASHES.findall(text.decode())
+        }
+        s.execute(delete(Event).where(Event.study_id == study_id))
         for table in reversed(Base.metadata.sorted_tables):
+            if table is Participant.__table__:  # nothing is left that needed the key
+                s.execute(delete(Erasing))
             _delete_rows(s, table, doomed)
         gone = (named & set(s.scalars(select(TrajectoryRow.id)))) - _named(s)
         s.execute(delete(TrajectoryRow).where(TrajectoryRow.id.in_(gone)))
@@ -210,14 +216,20 @@ def _find_doomed(s: DatabaseSession, study_id: str) -> dict[str, set[str]]:
         doomed[name] = set(s.scalars(select(model.id).where(model.study_id == study_id)))
     in_sessions = Response.session_id.in_(doomed["session_id"])
     doomed["response_id"] = set(s.scalars(select(Response.id).where(in_sessions)))
-    doomed["artefact_id"] |= set(s.scalars(select(Artefact.id).where(Artefact.job_id.in_(doomed["job_id"]))))
-    doomed["parent_id"] = doomed["artefact_id"]
+    made = doomed["artefact_id"]
+    while (
+        children := set(s.scalars(select(ArtefactParent.artefact_id).where(ArtefactParent.parent_id.in_(made)))) - made
+    ):
+        made |= children
+    of_jobs = select(Artefact.job_id).where(Artefact.id.in_(made), Artefact.job_id.is_not(None))
+    doomed["job_id"] |= {str(job) for job in s.scalars(of_jobs)}
+    doomed["parent_id"] = made
     return doomed
 
 
 def _delete_rows(s: DatabaseSession, table: Table, doomed: Mapping[str, set[str]]) -> None:
     """The table's rows that are the study's or refer to some of it. Who did what stays in the audit log."""
-    if table.name == Audit.__tablename__:
+    if table.name in (Audit.__tablename__, Erasing.__tablename__):
         return
     own = {
         Study: "study_id",

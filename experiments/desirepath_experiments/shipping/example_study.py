@@ -88,21 +88,18 @@ def ship_example_study(request: Request) -> Card:
 
 
 def _measure(database: Database, files: ArtefactStore, study_id: str) -> None:
-    """A snapshot of all answers; every policy that was shown is measured, the first beside the base policy."""
+    """A snapshot of all answers; every policy is measured, the first that was shown beside the base policy."""
     _await_jobs(database)
     with database.transaction() as s:
         take_snapshot(s, files, study_id=study_id, whose="simulated")
+        aligned = select(Job).where(Job.study_id == study_id, Job.kind == "align", Job.state == "succeeded")
+        results = [dict(job.result or {}) for job in s.scalars(aligned.order_by(Job.created_at))]
+        for result in results:
+            evaluated = {"policy": result["policy"], "scenes": SCENES}
+            enqueue_job(s, "evaluate", evaluated, study_id=study_id, created_by=BY)
+        shown = next(result["policy"] for result in results if result["passed"])
         base = policy_artefact(s, f"{SETUP}/base").id
-        own = [
-            str(job.result["policy"])
-            for job in s.scalars(
-                select(Job).where(Job.study_id == study_id, Job.kind == "align").order_by(Job.created_at)
-            )
-            if job.result and job.result.get("passed")
-        ]
-        for policy in own:
-            enqueue_job(s, "evaluate", {"policy": policy, "scenes": SCENES}, study_id=study_id, created_by=BY)
-        compared = {"policy_a": base, "policy_b": own[0], "scenes": SCENES, "replays": REPLAYS}
+        compared = {"policy_a": base, "policy_b": shown, "scenes": SCENES, "replays": REPLAYS}
         enqueue_job(s, "compare", compared, study_id=study_id, created_by=BY)
     _await_jobs(database)
 

@@ -18,9 +18,9 @@ from desirepath.study.protocol_rows import row_of
 from desirepath.web.core import svg_figures
 from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.dependencies import Db, Files, services_of
-from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
+from desirepath.web.core.lab_frame import LabRefusal, lab_language
 from desirepath.web.core.media import csv_response
-from desirepath.web.lab.study_tabs import TABS, the_participant, the_study
+from desirepath.web.lab.study_tabs import study_tab, the_participant, the_study
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])
 
@@ -36,12 +36,11 @@ def learnt(request: Request, study_id: str, code: str, database: Db, files: File
         fragment = request.headers.get("X-Fragment")
         session = _session(s, participant)
         now = None if not (fragment or wait) and takes_long(s, files, session) else find_learnt(s, files, session)
-        return lab_page(
+        return study_tab(
             request,
+            study,
+            "people",
             "lab/learnt_part.html" if fragment else "lab/learnt.html",
-            study=study,
-            tab="people",
-            tabs=TABS,
             participant=participant,
             learnt=now,
             convincing=CONVINCING,
