@@ -24,7 +24,7 @@ from desirepath.store.shipped_policies import register_shipped
 from desirepath.store.snapshots import load_snapshot
 
 Installation = tuple[Database, ArtefactStore]
-MOST_BYTES = 500_000
+MOST_BYTES = 300_000
 
 
 def opened(folder: Path) -> Installation:

@@ -52,7 +52,7 @@ def test_people_answers_policies_and_jobs_are_there_and_say_that_they_are_simula
     assert MARK in person
     assert "Replay" in person
     assert MARK in lab.get(f"{study}/people/{codes[0]}/learnt").text
-    assert "simulated" in lab.get(f"/lab/artefacts/{policy.id}").text
+    assert "simulated" in lab.get(f"/lab/policies/{policy.id}").text
     assert policy.name in lab.get("/lab/policies").text
     assert "simulated" in lab.get(f"/lab/jobs/{job.id}").text
     listed = lab.get("/lab/studies").text

@@ -79,7 +79,7 @@ def pack_example(db: Database, files: ArtefactStore, study_id: str) -> Packed:
             (ROWS, json.dumps(about, sort_keys=True, separators=(",", ":")).encode()),
             (SHOWN, QuerySet(query_set.setup, tuple(queries), {}).to_bytes()),
         ):
-            packed.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED, 9)
+            packed.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_LZMA)  # ids stand far apart, many times
     return Packed(out.getvalue(), {name: len(of) for name, of in rows.items()})
 
 
