@@ -54,8 +54,8 @@ class RobotConfig:
     slow_wheels: Annotated[Share, Field(description="Share that wheels lack of the commanded speed.")] = 0.0
 
     through: Annotated[
-        Literal["process", "topics"],
-        Field(description="The controller here, or `drive` over ROS 2 in lock step (.venv-tools)."),
+        Literal["process", "topics", "engine"],
+        Field(description="The controller here, or `drive` over ROS 2 in lock step (.venv-tools); or no robot at all."),
     ] = "process"
     zones: Annotated[bool, Field(description="Over topics: with the stop zone and the keep-out distance.")] = True
 
@@ -132,10 +132,10 @@ def benchmark_robot(config: RobotConfig, progress: Progress | None = None) -> di
     from the robot's path to the engine's, the mean of a scene; median_person_m: by how much their smallest distances to
     the person differ. p99_latency_ms: from scan and odometry to the command.
 
-    ended: engine's end/robot's end -> scenes. otherwise: of those that end otherwise on the robot, which number, how
-    many of them end as in the engine where ir-sim's steps are ten times finer, and in how many scenes the engine itself
-    ends otherwise when the robot starts 1 mm beside. observed: how far what the controller made of the robot's scan and
-    odometry is from what the engine observes at the same poses.
+    ended: engine's end/robot's end -> scenes; rows: of each scene, so that policies can be compared scene by scene.
+    otherwise: how many that end otherwise on the robot end as in the engine where ir-sim's steps are ten times finer,
+    and in how many scenes the engine itself ends otherwise when the robot starts 1 mm beside. observed: how far what
+    the controller made of the robot's scan and odometry is from what the engine observes at the same poses.
     """
     progress = progress or Progress()
     setup = get_setup(config.setup)
@@ -151,6 +151,19 @@ def benchmark_robot(config: RobotConfig, progress: Progress | None = None) -> di
 
     engine = in_engine()
     engine_ends, paths = drive_engine(engine, policy)
+    rows = [{"scene": scene.seed, "engine": _word(end)} for scene, end in zip(scenes, engine_ends, strict=True)]
+    result: dict[str, Any] = {
+        "simulated": True,
+        "setup": setup.name,
+        "policy": config.policy or f"{config.setup}/base",
+        "seed": config.seed,
+        "scenes": len(scenes),
+        "disturbances": asdict(config.disturbances),
+        "engine_success": float((engine_ends == Outcome.SUCCESS).mean()),
+        "rows": rows,
+    }
+    if config.through == "engine":
+        return result
     nudged = in_engine()
     nudged.start_at(np.array([(s.start.x + NUDGE_M, s.start.y, s.start.yaw) for s in scenes]))
     nudged_ends, _ = drive_engine(nudged, policy)
@@ -171,23 +184,17 @@ def benchmark_robot(config: RobotConfig, progress: Progress | None = None) -> di
         ]
     both = np.flatnonzero((ends == Outcome.SUCCESS) & (engine_ends == Outcome.SUCCESS))
     took = np.concatenate([one.took_s for one in driven])
-    result = {
-        "simulated": True,
-        "setup": setup.name,
-        "policy": config.policy or f"{config.setup}/base",
-        "seed": config.seed,
-        "scenes": len(scenes),
-        "disturbances": asdict(config.disturbances),
-        "engine_success": float((engine_ends == Outcome.SUCCESS).mean()),
+    for row, end in zip(rows, ends, strict=True):
+        row["robot"] = _word(end)
+    result |= {
         "robot_success": float((ends == Outcome.SUCCESS).mean()),
         "median_distance_m": _median([_apart(driven[i].poses[:, :2], paths[i]) for i in both]),
         "median_person_m": _median(
             [abs(_to_person(driven[i].poses[:, :2], scenes[i]) - _to_person(paths[i], scenes[i])) for i in both]
         ),
         "p99_latency_ms": float(1_000 * np.quantile(took, 0.99)),
-        "ended": Counter(f"{_word(a)}/{_word(b)}" for a, b in zip(engine_ends, ends, strict=True)),
+        "ended": Counter(f"{row['engine']}/{row['robot']}" for row in rows),
         "otherwise": {
-            "scenes": [scenes[i].seed for i in others],
             "as_engine_with_finer_steps": int(sum(a == b for a, b in zip(finer, engine_ends[others], strict=True))),
             "engine_otherwise_1_mm_beside": int((nudged_ends != engine_ends).sum()),
         },

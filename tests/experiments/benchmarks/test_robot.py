@@ -125,6 +125,9 @@ def test_a_small_benchmark_arrives_as_the_engine_does_and_says_what_was_observed
     assert told["p99_latency_ms"] > 0
     slipping = CliRunner().invoke(app, ["benchmark", "robot", "--scenes", "1", "--slip", "0.5", "--json"])
     assert json.loads(slipping.stdout)["disturbances"]["slip"] == 0.5
+    alone = CliRunner().invoke(app, ["benchmark", "robot", "--scenes", "6", "--through", "engine", "--json"])
+    assert [row["engine"] for row in json.loads(alone.stdout)["rows"]] == ["success"] * 6
+    assert "robot_success" not in json.loads(alone.stdout)
 
 
 @pytest.mark.skipif(not TOOLS.exists(), reason="ROS comes with the tools: make setup-test")
