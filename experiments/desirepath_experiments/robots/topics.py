@@ -64,7 +64,7 @@ class TopicsController:
             [*command, "--ros-args", "-p", "use_sim_time:=true", "-r", f"__ns:={here}", "--log-level", "error"],
             stdin=subprocess.DEVNULL,
         )
-        self._now_s, self._driving = 1.0, False
+        self._now_s, self._driving, self._stood = 1.0, False, False
         self.refusals: list[str] = []
         self.latencies_s: list[float] = []
         self.observation = np.zeros(0, dtype=np.float32)  # stays with the node
@@ -90,7 +90,7 @@ class TopicsController:
     def reset(self) -> None:
         """Another scene: the node is turned off, and will be armed and started at the first step."""
         self._call("off")
-        self._driving = False
+        self._driving = self._stood = False
 
     def step(self, scan: Scan, odometry: Odometry, goal: tuple[float, float], people: Sequence[Person] = ()) -> Command:
         """What the node tells a robot that sees and does this. It stands from when the node has stopped."""
@@ -118,8 +118,9 @@ class TopicsController:
         return self._now_s - began
 
     def _refused(self) -> Command:
-        if not self.refusals or self.refusals[-1] != self._state:
+        if not self._stood:
             self.refusals.append(self._state)
+        self._stood = True
         return Command(0.0, 0.0)
 
     def _round(self, scan: Scan, odometry: Odometry, people: Sequence[Person]) -> Command:
