@@ -111,7 +111,7 @@ def test_broken_protocol_is_shown_with_line_and_field_and_cannot_be_opened(lab, 
     assert "first_person" in page
     assert f'class="line wrong" id="line-{where}"' in page
     assert lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": "x"}).status_code == 422
-    assert lab.get(f"{draft}/preview/1").status_code == 422
+    assert lab.get(f"{draft}/preview/1").status_code == 200  # of the stages in which nothing is wrong
     lines[where - 1] = lines[where - 1].replace("topdown", "first_person")
     lab.post(draft, data={"csrf": csrf(lab), "yaml": "\n".join(lines)})
     assert "The protocol is valid" in lab.get(draft).text
