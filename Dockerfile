@@ -9,7 +9,7 @@ RUN scripts/setup_node.sh
 FROM python:3.11.13-slim-bookworm
 ENV PYTHONUNBUFFERED=1
 WORKDIR /desirepath
-COPY requirements.lock pyproject.toml Makefile README.md LICENSE ./
+COPY requirements.lock pyproject.toml mkdocs.yml Makefile README.md LICENSE ./
 COPY scripts scripts
 COPY app app
 COPY backend backend

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 import pytest
+import yaml
 
 from desirepath.installed import DOCS, FRONTEND
 from desirepath.web.application import create_application
 from desirepath.web.core.guides import FITTING, GUIDES, HERE, anchor_of, find, fitting_guide, guide
 from tests.fences import DOCUMENTS, FENCE
 from tests.web.lab_services import Walked
+
+TITLE = "Learning Personalized and Human-Aware Robot Navigation"
 
 
 def anchors(name: str) -> set[str]:
@@ -46,6 +50,27 @@ def test_links_of_readme_and_notebook_lead_to_files_and_their_parts():
             assert file.exists(), (path, address)
             headings = re.findall(r"^#+ (.+)$", file.read_text("utf-8"), re.MULTILINE) if part else []
             assert not part or part in map(anchor_of, headings), (path, address)
+
+
+def _texts_of(node: object) -> Iterator[str]:
+    if isinstance(node, str):
+        yield node
+    for below in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
+        yield from _texts_of(below)
+
+
+def test_labels_that_the_manual_names_are_those_of_the_pages():
+    """*Label*: what a page, a button or a part of the manual is called."""
+    texts = [
+        text
+        for file in (FRONTEND / "locales" / "en").rglob("*.yaml")
+        for text in _texts_of(yaml.safe_load(file.read_text("utf-8")))
+    ]
+    shown = "\n".join([*texts, *(passage.title for name in GUIDES for passage in guide(name).passages)]).casefold()
+    for name in GUIDES:
+        words = FENCE.sub("", (DOCS / f"{name}.md").read_text("utf-8"))
+        labels = set(re.findall(r"(?<!\*)\*([A-Z][^*\n]+)\*(?!\*)", words)) - {TITLE}
+        assert {label for label in labels if label.casefold().rstrip(".") not in shown} == set(), name
 
 
 def test_words_are_found_in_headings_first():
