@@ -314,8 +314,8 @@ ALL: tuple[Callable[[], Result], ...] = (
 def results() -> str:
     """The page, Markdown."""
     found = [one() for one in ALL]
-    table = ["| | what | result | interval | worst | over |", "|---|---|---|---|---|---|"]
-    commands = ["| | command | file |", "|---|---|---|"]
+    table = ["| no. | what | result | interval | worst | over |", "|---|---|---|---|---|---|"]
+    commands = ["| no. | command | file |", "|---|---|---|"]
     for k, one in enumerate(found, 1):
         table.append(f"| {k} | {one.what} | **{one.number}** | {one.interval} | {one.worst} | {one.over} |")
         commands.append(f"| {k} | `{one.stored.command}` | `{one.stored.file}` |")

@@ -66,7 +66,9 @@ def test_labels_that_the_manual_names_are_those_of_the_pages():
         for file in (FRONTEND / "locales" / "en").rglob("*.yaml")
         for text in _texts_of(yaml.safe_load(file.read_text("utf-8")))
     ]
-    shown = "\n".join([*texts, *(passage.title for name in GUIDES for passage in guide(name).passages)]).casefold()
+    titles = [passage.title for name in GUIDES for passage in guide(name).passages]
+    whole = {text.casefold().rstrip(".:") for text in (*texts, *titles)}
+    shown = whole | {text.partition(" (")[0] for text in whole}
     for name in GUIDES:
         words = FENCE.sub("", (DOCS / f"{name}.md").read_text("utf-8"))
         labels = set(re.findall(r"(?<!\*)\*([A-Z][^*\n]+)\*(?!\*)", words)) - {TITLE}
