@@ -73,7 +73,9 @@ def train_setup_folder(
     queries: Annotated[int, typer.Option(min=10, max=2_000, help="Pairs in each query set.")] = 200,
     effort: Annotated[
         float,
-        typer.Option(min=0.001, max=10, help="Times the usual updates: 1 to use it, 0.03 to see whether all runs."),
+        typer.Option(
+            min=0.001, max=10, help="Multiple of the default updates: 1 to use it, 0.03 to check that everything runs."
+        ),
     ] = 1.0,
     randomise: Annotated[
         bool,

@@ -113,13 +113,16 @@ def create(
         result = {"study": study.id, "link": link, "pilot": study.pilot}
     say(result, as_json)
     if not live:
-        typer.echo(f"Who joins now is a pilot and counts in no number; `desirepath study live {study.id}`", err=True)
+        typer.echo(
+            f"New participants are pilot participants, whom reports leave out; `desirepath study live {study.id}`",
+            err=True,
+        )
 
 
 @commands.command("live")
 @in_data_folder
 def go_live(study: Annotated[str, typer.Argument(help="Id of the study.")], as_json: JsonFlag = False) -> None:
-    """End a study's pilot: whoever joins from now on counts. Pilot participants stay pilots."""
+    """End a study's pilot: participants who join after this are in the main study. Pilot participants stay pilots."""
     from desirepath.store.audit import record
     from desirepath.store.events import log_event
     from desirepath.store.models import Study

@@ -87,7 +87,7 @@ def revise(
     file: Annotated[Path, typer.Argument(help="The edited protocol, with a higher version.")],
     as_json: JsonFlag = False,
 ) -> None:
-    """Give a running study a new version of its protocol, for whoever joins from now on."""
+    """Give a running study a new version of its protocol, for new participants."""
     from desirepath.store.audit import record
     from desirepath.store.models import Study
     from desirepath.study.protocol.freezing import freeze

@@ -147,7 +147,7 @@ def query_sets_for(s: DatabaseSession, study: Study) -> dict[str, str]:
 def revise_study(
     s: DatabaseSession, files: ArtefactStore, study: Study, frozen: FrozenProtocol, *, by: str | None
 ) -> ProtocolVersion:
-    """Give the study a new version of its protocol, for whoever joins from now on.
+    """Give the study a new version of its protocol, for new participants.
 
     Raises StudyError where it is another protocol, its version is not higher, nothing differs, the consent's words
     changed under the same version, or the query set does not do.

@@ -188,7 +188,7 @@ def _check_page(
 def make_version(
     request: Request, study_id: str, draft: TheDraft, database: Db, files: Files, user: CheckedCsrf
 ) -> Response:
-    """Give whoever joins from now on the new version."""
+    """Give new participants the new version."""
     try:
         with database.session() as s:
             frozen = draft.freeze(query_sets_for(s, the_study(s, study_id)))

@@ -284,7 +284,7 @@ def set_state(
 def set_pilot(
     request: Request, study_id: str, database: Db, user: CheckedCsrf, pilot: Annotated[str, Form()] = ""
 ) -> Response:
-    """Begin or end a pilot: who joins from now on is a pilot participant or not, for good."""
+    """Begin or end a pilot: new participants are pilot participants or not, for good."""
     with database.transaction() as s:
         study = the_study(s, study_id)
         if study.pilot != bool(pilot):
