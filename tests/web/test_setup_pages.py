@@ -147,7 +147,7 @@ def test_a_trained_setup_comes_back_with_what_was_trained_in_it(lab, lab_service
     page = lab.get(PAGE).text
     assert "Left out" not in page
     assert "<dd>base</dd>" in page
-    assert "our_lab/base" in lab.get("/lab/policies").text
+    assert 'our_lab/base</a> <span class="tag">brought or made by command</span>' in lab.get("/lab/policies").text
     with lab_services.database.session() as s:
         assert s.scalars(select(Artefact.kind).where(Artefact.name == "our_lab/base")).one() == "policy"
 

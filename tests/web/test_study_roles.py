@@ -6,12 +6,12 @@ import re
 
 import pytest
 from fastapi.testclient import TestClient
-from sqlalchemy import select
+from sqlalchemy import delete, select
 
-from desirepath.store.models import Artefact, Audit, Job, Study, StudyRole
+from desirepath.store.models import Artefact, Audit, Job, Study, StudyRole, User
 from desirepath.store.outbox import enqueue_job
 from desirepath.web.core.roles import CHANGING, Right, rights_of, rule_of
-from tests.web.lab_services import csrf
+from tests.web.lab_services import NAME, csrf
 
 REFUSED = "Your role does not allow this"
 
@@ -99,6 +99,18 @@ def test_an_experimenter_of_a_study_may_be_given_the_right_to_start_jobs_in_it(c
         job = s.get_one(Job, started.headers["location"].rsplit("/", 1)[1])
     assert job.study_id == two_studies.ours  # of what belongs to no study, but theirs to cancel
     assert both.post(f"/lab/jobs/{job.id}/cancel", data={"csrf": csrf(both)}).status_code == 303
+    page = both.get("/lab/jobs/new/evaluate").text
+    assert f"It will belong to the study “{NAME}”." in page
+    with lab_services.database.transaction() as s:
+        user = s.scalars(select(User).where(User.name == "a-member-experimenter-analyst")).one()
+        s.add(StudyRole(user_id=user.id, study_id=two_studies.theirs, role="analyst", given_by="x"))
+    page = both.get("/lab/jobs/new/evaluate").text
+    assert f'<option value="{two_studies.ours}">{NAME}</option>' in page
+    started = both.post("/lab/jobs/new/evaluate", data=form | {"study": two_studies.ours, "seed": "1"})
+    with lab_services.database.transaction() as s:
+        job = s.get_one(Job, started.headers["location"].rsplit("/", 1)[1])
+        assert job.study_id == two_studies.ours  # not the newest
+        s.execute(delete(StudyRole).where(StudyRole.study_id == two_studies.theirs))
     foreign = both.post("/lab/jobs/new/evaluate", data=form | {"policy": two_studies.policy["theirs"]})
     assert foreign.status_code == 422
     assert "belongs to a study in which your role starts no jobs" in foreign.text

@@ -12,7 +12,6 @@ from datetime import datetime
 from sqlalchemy import ColumnElement, and_, delete, select
 from sqlalchemy.orm import Session
 
-from desirepath.simulation.setups import own_setups
 from desirepath.store.artefacts import ArtefactError, ArtefactStore
 from desirepath.store.models import (
     Artefact,
@@ -26,6 +25,7 @@ from desirepath.store.models import (
 )
 from desirepath.store.outbox import ENDED
 from desirepath.store.plain_data import mentions
+from desirepath.store.shipped_policies import came_with_product
 
 LONGEST_NAME = 160
 
@@ -84,10 +84,7 @@ def uses_of(s: Session, artefact_id: str) -> Uses:
         studies=tuple(studies),
         jobs=_jobs_on(s, artefact),
         shown=sum(mentions(compared, {artefact_id}) for compared in arms),
-        shipped=artefact.job_id is None
-        and artefact.study_id is None
-        and "sha256" in artefact.card
-        and artefact.setup not in own_setups(),
+        shipped=came_with_product(artefact.id),
     )
 
 

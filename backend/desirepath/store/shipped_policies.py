@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from desirepath.installed import DATASETS
 from desirepath.simulation.setups import version
 from desirepath.store.artefacts import ARTEFACT_KINDS, ArtefactError, ArtefactStore, save_artefact
 from desirepath.store.models import Artefact
@@ -66,6 +67,19 @@ def _look(version_of_setups: int) -> dict[str, str]:
 def shipped_name(artefact_id: str) -> str | None:
     """The name under which it was shipped, by which commands know it however it is called here; None: it was not."""
     return next((name for name, sha in _shipped_ids().items() if sha == artefact_id), None)
+
+
+def came_with_product(artefact_id: str) -> bool:
+    """Whether the product ships it, and not a lab's own setup, whose folder may hold policies and query sets too."""
+    return artefact_id in _of_the_product()
+
+
+@lru_cache(maxsize=1)
+def _of_the_product() -> frozenset[str]:
+    from desirepath.learning.cards import Card, card_path
+
+    cards = (card_path(path) for path in DATASETS.glob("*/**/*.npz"))
+    return frozenset(Card.load(card).sha256 for card in cards if card.is_file())
 
 
 def register_parents(s: Session, files: ArtefactStore, card: Card) -> list[tuple[str, str]]:

@@ -23,6 +23,7 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database, DatabaseBusy, check_writable, is_full
 from desirepath.store.places import StoreAway
 from desirepath.store.plain_data import Unstorable
+from desirepath.store.shipped_policies import came_with_product
 from desirepath.study.refusals import Refused
 from desirepath.web.core import plug_ins
 from desirepath.web.core.artefact_names import artefact_name
@@ -67,6 +68,7 @@ def _templates() -> Jinja2Templates:
     templates.env.trim_blocks = templates.env.lstrip_blocks = True
     templates.env.filters["prose"] = prose
     templates.env.filters["artefact_name"] = artefact_name
+    templates.env.tests["came_with_product"] = came_with_product
     return templates
 
 
