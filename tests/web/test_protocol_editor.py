@@ -13,6 +13,7 @@ import yaml
 from fastapi.testclient import TestClient
 
 from desirepath.installed import FRONTEND
+from desirepath.store.models import Artefact
 from desirepath.study.protocol.freezing import find_shipped_protocols
 from desirepath.study.protocol.schema import json_schema
 from desirepath.study.protocol.stages import STAGES
@@ -201,8 +202,12 @@ def test_minutes_and_power_stand_beside_it(lab: TestClient, lab_services: Servic
     assert int(longer[1]) > 25
 
 
-def test_the_schema_and_what_there_is_to_name_are_told(lab: TestClient):
+def test_the_schema_and_what_there_is_to_name_are_told(lab: TestClient, lab_services: Services):
+    with lab_services.database.transaction() as s:
+        card = {"stored_queries": [{}]}
+        s.add(Artefact(id="a" * 64, kind="query_set", name="Our cart, polite", setup="study_room", card=card))
     editor = Editor(lab, source="shipped:quick_preference_study")
+    assert f'<option value="{"a" * 64}">Our cart, polite (study_room)</option>' in editor.answer["part"]
     known = lab.get(f"{editor.here}/schema.json").json()
     assert known["protocol"] == json_schema()
     assert "texts/consent.md" in known["names"]["text"]

@@ -50,6 +50,7 @@ def draft_view(request: Request, draft: Draft) -> dict[str, Any]:
         "problems": problems,
         "source": source,
         "forms": forms,
+        "named": {one: f"{words.rpartition(',')[0]})" for one, words in sets.items()},  # name and setup
         "protocol_fields": protocol_form(source, suggested) if source else (),
         "kinds": [*STAGES],
         "minutes": estimate_minutes(frozen.protocol) if frozen else sum(known) / 60,
