@@ -284,7 +284,7 @@ def walk_study(running: Composed, *, participants: int = 1) -> dict[str, Any]:
     """Open the shortened study, walk simulated participants through it (the first in Chromium, the others over HTTP
     alone), export it and check the export, back all of it up on the store, restore that and serve what came of it.
 
-    Returns {"opened_s", "walked": as `study simulate --json`,
+    Returns {"opened_s", "walked": as `studies simulate --json`,
     "answers": {"acknowledged", "stored", "exported"}, "export": {"files", "checksums", "exported_s"}, "jobs": per
     attempt {"kind", "machine", "outcome"}, "lost": answers acknowledged to
     somebody and not in the export, "backup": as `backup --json`, "restored": {"answers", "page": what the study's link
@@ -293,10 +293,20 @@ def walk_study(running: Composed, *, participants: int = 1) -> dict[str, Any]:
     began = time.monotonic()
     study, link = open_study(running, protocol=shortened(PAIRS, running.folder / "protocols"))
     opened_s = time.monotonic() - began
-    walking = ["study", "simulate", study, "--participants", str(participants), "--browser", "1", "--url", running.url]
+    walking = [
+        "studies",
+        "simulate",
+        study,
+        "--participants",
+        str(participants),
+        "--browser",
+        "1",
+        "--url",
+        running.url,
+    ]
     walked = _said(running, walking)
     began, folder = time.monotonic(), running.folder / "export"
-    _said(running, ["export", study, "--out", str(folder)])
+    _said(running, ["studies", "export", study, "--out", str(folder)])
     check_files(folder)
     exported_s = time.monotonic() - began
     with (folder / "responses.csv").open(encoding="utf-8", newline="") as file:
@@ -362,7 +372,7 @@ def _said(running: Composed, command: list[str], source: Path = ROOT) -> dict[st
 
 def open_study(running: Composed, *, source: Path = ROOT, protocol: Path = Path(QUICK_STUDY)) -> tuple[str, str]:
     """A study in a deployment, made by the version of that source tree: its id and the token of its link."""
-    study = _said(running, ["study", "create", str(protocol), "--live"], source)
+    study = _said(running, ["studies", "create", str(protocol), "--live"], source)
     return study["study"], study["link"].rpartition("/")[2]
 
 

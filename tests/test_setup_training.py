@@ -1,5 +1,5 @@
-"""`desirepath setup train` makes what a study needs into a lab's own folder, and goes on where it was killed. Tiny: the
-policies have hardly learned."""
+"""`desirepath setups train` makes what a study needs into a lab's own folder, and goes on where it was killed. Tiny:
+the policies have hardly learned."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, o
     folder = tmp_path_factory.mktemp("setups") / "our_hall"
     folder.mkdir()
     (folder / "setup.yaml").write_text(SETUP)
-    command = [sys.executable, "-m", "desirepath", "setup", "train", str(folder), *ASKED]
+    command = [sys.executable, "-m", "desirepath", "setups", "train", str(folder), *ASKED]
     environment = os.environ | {"DESIREPATH_DATA": str(folder.parent / "data"), "DESIREPATH_SETUPS": ""}
     first = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     patience = time.monotonic() + 300
@@ -97,7 +97,7 @@ def test_what_was_made_is_found_like_what_is_shipped(known, trained):
     card = load_card("our_hall/conditioned")
     assert "our_hall/base" in card.parents
     assert DEFINITION in card.parents
-    assert card.command == f"desirepath setup train our_hall --seed 0 --effort {EFFORT}"
+    assert card.command == f"desirepath setups train our_hall --seed 0 --effort {EFFORT}"
     assert all(done for _, done in stages_done(known, SetupTrainingConfig(queries=10, effort=EFFORT)))
 
 
@@ -112,7 +112,7 @@ def test_another_description_is_trained_anew(known, tmp_path):
     assert [done for _, done in stages_done(copy, SetupTrainingConfig(queries=10))] == [False] * 5  # a rehearsal's
     disturbed = replace(config, randomise=True)
     assert [done for _, done in stages_done(copy, disturbed)] == [False] * 5
-    assert disturbed.command("our_hall") == f"desirepath setup train our_hall --seed 0 --effort {EFFORT} --randomise"
+    assert disturbed.command("our_hall") == f"desirepath setups train our_hall --seed 0 --effort {EFFORT} --randomise"
     damaged = (copy / "conditioned.npz").read_bytes()[:-1]
     (copy / "conditioned.npz").write_bytes(damaged)
     assert [done for _, done in stages_done(copy, config)] == [True, False, False, True, True]
@@ -183,7 +183,7 @@ def test_another_map_or_robot_is_another_description(tmp_path, name):
 
 
 def test_nothing_is_trained_into_a_shipped_setup():
-    command = [sys.executable, "-m", "desirepath", "setup", "train", str(DATASETS / "study_room"), "--json"]
+    command = [sys.executable, "-m", "desirepath", "setups", "train", str(DATASETS / "study_room"), "--json"]
     refused = subprocess.run(command, capture_output=True, text=True)
     assert refused.returncode == 1
     assert "comes with the product" in json.loads(refused.stdout)["error"]

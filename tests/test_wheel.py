@@ -41,11 +41,13 @@ def run(installed: Path, *arguments: str) -> str:
 def test_a_wheel_finds_protocols_and_shipped_policies_in_itself(installed: Path) -> None:
     said = run(installed, "-c", "from desirepath import installed; print(installed.ROOT)")
     assert Path(said.strip()) == installed / "desirepath" / "files"
-    judged = json.loads(run(installed, "-m", "desirepath", "evaluate", "study_room/base", "--scenes", "20", "--json"))
+    judged = json.loads(
+        run(installed, "-m", "desirepath", "policies", "evaluate", "study_room/base", "--scenes", "20", "--json")
+    )
     assert judged["n"] == 20
     assert judged["success_rate"] > 0.8
     protocol = installed / "desirepath" / "files" / "study_protocols" / "quick_preference_study.yaml"
-    checked = run(installed, "-m", "desirepath", "study", "validate", str(protocol), "--json")
+    checked = run(installed, "-m", "desirepath", "studies", "check", str(protocol), "--json")
     assert json.loads(checked)["valid"]
 
 

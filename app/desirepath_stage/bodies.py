@@ -71,7 +71,7 @@ def _robot(of: Robot, colours: RobotColours, changed: tuple[int, int]) -> Shape:
     if of.urdf is not None:
         try:
             return _pictured(read_looks(of.urdf), colours)
-        except ProtocolError as wrong:  # `desirepath robot check` tells the same
+        except ProtocolError as wrong:  # `desirepath robots check` tells the same
             log.warning("robot_without_urdf", robot=of.name, problems=[str(problem) for problem in wrong.problems])
     return _turtlebot(of, colours) if of.footprint is None else _outlined(of, of.footprint, colours)
 

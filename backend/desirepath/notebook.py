@@ -71,7 +71,7 @@ def make_env(setup: str | Setup, **options: Any) -> NavigationEnv:
 
 
 def evaluate(policy: Policy, n: int = 2_000, seed: int = 0) -> dict[str, Any]:
-    """The policy in n fresh scenes: rates and means in SI units, `intervals` of 95 %; as `desirepath evaluate` says."""
+    """The policy in n fresh scenes: rates and means in SI units, `intervals` of 95 %; as `policies evaluate` says."""
     return evaluate_policy(policy, n=n, seed=seed)
 
 
@@ -143,7 +143,7 @@ class Report:
         return analyse(*read_folder(self.source), self.who)
 
     def write(self, out: Path) -> Path:
-        """Write it into a folder, as `desirepath report` does; returns the HTML file, beside figures and tables."""
+        """Write it into a folder, as `studies report` does; returns the HTML file, beside figures and tables."""
         from desirepath.report.study_report import write_study_report
         from desirepath.report.tidy_tables import read_folder
 

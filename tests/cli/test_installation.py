@@ -33,7 +33,7 @@ def desirepath(*words: str) -> tuple[int, str, str]:
     return ended.exit_code, ended.stdout, ended.stderr
 
 
-@pytest.mark.parametrize("words", [("study", "list"), ("jobs", "list"), ("train", "align", "--study", "some")])
+@pytest.mark.parametrize("words", [("studies", "list"), ("jobs", "list"), ("train", "align", "--study", "some")])
 def test_a_folder_without_an_installation_is_named_and_not_made(tmp_path: Path, words: tuple[str, ...]) -> None:
     missing = tmp_path / "nowhere"
     code, said, told = desirepath(*words, "--data", str(missing))
@@ -45,13 +45,13 @@ def test_a_folder_without_an_installation_is_named_and_not_made(tmp_path: Path, 
 def test_a_refused_protocol_makes_no_installation(tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.yaml"
     wrong.write_text("protocol: 1")
-    assert desirepath("study", "create", str(wrong), "--data", str(tmp_path / "new"))[0] == 1
+    assert desirepath("studies", "create", str(wrong), "--data", str(tmp_path / "new"))[0] == 1
     assert not (tmp_path / "new").exists()
 
 
 def test_a_new_studys_link_is_that_of_the_server_that_runs_on_its_folder(tmp_path: Path) -> None:
     def link() -> str:
-        code, said, told = desirepath("study", "create", str(PROTOCOL), "--data", str(tmp_path), "--json")
+        code, said, told = desirepath("studies", "create", str(PROTOCOL), "--data", str(tmp_path), "--json")
         assert code == 0, told
         return str(json.loads(said)["link"])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import sys
 
 import pytest
@@ -48,6 +49,12 @@ def test_what_is_logged_goes_to_the_stream_that_stands_now(monkeypatch):
     monkeypatch.setattr(sys, "stderr", now)
     structlog.get_logger().info("still heard")
     assert "still heard" in now.getvalue()
+    log_to_stderr(logging.WARNING)
+    structlog.get_logger().info("worker ready")
+    structlog.get_logger().warning("no disk")
+    log_to_stderr()
+    assert "worker ready" not in now.getvalue()
+    assert "no disk" in now.getvalue()
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def test_a_zip_comes_in_is_listed_shown_evaluated_and_goes_out(tmp_path: Path) -
     shown = told("policies", "show", kept["policy"])
     assert shown["imported"]["files"] == [{"name": "model.zip", "sha256": hashlib.sha256(content).hexdigest()}]
     assert shown["imported"]["by"] == "command line"
-    assert told("evaluate", kept["policy"], "--scenes", "5")["setup"] == "study_room"
+    assert told("policies", "evaluate", kept["policy"], "--scenes", "5")["setup"] == "study_room"
     out = told("policies", "export", kept["policy"], "--out", str(tmp_path / "out"))
     own = [Path(file).name for file in out["files"] if Path(file).suffix != ".py"]
     assert own == ["policy.npz", "manifest.json", "policy.onnx", "policy.zip", "test_vectors.json"]
@@ -76,6 +76,6 @@ def test_what_cannot_come_in_says_why_and_nothing_is_kept(tmp_path: Path) -> Non
 
 
 def test_the_manifest_to_compare_with_is_written_whole() -> None:
-    written = json.loads(RUN.invoke(app, ["policies", "manifest", "study_room"]).stdout)
+    written = json.loads(RUN.invoke(app, ["setups", "show", "study_room", "--json"]).stdout)
     assert written["setup"] == "study_room"
     assert written["lidar"]["order"] == "from straight ahead, counter-clockwise"

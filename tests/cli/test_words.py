@@ -51,22 +51,22 @@ def test_an_unknown_policy_is_refused_before_a_job_is_made():
 
 def test_a_study_begins_as_a_pilot_until_it_is_said_to_be_live():
     protocol = str(PROTOCOLS / "quick_demonstration_study.yaml")
-    piloted = RUN.invoke(app, ["study", "create", protocol, "--json"])
+    piloted = RUN.invoke(app, ["studies", "create", protocol, "--json"])
     study = json.loads(piloted.stdout)
     assert study["pilot"] is True
-    assert f"desirepath study live {study['study']}" in piloted.stderr
-    assert json.loads(RUN.invoke(app, ["study", "create", protocol, "--live", "--json"]).stdout)["pilot"] is False
-    assert RUN.invoke(app, ["study", "live", study["study"]]).exit_code == 0
-    listed = json.loads(RUN.invoke(app, ["study", "list", "--json"]).stdout)["studies"]
+    assert f"desirepath studies live {study['study']}" in piloted.stderr
+    assert json.loads(RUN.invoke(app, ["studies", "create", protocol, "--live", "--json"]).stdout)["pilot"] is False
+    assert RUN.invoke(app, ["studies", "live", study["study"]]).exit_code == 0
+    listed = json.loads(RUN.invoke(app, ["studies", "list", "--json"]).stdout)["studies"]
     assert {one["pilot"] for one in listed} == {False}
-    assert "no study with id 'nope'" in RUN.invoke(app, ["study", "live", "nope"]).stderr
+    assert "no study with id 'nope'" in RUN.invoke(app, ["studies", "live", "nope"]).stderr
 
 
 def test_an_export_is_told_in_a_few_lines(tmp_path: Path):
     protocol = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_demonstration_study.yaml"
-    made = RUN.invoke(app, ["study", "create", str(protocol), "--json"])
+    made = RUN.invoke(app, ["studies", "create", str(protocol), "--json"])
     study = re.search(r'"study": "([0-9a-f]+)"', made.stdout)[1]
-    told = RUN.invoke(app, ["export", study, "--out", str(tmp_path / "out")])
+    told = RUN.invoke(app, ["studies", "export", study, "--out", str(tmp_path / "out")])
     assert told.exit_code == 0, told.stderr
     assert "participants" in told.stdout
     assert not re.search(r"[0-9a-f]{64}", told.stdout), "hashes are in the folder, not on the screen"
@@ -75,15 +75,21 @@ def test_an_export_is_told_in_a_few_lines(tmp_path: Path):
 
 def test_whom_a_pilot_leaves_out_is_said_where_numbers_are_told(tmp_path: Path):
     protocol = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_demonstration_study.yaml"
-    study = json.loads(RUN.invoke(app, ["study", "create", str(protocol), "--json"]).stdout)["study"]
+    study = json.loads(RUN.invoke(app, ["studies", "create", str(protocol), "--json"]).stdout)["study"]
     database, _ = open_store()
     with database.transaction() as s:
         s.add(Participant(study_id=study, code="P1", pilot=True))
-    exported = RUN.invoke(app, ["export", study, "--out", str(tmp_path / "out")])
+    exported = RUN.invoke(app, ["studies", "export", study, "--out", str(tmp_path / "out")])
     assert "1 of the pilot left out" in exported.stderr
     assert "--pilots" in exported.stderr
-    assert "left out" not in RUN.invoke(app, ["export", study, "--pilots", "--out", str(tmp_path / "all")]).stderr
-    assert "1 of the pilot left out" in RUN.invoke(app, ["report", study, "--out", str(tmp_path / "report")]).stderr
+    assert (
+        "left out"
+        not in RUN.invoke(app, ["studies", "export", study, "--pilots", "--out", str(tmp_path / "all")]).stderr
+    )
+    assert (
+        "1 of the pilot left out"
+        in RUN.invoke(app, ["studies", "report", study, "--out", str(tmp_path / "report")]).stderr
+    )
 
 
 @pytest.mark.parametrize(
@@ -105,7 +111,7 @@ def test_whom_a_pilot_leaves_out_is_said_where_numbers_are_told(tmp_path: Path):
         ("train align --snapshot nope --recipe bogus", "recipe = 'bogus': must be one of 'fine_tuning'"),
         ("train align", "give either --study or --snapshot"),
         ("jobs show nope", "no job with id 'nope'"),
-        ("jobs tensorboard nope --out x", "no job with id 'nope'"),
+        ("jobs export nope --out x", "no job with id 'nope'"),
         ("export nope --out x", "nope"),
     ],
 )

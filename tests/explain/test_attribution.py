@@ -181,7 +181,9 @@ def test_unknown_methods_and_blind_setups_are_refused(policy: Policy, sights: li
 
 
 def test_a_policy_is_explained_from_the_command_line(tmp_path: Path) -> None:
-    made = CliRunner().invoke(app, ["explain", "study_room/base", "--scene", "7", "--out", str(tmp_path), "--json"])
+    made = CliRunner().invoke(
+        app, ["policies", "explain", "study_room/base", "--scene", "7", "--out", str(tmp_path), "--json"]
+    )
     assert made.exit_code == 0, made.output
     told = json.loads(made.stdout)
     assert [Path(one["path"]).name for one in told["files"]] == [
@@ -192,7 +194,7 @@ def test_a_policy_is_explained_from_the_command_line(tmp_path: Path) -> None:
     first = max(at, key=lambda row: float(row["score"]))
     assert first["thing"] == told["most_important"][0]["thing"]
     assert all(row["seen"] == "True" for row in rows if row["thing"] != "person" and float(row["score"]) > 0)
-    late = CliRunner().invoke(app, ["explain", "study_room/base", "--scene", "7", "--at", "999", "--json"])
+    late = CliRunner().invoke(app, ["policies", "explain", "study_room/base", "--scene", "7", "--at", "999", "--json"])
     assert late.exit_code == 1
     assert "at = 999.0 s: the trajectory has moments from 0 to" in late.stdout + late.stderr
 

@@ -254,12 +254,12 @@ def test_ensemble_is_drawn_from_several_starts():
 def test_command_line_writes_files_and_says_what_it_wrote(tmp_path):
     out = tmp_path / "new" / "folder"
     done = CliRunner().invoke(
-        app, ["flow-field", "study_room/base", "--scene", "3", "--cell", "1", "--out", str(out), "--json"]
+        app, ["policies", "flow-field", "study_room/base", "--scene", "3", "--cell", "1", "--out", str(out), "--json"]
     )
     assert done.exit_code == 0, done.output
     said = json.loads(done.stdout)
     assert (said["setup"], said["scene_seed"], said["cell_m"]) == ("study_room", 3, 1.0)
     assert {Path(one["path"]).name for one in said["files"]} == {one.name for one in out.iterdir()}
-    refused = CliRunner().invoke(app, ["flow-field", "study_room/base", "open_field/base", "--json"])
+    refused = CliRunner().invoke(app, ["policies", "flow-field", "study_room/base", "open_field/base", "--json"])
     assert refused.exit_code == 1
     assert "setups differ" in json.loads(refused.stdout)["error"]

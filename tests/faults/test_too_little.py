@@ -92,12 +92,12 @@ def test_a_mistake_in_a_protocol_on_the_command_line(tmp_path: Path, right: str,
         (folder / part).symlink_to(QUICK.parent / part)
     file = folder / "mine.yaml"
     file.write_text(QUICK.read_text().replace(right, wrong, 1))
-    for command in (("study", "create"), ("study", "validate")):
+    for command in (("studies", "create"), ("studies", "check")):
         refused = run_command(*command, str(file), data=tmp_path / "data")
         assert refused.returncode == 1
         assert told in refused.stderr
         assert "Traceback" not in refused.stderr
         assert "error: 1" not in refused.stderr
-    machine = run_command("study", "validate", str(file), "--json", data=tmp_path / "data")
+    machine = run_command("studies", "check", str(file), "--json", data=tmp_path / "data")
     assert machine.returncode == 1
     assert [problem["file"] for problem in json.loads(machine.stdout)["errors"]] == ["mine.yaml"]  # one object, no more

@@ -29,7 +29,7 @@ SPEED = 12
 def created(installation: Installation) -> str:
     """The recruiting link's token of a new study."""
     told = subprocess.run(
-        [sys.executable, "-m", "desirepath", "study", "create", str(QUICK), "--live", "--json"],
+        [sys.executable, "-m", "desirepath", "studies", "create", str(QUICK), "--live", "--json"],
         env={**os.environ, "DESIREPATH_DATA": str(installation.data)},
         capture_output=True,
         text=True,

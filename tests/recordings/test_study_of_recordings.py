@@ -72,7 +72,7 @@ def test_a_session_about_recordings_goes_to_its_end(
     assert one.recorded.file == "hall.csv"
 
     data, load = read_folder(tmp_path / "out")
-    told = write_study_report(data, load, tmp_path / "report", who="simulated", command="desirepath report")
+    told = write_study_report(data, load, tmp_path / "report", who="simulated", command="desirepath studies report")
     assert told["answers"] == 4
     assert "nan" not in (tmp_path / "report" / "findings.json").read_text().lower()
     with database.session() as s:

@@ -39,7 +39,7 @@ def data() -> StudyData:
 
 def test_everything_stands_in_the_folder(data: StudyData, tmp_path: Path) -> None:
     told = write_study_report(
-        data, nothing, tmp_path / "new" / "report", who="simulated", plan=PLAN, command="desirepath report X"
+        data, nothing, tmp_path / "new" / "report", who="simulated", plan=PLAN, command="desirepath studies report X"
     )
     out = tmp_path / "new" / "report"
     assert {path.name for path in out.iterdir()} == {
@@ -53,7 +53,7 @@ def test_everything_stands_in_the_folder(data: StudyData, tmp_path: Path) -> Non
     assert all(Path(file).is_file() for file in told["figures"])
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "views, version 3" in page
-    assert "desirepath report X" in page
+    assert "desirepath studies report X" in page
     fun = next(row for row in rows(out / "tests.csv") if row["about"] == "rating of fun")
     assert (fun["test"], fun["significant"], fun["method"]) == ("Friedman", "True", "exact")
     assert fun["shift"] == fun["z"] == ""

@@ -348,16 +348,16 @@ def test_the_building_of_the_guide_is_checked_and_driven_in(tmp_path):
     folder = (tmp_path / fence.file).parent
     folder.mkdir(parents=True)
     (tmp_path / robot.file).write_text(robot.text)
-    assert run("robot", "check", str(tmp_path / robot.file))["left_out"] == []
+    assert run("robots", "check", str(tmp_path / robot.file))["left_out"] == []
     (tmp_path / fence.file).write_text(fence.text.replace("turtlebot3_burger", "our_robot.yaml"))
-    assert run("setup", "check", str(folder))["valid"]
+    assert run("setups", "check", str(folder))["valid"]
     (tmp_path / fence.file).write_text(fence.text)
-    told = run("setup", "check", str(folder))
+    told = run("setups", "check", str(folder))
     assert (told["valid"], told["exit_code"], told["setup"]) == (True, 0, "our_flat")
     assert told["scenes"]["drawn"] == 20
     assert told["scenes"]["longest_m"] <= 6.0
     (tmp_path / fence.file).write_text(fence.text.replace("turtlebot3_burger", "turtlebot3_burgr"))
-    told = run("setup", "check", str(folder))
+    told = run("setups", "check", str(folder))
     assert (told["valid"], told["exit_code"]) == (False, 1)
     assert "did you mean turtlebot3_burger?" in told["errors"][0]["message"]
     assert told["errors"][0]["line"] == 1
@@ -368,13 +368,13 @@ def test_the_building_of_the_guide_is_checked_and_driven_in(tmp_path):
         ("[8, 0, 8, 6]", "[8, 0, 900, 6]", "at most 500 m are plausible"),
     ):
         (tmp_path / fence.file).write_text(fence.text.replace(was, instead))
-        told = run("setup", "check", str(folder))
+        told = run("setups", "check", str(folder))
         assert (told["valid"], told["exit_code"]) == (False, 1)
         assert problem in told["errors"][0]["message"]
 
 
 def test_robots_are_checked_by_name_and_by_file(tmp_path):
-    told = run("robot", "check", "turtlebot3_waffle_pi", "--picture", str(tmp_path / "robot.png"))
+    told = run("robots", "check", "turtlebot3_waffle_pi", "--picture", str(tmp_path / "robot.png"))
     assert (told["valid"], told["left_out"]) == (True, [])
     assert told["inscribed_m"] == 0.077
     assert Image.open(tmp_path / "robot.png").width > 100
@@ -382,7 +382,7 @@ def test_robots_are_checked_by_name_and_by_file(tmp_path):
         "robot:\n  name: own\n  height_m: 0.3\n  footprint: [[0.1, 0.1], [0.2, 0.1], [0.2, 0.2]]\n"
         "  limits: {v_min: 0, v_max: 1, w_max: 1}\n  lidar: {beams: 10, sectors: 3, range_m: 5, height_m: 0.2}\n"
     )
-    told = run("robot", "check", str(tmp_path / "robot.yaml"))
+    told = run("robots", "check", str(tmp_path / "robot.yaml"))
     assert told["exit_code"] == 1
     assert [error["field"] for error in told["errors"]] == ["robot.lidar"]
 
@@ -398,12 +398,12 @@ def test_a_robot_s_urdf_is_checked_shown_and_drawn(tmp_path):
     (tmp_path / "robot.yaml").write_text(f"robot:\n  {described}")
     (tmp_path / "own.urdf").write_text(text.replace("SHAPE", mesh))
     picture = tmp_path / "robot.png"
-    told = run("robot", "check", str(tmp_path / "robot.yaml"), "--picture", str(picture))
+    told = run("robots", "check", str(tmp_path / "robot.yaml"), "--picture", str(picture))
     assert (told["valid"], told["exit_code"]) == (False, 1)
     assert "is missing: put it beside own.urdf, as meshes/base.stl or as base.stl" in told["errors"][0]["message"]
     without = picture.read_bytes()
     (tmp_path / "own.urdf").write_text(text.replace("SHAPE", '<box size="0.4 0.3 0.2"/>'))
-    told = run("robot", "check", str(tmp_path / "robot.yaml"), "--picture", str(picture))
+    told = run("robots", "check", str(tmp_path / "robot.yaml"), "--picture", str(picture))
     assert told["urdf"] == {"parts": 1, "triangles": 12, "size_m": [0.4, 0.3, 0.2]}
     assert picture.read_bytes() != without
     _, fence = fences_of("docs/extending.md", "A building", "yaml")
@@ -411,7 +411,7 @@ def test_a_robot_s_urdf_is_checked_shown_and_drawn(tmp_path):
     folder.mkdir()
     (folder / "setup.yaml").write_text(fence.text.replace("robot: turtlebot3_burger", f"robot:\n  {described}"))
     (folder / "own.urdf").write_text(text.replace("SHAPE", mesh))
-    told = run("setup", "check", str(folder))
+    told = run("setups", "check", str(folder))
     assert told["valid"]
     assert "base.stl" in told["not_shown"][0]
 

@@ -153,7 +153,7 @@ def test_a_simulated_participant_ranks_people_and_the_report_tests_attention_and
         ("hidden-bare", "false", "false"),
     }
     data, load = read_folder(tmp_path / "out")
-    write_study_report(data, load, tmp_path / "report", who="simulated", command="desirepath report")
+    write_study_report(data, load, tmp_path / "report", who="simulated", command="desirepath studies report")
     said = (tmp_path / "report" / "report.html").read_text()
     assert "attention" in said
     assert "attention × lidar" in said or "attention and lidar" in said

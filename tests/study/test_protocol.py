@@ -273,7 +273,7 @@ def test_only_true_and_false_are_booleans():
 
 def test_the_published_schema_is_the_schema_and_the_reference_names_every_key():
     docs = PROTOCOLS.parent / "docs"
-    told = "run `desirepath study schema > docs/protocol.schema.json`, and with --questionnaire"
+    told = "run `desirepath studies schema > docs/protocol.schema.json`, and with --questionnaire"
     schemas = json_schema(), json_schema(Questionnaire)
     assert json.loads((docs / "protocol.schema.json").read_text()) == schemas[0], told
     assert json.loads((docs / "questionnaire.schema.json").read_text()) == schemas[1], told

@@ -153,9 +153,9 @@ def test_the_command_line_previews_compares_and_prints_the_schema(tmp_path, prot
         paths.append(tmp_path / f"{version}.yaml")
         paths[-1].write_text(protocol_text(stages, query_set=str(twenty_queries), version=version))
     run = CliRunner().invoke
-    shown = json.loads(run(app, ["study", "preview", str(paths[1]), "--json"]).stdout)
+    shown = json.loads(run(app, ["studies", "preview", str(paths[1]), "--json"]).stdout)
     assert [step["kind"] for step in shown["steps"]] == ["consent", *["trial"] * 9, "debriefing"]
-    told = run(app, ["study", "diff", *map(str, paths)]).stdout
+    told = run(app, ["studies", "diff", *map(str, paths)]).stdout
     assert "stages.block.each.view: nothing -> ['top_down', 'first_person', 'immersive']" in told
     assert "analyse the versions apart" in told
-    assert json.loads(run(app, ["study", "schema"]).stdout)["title"] == "Protocol"
+    assert json.loads(run(app, ["studies", "schema"]).stdout)["title"] == "Protocol"

@@ -131,7 +131,7 @@ def test_the_report_is_a_page_with_figures_and_their_data(in_process, tmp_path):
     services, study = in_process
     with services.database.session() as s:
         data, load = read_study(s, services.files, study)
-    told = write_study_report(data, load, tmp_path, who="simulated", command="desirepath report")
+    told = write_study_report(data, load, tmp_path, who="simulated", command="desirepath studies report")
     page = (tmp_path / "report.html").read_text()
     assert "<strong>Simulated.</strong>" in page
     assert "The analysis is the one that the protocol declared." in page

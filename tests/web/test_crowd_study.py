@@ -144,6 +144,6 @@ def test_the_interface_study_runs_among_pedestrians(client, services: Services, 
     assert all(len(scene.crowd.pedestrians) == 2 for _, scene in seen)
     export_study(services.database, services.files, study, tmp_path / "out")
     data, load = read_folder(tmp_path / "out")
-    write_study_report(data, load, tmp_path / "report", who="simulated", command="desirepath report")
+    write_study_report(data, load, tmp_path / "report", who="simulated", command="desirepath studies report")
     agreement = (tmp_path / "report" / "report.html").read_text()
     assert "first person – immersive 100.0" in agreement, "who always wants the fastest chooses alike in all views"

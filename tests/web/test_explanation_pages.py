@@ -65,7 +65,9 @@ def test_two_policies_are_explained_side_by_side(analyst: TestClient, known: Sim
     assert len(lanes) == 2
     assert all(0 < count <= 7 for count in lanes)
     assert "What one looks at that the other does not" in page.text
-    command = "desirepath explain study_room/base --scene 3500000003 --method integrated_gradients --command turning"
+    command = (
+        "desirepath policies explain study_room/base --scene 3500000003 --method integrated_gradients --command turning"
+    )
     assert command in page.text
     again = analyst.get(sources[0][0].replace("&amp;", "&"), headers={"If-None-Match": tables[0].headers["etag"]})
     assert again.status_code == 304

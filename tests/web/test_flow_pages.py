@@ -85,7 +85,7 @@ def test_one_policy_is_drawn_with_files_command_and_lineage(analyst, known, lang
     page = analyst.get(f"{PAGE}?policy_a={known.base}&scene=3500000000", headers={"Accept-Language": language})
     assert page.status_code == 200
     assert says in page.text
-    assert "desirepath flow-field study_room/base --scene 3500000000" in page.text
+    assert "desirepath policies flow-field study_room/base --scene 3500000000" in page.text
     assert f"/lab/artefacts/{known.base}#lineage" in page.text
     files = sources(page.text)
     assert set(files) == {"flow_field.png", "flow_field.svg", "flow_field.csv"}

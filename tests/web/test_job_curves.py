@@ -147,8 +147,8 @@ def test_curves_are_taken_away_as_tensorboard_files(lab, lab_services, training,
     monkeypatch.setenv("DESIREPATH_DATABASE_URL", lab_services.database.url.render_as_string(hide_password=False))
     get_settings.cache_clear()
     try:
-        told = CliRunner().invoke(app, ["jobs", "tensorboard", training, "--out", str(tmp_path / "logs")])
-        unknown = CliRunner().invoke(app, ["jobs", "tensorboard", "none", "--out", str(tmp_path / "logs")])
+        told = CliRunner().invoke(app, ["jobs", "export", training, "--out", str(tmp_path / "logs")])
+        unknown = CliRunner().invoke(app, ["jobs", "export", "none", "--out", str(tmp_path / "logs")])
     finally:
         get_settings.cache_clear()
     assert told.exit_code == 0, told.output

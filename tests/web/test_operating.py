@@ -63,7 +63,7 @@ def test_a_promised_day_is_kept_and_reminded_of_once_it_is_over(lab, lab_service
     with lab_services.database.transaction() as s:
         s.get_one(Study, walked.id).retain_until = utc_now() - timedelta(days=1)
     assert "kept until" in lab.get("/lab/studies").text
-    assert f"desirepath study erase-overdue {walked.id}" in lab.get(f"{here}/data").text
+    assert f"desirepath studies erase-overdue {walked.id}" in lab.get(f"{here}/data").text
     assert lab.post(f"{here}/retention", data={"csrf": csrf(lab), "until": ""}).status_code == 303
     assert "kept until" not in lab.get("/lab/studies").text
 

@@ -79,7 +79,7 @@ def test_power_of_a_draft_is_computed_in_the_background_as_by_the_command(lab: T
         assert time.monotonic() < until, page
         time.sleep(0.5)
     options = "--participants 5,8 --effect 1 --cohorts 20"
-    assert f"desirepath study power two_views.yaml {options}" in page
+    assert f"desirepath studies power two_views.yaml {options}" in page
     found = plan_power(freeze_text(PROTOCOL, folder=PROTOCOLS), [5, 8], Assumed(effect=1), cohorts=20).as_dict()
     for row in found["rows"]:
         assert f'<th scope="row">{row["test"]}</th>' in page

@@ -452,7 +452,7 @@ def test_the_command_says_what_is_in_a_file(tmp_path):
     from desirepath.cli.main import app
 
     (tmp_path / "hall.csv").write_bytes(HALL)
-    said = CliRunner().invoke(app, ["queries", "look", str(tmp_path / "hall.csv"), "--json"])
+    said = CliRunner().invoke(app, ["queries", "inspect", str(tmp_path / "hall.csv"), "--json"])
     found = json.loads(said.stdout.splitlines()[-1])
     assert found["format"] == "csv"
     assert {one["head"]: (one["ours"], one["unit"]) for one in found["columns"]}["yaw_rad"] == ("yaw", "rad")

@@ -123,7 +123,7 @@ def untrained(folder: Path, noise: float = 0.0) -> bytes:
     sizes = [size for inputs, outputs in shape.actor_layers() for size in ((inputs, outputs), (outputs,))]
     actor = tuple(np.full(size, noise, dtype=np.float32) for size in sizes)
     made_of = {DEFINITION: description_sha256(folder)}
-    request = Request(folder.name, folder=folder.parent, made_of=made_of, command="desirepath setup train our_lab")
+    request = Request(folder.name, folder=folder.parent, made_of=made_of, command="desirepath setups train our_lab")
     request.store("policy", "base", Policy(folder.name, shape, actor).save, "base")
     return (folder / "base.npz").read_bytes()
 

@@ -1,4 +1,4 @@
-"""`desirepath export`, `import`, `backup` and `restore`."""
+"""`desirepath studies export|import`, `backup` and `restore`."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from desirepath.cli.study import open_store, say_who_is_left_out
 from desirepath.settings import get_settings
 
 
-def register(app: typer.Typer) -> None:
-    """Add this module's commands to the main one."""
-    app.command("export")(export)
-    app.command("import")(import_)
+def register(app: typer.Typer, studies: typer.Typer) -> None:
+    """Add this module's commands to the main one and to `desirepath studies`."""
+    studies.command()(export)
+    studies.command("import")(import_)
     app.command()(backup)
     app.command()(restore)
 
@@ -63,7 +63,9 @@ def _summary(study: str, files: list[dict[str, Any]], out: str) -> dict[str, Any
 @in_data_folder
 @takes_long("reading the data set {folder} and checking it")
 def import_(
-    folder: Annotated[str, typer.Argument(help="A folder that `desirepath export` wrote, or its zip, here or on S3.")],
+    folder: Annotated[
+        str, typer.Argument(help="A folder that `desirepath studies export` wrote, or its zip, here or on S3.")
+    ],
     as_json: JsonFlag = False,
 ) -> None:
     """Load an exported data set into this installation, to the same answers."""

@@ -1,4 +1,4 @@
-"""`desirepath jobs ...`: look at background work and stop it."""
+"""`desirepath jobs ...`: background work: started, looked at, stopped."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def start(
     settings: Annotated[list[str] | None, typer.Option("--set", help="A parameter of the job, as name=value.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Start a job and wait for its result: what the analysts' pages show as the command behind an artefact."""
+    """Start a job and wait for its result; `train` and `queries generate` have its options."""
     run_job(kind, parse_settings(settings), None, as_json)
 
 
@@ -68,7 +68,7 @@ def show(job: str, as_json: JsonFlag = False) -> None:
 
 @commands.command()
 @in_data_folder
-def tensorboard(
+def export(
     job: str,
     out: Annotated[Path, typer.Option(help="The log folder; made if missing.")],
     as_json: JsonFlag = False,

@@ -34,9 +34,23 @@ with ended_by_interrupt(), without_collecting():
 app = typer.Typer(
     name="desirepath",
     help="Human-in-the-loop platform for personalised robot navigation.",
+    epilog="Ends with 0 done; 1 refused or failed, with the reason on stderr; 2 wrongly asked; 130 ended by Ctrl-C.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+
+GROUPS = {
+    "studies": study.commands,
+    "queries": science.queries,
+    "policies": policies.commands,
+    "setups": places.setups,
+    "robots": places.robots,
+    "jobs": jobs.commands,
+    "words": words.commands,
+}
+ONCE_GROUPS = {"study": study.commands, "setup": places.setups, "robot": places.robots}
+ONCE_COMMANDS = {"export": data.export, "evaluate": science.evaluate, "report": report.report}
+"""What they were called when others began to call them: both still answer, and are not listed."""
 
 
 def _say_version(wanted: bool) -> None:
@@ -55,20 +69,21 @@ def common(
 
 
 with ended_by_interrupt():
-    serve.register(app)
-    data.register(app)
-    drive.register(app)
-    science.register(app)
+    study_protocols.register(study.commands)
+    report.register(study.commands)
+    data.register(app, study.commands)
+    science.register(policies.commands)
+    plots.register(policies.commands)
     recordings.register(science.queries)
-    plots.register(app)
-    report.register(app)
-    study_protocols.register()
-    app.add_typer(study.commands, name="study")
-    app.add_typer(jobs.commands, name="jobs")
-    app.add_typer(words.commands, name="words")
-    app.add_typer(policies.commands, name="policies")
-    app.add_typer(places.robots, name="robot")
-    app.add_typer(places.setups, name="setup")
+    serve.register(app)
+    drive.register(app)
+    app.add_typer(science.train, name="train")
+    for name, group in GROUPS.items():
+        app.add_typer(group, name=name, rich_help_panel="Things, each with verbs")
+    for name, group in ONCE_GROUPS.items():
+        app.add_typer(group, name=name, hidden=True)
+    for name, command in ONCE_COMMANDS.items():
+        app.command(name, hidden=True)(command)
     for further in entry_points(group="desirepath.commands"):
         command = further.load()
         if isinstance(command, typer.Typer):

@@ -37,14 +37,16 @@ INTERRUPTED = 130  # exit code of what Ctrl-C ended, as typer and shells have it
 P = ParamSpec("P")
 
 
-def log_to_stderr() -> None:
+def log_to_stderr(least: int = logging.INFO) -> None:
     """Everything logged goes to stderr, so that stdout holds only the answer; with DESIREPATH_LOGS=json every line is
-    one JSON object. Tokens, passwords and cookies are taken out of both (`store/scrubbing.py`).
+    one JSON object. Tokens, passwords and cookies are taken out of both (`store/scrubbing.py`). least: the level below
+    which nothing is said.
 
     The stream is looked up as each line is written: whoever replaced it meanwhile (a test, an embedding program) may
     have closed the one that stood when this ran.
     """
-    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(message)s")
+    logging.basicConfig(stream=sys.stderr, format="%(message)s")
+    logging.getLogger().setLevel(least)
     as_json = os.environ.get("DESIREPATH_LOGS") == "json"
     if as_json:  # what other libraries log, too
         plain: Any = structlog.stdlib.ProcessorFormatter(
@@ -74,6 +76,7 @@ def log_to_stderr() -> None:
             scrub,
             structlog.processors.JSONRenderer(default=str) if as_json else in_words,
         ],
+        wrapper_class=structlog.make_filtering_bound_logger(least),
         logger_factory=lambda *_names: structlog.PrintLogger(file=sys.stderr),
     )
 

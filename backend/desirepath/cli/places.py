@@ -1,5 +1,4 @@
-"""`desirepath robot check`, `desirepath setup check` and `desirepath setup train`: what a lab brings, looked at before
-it is used, and made ready for studies."""
+"""`desirepath robots ...` and `desirepath setups ...`: what there is; what a lab brings, checked and trained for."""
 
 from __future__ import annotations
 
@@ -9,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from desirepath.cli.output import JsonFlag, plain_errors, say, working
+from desirepath.cli.output import JsonFlag, in_data_folder, say, working
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,8 +21,22 @@ setups = typer.Typer(help="Setups: a robot, a building and a task.", no_args_is_
 T = TypeVar("T")
 
 
+@robots.command("list")
+@in_data_folder
+def list_robots(as_json: JsonFlag = False) -> None:
+    """List the robots that are shipped."""
+    from desirepath.simulation.setup_files import read_robot, shipped_robots
+
+    found = {name: read_robot(file) for name, file in shipped_robots().items()}
+    rows = [
+        {"robot": name, "radius_m": robot.radius_m, "v_max": robot.limits.v_max, "w_max": robot.limits.w_max}
+        for name, robot in found.items()
+    ]
+    say({"robots": rows}, as_json)
+
+
 @robots.command("check")
-@plain_errors
+@in_data_folder
 def check_robot(
     file: Annotated[Path, typer.Argument(help="A robot.yaml, or the name of a shipped robot.")],
     picture: Annotated[Path | None, typer.Option(help="Draw it from above into this file: PNG, SVG or PDF.")] = None,
@@ -50,8 +63,44 @@ def check_robot(
     say({"valid": True, "errors": [], **told}, as_json)
 
 
+@setups.command("list")
+@in_data_folder
+def list_setups(as_json: JsonFlag = False) -> None:
+    """List the setups that are shipped, and those of this installation."""
+    from desirepath.installed import DATASETS
+    from desirepath.simulation.setups import SETUPS, broken_setups, setup_folders
+
+    broken = broken_setups()
+    rows = [
+        {
+            "setup": name,
+            "robot": SETUPS[name].robot.name if name not in broken else None,
+            "from": "shipped" if folder.parent == DATASETS.resolve() else str(folder),
+            "problem": broken.get(name),
+        }
+        for name, folder in setup_folders().items()
+    ]
+    say({"setups": rows}, as_json)
+
+
+@setups.command("show")
+@in_data_folder
+def show_setup(
+    setup: Annotated[str, typer.Argument(help="Name of a setup.")],
+    as_json: JsonFlag = False,
+) -> None:
+    """Show what policies of a setup are given and give.
+
+    So the manifest beside an ONNX file must say it, which `--json` prints.
+    """
+    from desirepath.learning.policies.manifest import setup_manifest
+    from desirepath.simulation.setups import get_setup
+
+    say({"setup": setup, **setup_manifest(get_setup(setup))}, as_json)
+
+
 @setups.command("check")
-@plain_errors
+@in_data_folder
 def check_setup_folder(
     folder: Annotated[Path, typer.Argument(help="A folder with a setup.yaml, whose name is the setup's.")],
     as_json: JsonFlag = False,
@@ -66,7 +115,7 @@ def check_setup_folder(
 
 
 @setups.command("train")
-@plain_errors
+@in_data_folder
 def train_setup_folder(
     folder: Annotated[Path, typer.Argument(help="A folder with a setup.yaml, whose name is the setup's.")],
     seed: Annotated[int, typer.Option(min=0, max=9_999, help="Seed of everything random.")] = 0,
@@ -83,8 +132,10 @@ def train_setup_folder(
     ] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Make a setup's base policy, conditioned policy, ensemble and query sets, into its folder. What is there already
-    stays; stopped and asked again, it goes on."""
+    """Train what studies in a setup need: policies, an ensemble, query sets.
+
+    All is put into its folder. What is there already stays; stopped and asked again, it goes on.
+    """
     from desirepath.simulation.setup_files import check_setup
     from desirepath.simulation.setup_intake import describe
 

@@ -1,4 +1,4 @@
-"""`desirepath flow-field`, `trajectories` and `explain`: how policies behave and why, as figures with their numbers."""
+"""`desirepath policies flow-field|trajectories|explain`: how policies behave and why, as figures with their numbers."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ SceneFlag = Annotated[
 FolderFlag = Annotated[Path, typer.Option(help="Folder for the files; made if missing, same names replaced.")]
 
 
-def register(app: typer.Typer) -> None:
-    """Add this module's commands to the main one."""
-    app.command("flow-field")(flow_field)
-    app.command()(trajectories)
-    app.command()(explain)
+def register(policies: typer.Typer) -> None:
+    """Add this module's commands to `desirepath policies`."""
+    policies.command("flow-field")(flow_field)
+    policies.command()(trajectories)
+    policies.command()(explain)
 
 
 @in_data_folder
@@ -90,7 +90,10 @@ def explain(
     out: FolderFlag = Path("explanation"),
     as_json: JsonFlag = False,
 ) -> None:
-    """Show how much each thing moved a policy's command; of one with attention, at whom it looked (PNG, SVG, CSV)."""
+    """Draw how much each thing moved a policy's command (PNG, SVG, CSV).
+
+    Of one with attention, at whom it looked.
+    """
     from desirepath.web.core.explained_policy import explain_policy
 
     explained = find_policy(policy)

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, plain_errors, say, takes_long
+from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say, takes_long
 from desirepath.cli.science import policy_file
 from desirepath.cli.study import open_store
 
 if TYPE_CHECKING:
     from desirepath.store.models import Artefact
 
-commands = typer.Typer(help="Policies: bring your own, take ours away.", no_args_is_help=True)
+commands = typer.Typer(help="Policies: what drives a robot.", no_args_is_help=True)
 
 
 @commands.command("import")
@@ -30,7 +30,7 @@ def import_(
     manifest: Annotated[Path | None, typer.Option(help="Manifest (JSON), where the file holds none.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Keep a policy as an artefact that can be evaluated, compared, explained and asked about."""
+    """Keep a policy of yours, to evaluate, compare, explain and ask about it."""
     from desirepath.learning.errors import LearningError
     from desirepath.learning.policies.importing import FILE_BYTES, import_policy
     from desirepath.learning.policies.manifest import MANIFEST_BYTES
@@ -67,8 +67,10 @@ def export(
     out: Annotated[Path, typer.Option(help="Folder for its files.")],
     as_json: JsonFlag = False,
 ) -> None:
-    """Write a bundle that drives a robot (our own file, manifest, ONNX, test vectors, the program), and the
-    Stable-Baselines3 zip, as far as they can be had."""
+    """Write a policy's files: a bundle that drives a robot, ONNX, Stable-Baselines3 zip.
+
+    The bundle holds our own file, manifest, test vectors and the program. What cannot be had is named under `left_out`.
+    """
     from desirepath.deploy.manifest import BundleError
     from desirepath.learning.errors import LearningError
     from desirepath.learning.policies.bundles import VECTORS, bundle_files
@@ -99,7 +101,7 @@ def export(
 @commands.command("list")
 @in_data_folder
 def list_(as_json: JsonFlag = False) -> None:
-    """The policies of this installation: what came in, what jobs made, what was shipped."""
+    """List the policies of this installation: imported, made by jobs, shipped."""
     from sqlalchemy import select
 
     from desirepath.jobs.kinds import ANY_POLICY
@@ -120,7 +122,7 @@ def show(
     policy: Annotated[str, typer.Argument(help="Id, or a shipped name.")],
     as_json: JsonFlag = False,
 ) -> None:
-    """A policy's card."""
+    """Show a policy's card."""
     from desirepath.jobs.kinds import ANY_POLICY
     from desirepath.store.shipped_policies import find_artefact, register_shipped
 
@@ -132,16 +134,6 @@ def show(
             raise LookupError(f"no policy {policy!r}: `desirepath policies list` has ids and names")
         card = {name: found.card.get(name) for name in ("imported", "notes", "parents", "command", "results")}
         say(_row(found) | card, as_json)
-
-
-@commands.command()
-@plain_errors
-def manifest(setup: Annotated[str, typer.Argument(help="Name of a setup.")]) -> None:
-    """What a policy of a setup is given and gives, as the manifest beside an ONNX file must say it."""
-    from desirepath.learning.policies.manifest import setup_manifest
-    from desirepath.simulation.setups import get_setup
-
-    typer.echo(json.dumps({"setup": setup, **setup_manifest(get_setup(setup))}, indent=2))
 
 
 def _row(artefact: Artefact) -> dict[str, Any]:

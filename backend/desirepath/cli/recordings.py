@@ -1,4 +1,4 @@
-"""`desirepath queries import` and `export`: recordings of others as a query set, trajectories as others read them."""
+"""`desirepath queries inspect|import|export`: recordings of others as a query set, trajectories as others read them."""
 
 from __future__ import annotations
 
@@ -17,22 +17,21 @@ if TYPE_CHECKING:
 
 def register(queries: typer.Typer) -> None:
     """Add this module's commands to `desirepath queries`."""
-    queries.command("look")(look)
+    queries.command()(inspect)
     queries.command("import")(import_)
     queries.command("export")(export)
 
 
 @in_data_folder
 @takes_long("looking into {path}")
-def look(
+def inspect(
     path: Annotated[Path, typer.Argument(help="A recording, or a folder of them.")],
     as_json: JsonFlag = False,
 ) -> None:
-    """Say what is in a recording: columns, topics or fields, and the mapping that their names suggest."""
-    from desirepath.recordings.looking import look as look_into
-    from desirepath.recordings.looking import suggest
+    """Say what is in a recording, and which mapping its names suggest."""
+    from desirepath.recordings.looking import look, suggest
 
-    found = look_into(path)
+    found = look(path)
     plain = {name: value for name, value in found.as_dict().items() if value or name == "pairs"}
     say({**plain, "mapping": suggest(found).model_dump(exclude_defaults=True, mode="json")}, as_json)
 
@@ -64,7 +63,7 @@ def import_(
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Make a query set of recordings: scenes and trajectories as they were recorded, pairs given or proposed."""
+    """Make a query set of recordings: trajectories as recorded, pairs given or proposed."""
     from desirepath.recordings.importing import import_recordings
     from desirepath.recordings.mapping import read_mapping
 

@@ -1,4 +1,4 @@
-"""`desirepath report`: a study's report, from this installation or from an exported data set."""
+"""`desirepath studies report`: a study's report, from this installation or from an exported data set."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 FOLDS = 3  # of scenes whose answers are held out, to tell which reward model predicts better
 
 
-def register(app: typer.Typer) -> None:
-    """Add the command to `desirepath`."""
-    app.command()(report)
+def register(studies: typer.Typer) -> None:
+    """Add the command to `desirepath studies`."""
+    studies.command()(report)
 
 
 @in_data_folder
@@ -49,7 +49,7 @@ def report(
     scenes: Annotated[int, typer.Option(min=20, help="Fresh scenes that every policy rolls out in.")] = 1_000,
     as_json: JsonFlag = False,
 ) -> None:
-    """The study's report: tests, agreement, figures; HTML that prints, PNG, SVG and CSV."""
+    """Write a study's report: tests, agreement, figures; HTML, PNG, SVG and CSV."""
     from desirepath.cli.study import open_store, say_who_is_left_out
     from desirepath.report.analysis_plan import read_plan
     from desirepath.report.study_report import write_study_report
@@ -59,7 +59,7 @@ def report(
     from desirepath.store.snapshots import check_whose
 
     chosen, used = check_whose(who), read_plan(plan) if plan is not None else None
-    command = f"desirepath report STUDY --who {who}{' --plan FILE' if plan is not None else ''}"
+    command = f"desirepath studies report STUDY --who {who}{' --plan FILE' if plan is not None else ''}"
     learned: list[PolicyRow] = []
     with unpack(Path(study)) as folder:
         if folder.is_dir():
@@ -72,7 +72,7 @@ def report(
                 row = s.get(Study, study)
                 if row is None:
                     raise LookupError(
-                        f"no study with id {study!r} and no such folder; `desirepath study list` shows all"
+                        f"no study with id {study!r} and no such folder; `desirepath studies list` shows all"
                     )
                 data, load = read_study(s, files, row)
                 say_who_is_left_out(s, study)

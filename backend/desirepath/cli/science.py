@@ -1,4 +1,4 @@
-"""`desirepath train ...`, `queries generate` and `evaluate`: the science from the command line.
+"""`desirepath train ...`, `queries list|show|generate` and `policies evaluate`: the science from the command line.
 
 Training runs as a job like any other, so that its artefact has a card, a lineage and a place in the analysts' pages.
 """
@@ -18,7 +18,7 @@ import typer
 
 from desirepath.cli.options import Configured, OptionsOf, configured
 from desirepath.cli.output import COMMAND_LINE, INTERRUPTED, JsonFlag, in_data_folder, say, takes_long, working
-from desirepath.cli.study import open_store
+from desirepath.cli.study import open_store, query_sets
 from desirepath.settings import get_settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from desirepath.learning.policies.policy import DrivingPolicy
 
 train = typer.Typer(help="Train reward models and policies.", no_args_is_help=True)
-queries = typer.Typer(help="Make queries.", no_args_is_help=True)
+queries = typer.Typer(help="Queries: a scene and two trajectories each.", no_args_is_help=True)
 
 SetFlag = Annotated[list[str] | None, typer.Option("--set", help="Any other parameter of the job, as name=value.")]
 OutFlag = Annotated[Path | None, typer.Option(help="Also write the result to this file.")]
@@ -47,11 +47,9 @@ Taking = Callable[["Session", ArtefactStore], str]
 """Takes a snapshot (or names one); its id."""
 
 
-def register(app: typer.Typer) -> None:
-    """Add this module's commands to the main one."""
-    app.add_typer(train, name="train")
-    app.add_typer(queries, name="queries")
-    app.command()(evaluate)
+def register(policies: typer.Typer) -> None:
+    """Add this module's command to `desirepath policies`."""
+    policies.command()(evaluate)
 
 
 def _params(of: str, kind: str, without: tuple[str, ...] = (), **given: str) -> OptionsOf:
@@ -194,13 +192,27 @@ def generate(
     run_job("queries", asked, out, as_json)
 
 
+@queries.command("list")
+@in_data_folder
+def list_queries(as_json: JsonFlag = False) -> None:
+    """List the query sets that are shipped, and those of this installation."""
+    from desirepath.learning.shipped_files import shipped_names
+
+    shipped = [name for name in shipped_names() if "/queries" in name]
+    here = [{"query_set": identity, "about": about} for identity, about in query_sets().items()]
+    say({"query_sets": [*here, *({"query_set": name, "about": "shipped"} for name in shipped)]}, as_json)
+
+
 @queries.command()
 @in_data_folder
-def describe(
+def show(
     name: Annotated[str, typer.Argument(help="A shipped query set such as study_room/queries_200, or a file.")],
     as_json: JsonFlag = False,
 ) -> None:
-    """How the pairs of a query set differ: spread per measure, correlations, and what a person would notice."""
+    """Show how the pairs of a query set differ.
+
+    Spread per measure, correlations, and what a person would notice.
+    """
     from desirepath.learning.policies.shipped import load_queries
     from desirepath.learning.queries.varied_queries import describe_differences
 
@@ -386,7 +398,7 @@ def follow_job(
                     f"`desirepath worker` starts one that takes the job up, `desirepath jobs cancel {job}` ends it"
                 )
             if state == "queued" and not own_worker and time.monotonic() - began > WORKER_PATIENCE_S:
-                own_worker.append(start_worker(get_settings(), sys.stderr))
+                own_worker.append(start_worker(get_settings(), sys.stderr, quiet=True))
             tell(f"job {job}: {state} {progress:.0%} {message}".rstrip())
             time.sleep(0.3)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,7 +10,7 @@ import structlog
 import typer
 from rich.console import Console
 
-from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say
+from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, log_to_stderr, say
 from desirepath.collecting import without_collecting
 from desirepath.installed import PROTOCOLS
 from desirepath.settings import Settings, get_settings
@@ -145,16 +146,22 @@ def _demo_link(services: Services) -> str:
 @in_data_folder
 def worker(
     parent: Annotated[int | None, typer.Option(hidden=True, help="Process to end with; `serve` gives its own.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="Say only what goes wrong.")] = False,
 ) -> None:
     """Run a background worker: picks up jobs and trains."""
     from desirepath.jobs.worker import run_worker
 
+    if quiet:
+        log_to_stderr(logging.WARNING)
     run_worker(get_settings(), parent=parent)
 
 
 @in_data_folder
 def migrate(as_json: JsonFlag = False) -> None:
-    """Bring the database to this version's tables, before the first process of a new version starts beside old ones."""
+    """Bring the database to this version's tables.
+
+    Before the first process of a new version starts beside old ones.
+    """
     from desirepath.cli.study import open_store
     from desirepath.store.database import newest_revision
 
@@ -164,7 +171,10 @@ def migrate(as_json: JsonFlag = False) -> None:
 
 @in_data_folder
 def link(as_json: JsonFlag = False) -> None:
-    """Print a new address that signs the experimenter in once, while no password is set; the one before stops."""
+    """Print a new address that signs the experimenter in once, while no password is set.
+
+    The one before stops.
+    """
     from desirepath.cli.study import open_store
     from desirepath.web.core.opening_link import link_path
     from desirepath.web.replicas.only_server import running_server
@@ -192,7 +202,7 @@ def password(
     ] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Give an account a new password, to be changed at the next sign-in; signs it out everywhere."""
+    """Give an account a new password, to be changed at sign-in; sign it out everywhere."""
     from sqlalchemy import select
 
     from desirepath.cli.study import open_store

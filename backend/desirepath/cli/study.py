@@ -1,4 +1,4 @@
-"""`desirepath study ...`: protocols and studies from the command line."""
+"""`desirepath studies ...`: protocols and studies from the command line."""
 
 from __future__ import annotations
 
@@ -31,11 +31,12 @@ if TYPE_CHECKING:
 
     from desirepath.learning.preferences.oracles import ResponseModel
     from desirepath.report.planned_design import Assumed
+    from desirepath.store.models import Study
     from desirepath.study.protocol.freezing import FrozenProtocol
 
 NOT_REACHED = "Not reached: backups made before, and exports and reports already downloaded; delete or replace those."
 
-commands = typer.Typer(help="Protocols and studies.", no_args_is_help=True)
+commands = typer.Typer(help="Studies and their protocols.", no_args_is_help=True)
 
 
 def open_store(*, makes: bool = False) -> tuple[Database, ArtefactStore]:
@@ -46,8 +47,8 @@ def open_store(*, makes: bool = False) -> tuple[Database, ArtefactStore]:
     settings = get_settings()
     if not makes and not is_installed():
         raise LookupError(
-            f"no installation in {settings.data.resolve()}: `desirepath serve` or `desirepath study create` begin one; "
-            "--data or DESIREPATH_DATA name another folder"
+            f"no installation in {settings.data.resolve()}: `desirepath serve` or `desirepath studies create` begin "
+            "one; --data or DESIREPATH_DATA name another folder"
         )
     check_writable(settings.data)
     database = Database(settings.database)
@@ -90,11 +91,12 @@ def create(
     file: Path,
     name: Annotated[str | None, typer.Option(help="Name of the study; default the protocol's title.")] = None,
     live: Annotated[
-        bool, typer.Option("--live", help="Without a pilot: whoever joins counts. Default: pilots, until `study live`.")
+        bool,
+        typer.Option("--live", help="Without a pilot: whoever joins counts. Default: pilots, until `studies live`."),
     ] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Open a study from a protocol, as a pilot first; prints its id and recruiting link."""
+    """Open a study from a protocol, as a pilot first; print its id and recruiting link."""
     from desirepath.store.shipped_policies import register_shipped
     from desirepath.study.protocol.freezing import freeze
     from desirepath.study.studies import create_study
@@ -107,10 +109,7 @@ def create(
         register_shipped(s, files)
         study = create_study(s, files, frozen, name=name or frozen.title("en"), created_by=None)
         study.pilot = not live
-        settings = get_settings()
-        served = None if settings.public_url else running_server(settings)
-        link = f"{served or settings.own_url}/join/{study.recruiting_token}"
-        result = {"study": study.id, "link": link, "pilot": study.pilot}
+        result = {"study": study.id, "link": _link(study), "pilot": study.pilot}
     say(result, as_json)
     if not live:
         typer.echo(
@@ -122,7 +121,10 @@ def create(
 @commands.command("live")
 @in_data_folder
 def go_live(study: Annotated[str, typer.Argument(help="Id of the study.")], as_json: JsonFlag = False) -> None:
-    """End a study's pilot: participants who join after this are in the main study. Pilot participants stay pilots."""
+    """End a study's pilot: participants who join after this are in the main study.
+
+    Pilot participants stay pilots.
+    """
     from desirepath.store.audit import record
     from desirepath.store.events import log_event
     from desirepath.store.models import Study
@@ -131,7 +133,7 @@ def go_live(study: Annotated[str, typer.Argument(help="Id of the study.")], as_j
     with database.transaction() as s:
         row = s.get(Study, study, with_for_update=True)
         if row is None:
-            raise ValueError(f"no study with id {study!r}; `desirepath study list` names them")
+            raise ValueError(f"no study with id {study!r}; `desirepath studies list` names them")
         if row.pilot:
             row.pilot = False
             log_event(s, "pilot_ended", study_id=row.id, by=COMMAND_LINE)
@@ -143,30 +145,56 @@ def go_live(study: Annotated[str, typer.Argument(help="Id of the study.")], as_j
 @in_data_folder
 def list_studies(as_json: JsonFlag = False) -> None:
     """List the studies of this installation."""
-    from sqlalchemy import func, select
+    from sqlalchemy import select
 
-    from desirepath.store.models import Participant, Study
-    from desirepath.store.who_counts import GROUPS, in_group
+    from desirepath.store.models import Study
 
     database, _ = open_store()
-    per_study = select(Participant.study_id, func.count()).group_by(Participant.study_id)
     with database.session() as s:
-        groups = {name: s.execute(per_study.where(in_group(name))).all() for name in GROUPS}
-        counts = {(study, name): count for name, rows in groups.items() for study, count in rows}
-        studies = [
-            {
-                "study": study.id,
-                "name": study.name,
-                "protocol": f"{study.protocol_name} v{study.protocol_version}",
-                "state": study.state,
-                "pilot": study.pilot,
-                "people": counts.get((study.id, "people"), 0),
-                "pilot_participants": counts.get((study.id, "pilot"), 0),
-                "simulated": counts.get((study.id, "simulated"), 0),
-            }
-            for study in s.scalars(select(Study).order_by(Study.created_at))
-        ]
+        studies = [_row(s, study) for study in s.scalars(select(Study).order_by(Study.created_at))]
     say({"studies": studies}, as_json)
+
+
+@commands.command()
+@in_data_folder
+def show(study: Annotated[str, typer.Argument(help="Id of the study.")], as_json: JsonFlag = False) -> None:
+    """Show one study: its protocol, its recruiting link, who took part."""
+    from desirepath.store.models import Study
+
+    database, _ = open_store()
+    with database.session() as s:
+        row = s.get(Study, study)
+        if row is None:
+            raise LookupError(f"no study with id {study!r}; `desirepath studies list` shows them")
+        more = {"created_at": row.created_at.isoformat(), "protocol_hash": row.protocol_hash, "link": _link(row)}
+        say(_row(s, row) | more, as_json)
+
+
+def _row(s: Session, study: Study) -> dict[str, Any]:
+    from sqlalchemy import func, select
+
+    from desirepath.store.models import Participant
+    from desirepath.store.who_counts import GROUPS, in_group
+
+    of_study = select(func.count()).select_from(Participant).where(Participant.study_id == study.id)
+    counts = {name: s.scalar(of_study.where(in_group(name))) for name in GROUPS}
+    return {
+        "study": study.id,
+        "name": study.name,
+        "protocol": f"{study.protocol_name} v{study.protocol_version}",
+        "state": study.state,
+        "pilot": study.pilot,
+        "people": counts["people"],
+        "pilot_participants": counts["pilot"],
+        "simulated": counts["simulated"],
+    }
+
+
+def _link(study: Study) -> str:
+    """Where people join: on the server that runs on this folder, or on the one that would."""
+    settings = get_settings()
+    served = None if settings.public_url else running_server(settings)
+    return f"{served or settings.own_url}/join/{study.recruiting_token}"
 
 
 @commands.command(cls=Configured)
@@ -198,7 +226,7 @@ def simulate(
     url: Annotated[str | None, typer.Option(help="A running server; default one of the command's own.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Walk simulated participants through whole sessions over HTTP; their data are marked as simulated."""
+    """Walk simulated participants through whole sessions; their data are marked as simulated."""
     from desirepath.report.simulated_cohorts import read_cohort
     from desirepath.store.models import Study
     from desirepath.study.simulated.http import simulate_study
@@ -219,7 +247,7 @@ def simulate(
     with database.session() as s:
         row = s.get(Study, study)
         if row is None:
-            raise LookupError(f"no study with id {study!r}; `desirepath study list` shows them")
+            raise LookupError(f"no study with id {study!r}; `desirepath studies list` shows them")
         token = row.recruiting_token
 
     def walk(base_url: str) -> None:
@@ -249,7 +277,7 @@ def power_command(
     out: Annotated[Path | None, typer.Option(help="Folder for power.png, power.svg and power.csv.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Simulated: how many people a study needs, by its own state machine and its own analysis."""
+    """Say how many people a study needs, by simulated ones and its own analysis."""
     from desirepath.study.planned_power import plan_power
 
     sizes = [int(number) if number.strip().isdecimal() else 0 for number in participants.split(",")]
@@ -283,7 +311,9 @@ def frozen_protocol(study: str) -> FrozenProtocol:
     with database.session() as s:
         row = s.get(Study, study)
         if row is None:
-            raise LookupError(f"{study!r} is neither a file nor the id of a study; `desirepath study list` shows those")
+            raise LookupError(
+                f"{study!r} is neither a file nor the id of a study; `desirepath studies list` shows those"
+            )
         return newest_protocol(s, row)[1]
 
 
@@ -295,7 +325,10 @@ def erase(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Erase a participant: answers, trajectories made for them, models made from them alone. Cannot be undone."""
+    """Erase a participant, which cannot be undone.
+
+    Answers, trajectories made for them, models made from them alone.
+    """
     from sqlalchemy import select
 
     from desirepath.store.audit import record
@@ -324,7 +357,10 @@ def erase_overdue(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
     as_json: JsonFlag = False,
 ) -> None:
-    """Erase every participant of a study whose date of keeping is over (set on its Data tab). Cannot be undone."""
+    """Erase every participant whose date of keeping is over, which cannot be undone.
+
+    The date is set on the study's Data tab.
+    """
     from desirepath.store.models import utc_now
     from desirepath.store.retention import erase_overdue as erase_all
 

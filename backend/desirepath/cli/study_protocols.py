@@ -1,4 +1,4 @@
-"""`desirepath study validate|preview|diff|revise|schema`: protocols, before and while a study runs."""
+"""`desirepath studies check|preview|diff|revise|schema`: protocols, before and while a study runs."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from typing import Annotated
 import typer
 
 from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say
-from desirepath.cli.study import commands, frozen_protocol, open_store, query_sets
+from desirepath.cli.study import frozen_protocol, open_store, query_sets
 
 
-def register() -> None:
-    """Add this module's commands to `desirepath study`."""
-    for command in (validate, preview, diff, revise):
-        commands.command()(command)
-    commands.command("schema")(schema_command)
+def register(studies: typer.Typer) -> None:
+    """Add this module's commands to `desirepath studies`."""
+    for command in (check, preview, diff, revise):
+        studies.command()(command)
+    studies.command("schema")(schema_command)
+    studies.command("validate", hidden=True)(check)  # as it was called
 
 
 @in_data_folder
-def validate(file: Path, as_json: JsonFlag = False) -> None:
+def check(file: Path, as_json: JsonFlag = False) -> None:
     """Check a protocol file; exit code 1 if it is not valid."""
     from desirepath.grammar.source import Problem
     from desirepath.study.protocol.freezing import validate_protocol_file
@@ -41,7 +42,7 @@ def preview(
     language: Annotated[str | None, typer.Option(help="Of the titles; default the protocol's first.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Show the steps that one participant would meet, without opening a study. Pages are previewed in the lab."""
+    """Show the steps that one participant would meet; pages are previewed in the lab."""
     from desirepath.study.protocol.freezing import freeze
     from desirepath.study.protocol.outline import plan_preview
 
@@ -62,7 +63,7 @@ def diff(
     after: Annotated[str, typer.Argument(help="The same.")],
     as_json: JsonFlag = False,
 ) -> None:
-    """Say what differs between two protocols and what that means for data that are there already."""
+    """Say what differs between two protocols, and what that means for data."""
     from desirepath.study.revising import differences
 
     changes = differences(frozen_protocol(before), frozen_protocol(after))
@@ -97,7 +98,7 @@ def revise(
     with database.transaction() as s:
         row = s.get(Study, study)
         if row is None:
-            raise LookupError(f"no study with id {study!r}; `desirepath study list` shows them")
+            raise LookupError(f"no study with id {study!r}; `desirepath studies list` shows them")
         frozen = freeze(file, query_sets_for(s, row))
         version = revise_study(s, files, row, frozen, by=COMMAND_LINE)
         record(s, "study_revised", by=COMMAND_LINE, study_id=study, number=version.number)
@@ -114,11 +115,13 @@ def revise(
 @in_data_folder
 def schema_command(
     questionnaire: Annotated[bool, typer.Option("--questionnaire", help="Of a questionnaire's file instead.")] = False,
+    as_json: JsonFlag = False,
 ) -> None:
-    """Print the JSON Schema of protocols, for editors that complete and check while you write."""
+    """Print the JSON Schema of protocols, for editors that complete and check."""
     import json
 
     from desirepath.grammar.questionnaires import Questionnaire
     from desirepath.study.protocol.schema import Protocol, json_schema
 
-    typer.echo(json.dumps(json_schema(Questionnaire if questionnaire else Protocol), indent=0, ensure_ascii=False))
+    schema = json_schema(Questionnaire if questionnaire else Protocol)
+    typer.echo(json.dumps(schema, indent=None if as_json else 0, ensure_ascii=False))

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from desirepath.cli.output import JsonFlag, plain_errors
+from desirepath.cli.output import JsonFlag, in_data_folder
 from desirepath.learning.words.lexicon import LANGUAGES, LONGEST, Language
 
 commands = typer.Typer(help="Wishes in plain words.", no_args_is_help=True)
@@ -20,13 +20,13 @@ def _group() -> None:
 
 
 @commands.command()
-@plain_errors
+@in_data_folder
 def read(
     text: Annotated[str, typer.Argument(help=f"The wish, at most {LONGEST} characters.")],
     language: LanguageFlag = LANGUAGES[0],
     as_json: JsonFlag = False,
 ) -> None:
-    """Say what is understood of a sentence: objectives with direction and weight, what is not, and contradictions."""
+    """Say what is understood of a sentence, what is not, and what contradicts itself."""
     from desirepath.learning.words.understanding import words_reader
 
     got = words_reader(language).understand(text)

@@ -109,12 +109,12 @@ def environment_of(settings: Settings) -> dict[str, str]:
     }
 
 
-def start_worker(settings: Settings, output: IO[Any] | None = None) -> subprocess.Popen[bytes]:
+def start_worker(settings: Settings, output: IO[Any] | None = None, *, quiet: bool = False) -> subprocess.Popen[bytes]:
     """The background worker as its own process with the same settings; it ends with us, even if we are killed.
 
-    What it prints goes to `output`, by default where ours goes.
+    What it prints goes to `output`, by default where ours goes. quiet: it prints only what goes wrong.
     """
-    command = [sys.executable, "-m", "desirepath", "worker", "--parent", str(os.getpid())]
+    command = [sys.executable, "-m", "desirepath", "worker", "--parent", str(os.getpid()), *["--quiet"] * quiet]
     return subprocess.Popen(
         command, env=environment_of(settings), stdout=output, stderr=None if output is None else subprocess.STDOUT
     )

@@ -40,7 +40,7 @@ INFO = Path("meta/info.json")
 MOST_NUMBERS = 50_000_000  # of all columns and files together
 YAWS = ("yaw", "theta", "heading", "angle")
 STATE = "observation.state"
-OURS = "desirepath/"  # Minari data sets that `desirepath export` wrote
+OURS = "desirepath/"  # Minari data sets that `desirepath studies export` wrote
 LEFT_OUT = "observations and actions are in the data set and were not imported: only poses were"
 
 

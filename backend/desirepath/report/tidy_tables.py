@@ -46,7 +46,7 @@ TAUGHT_BY = ("trial", "demonstration", "words", "tuning")  # kinds of step in wh
 
 
 def read_folder(folder: Path) -> tuple[StudyData, Load]:
-    """A data set written by `desirepath export`. Raises DatasetError if it is none or was changed."""
+    """A data set written by `desirepath studies export`. Raises DatasetError if it is none or was changed."""
     dataset = read_dataset(folder)
     about = dataset.about
     data = tidy(

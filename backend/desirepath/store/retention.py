@@ -1,6 +1,6 @@
 """How long the data of a study are kept: the day that was promised, whether it is over, and the erasing of what is due.
 
-Nothing is erased by itself: somebody has to ask for it (`desirepath study erase-overdue`).
+Nothing is erased by itself: somebody has to ask for it (`desirepath studies erase-overdue`).
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def erase_overdue(
     with db.session() as s:
         study = s.get(Study, study_id)
         if study is None:
-            raise LookupError(f"no study with id {study_id!r}; `desirepath study list` shows them")
+            raise LookupError(f"no study with id {study_id!r}; `desirepath studies list` shows them")
         if not is_overdue(study, now):
             until = f"until {study.retain_until:%Y-%m-%d}" if study.retain_until else "without a date"
             raise RetentionError(f"study {study.name!r} is kept {until}; nothing is due, and nothing was erased")

@@ -22,7 +22,7 @@ BENCHMARKS = {
     ),
     "robot": (
         "benchmarks.robot",
-        "The same scenes in the fast engine and on a robot in ir-sim: success, distances, latency, why they differ.",
+        "The same scenes in the fast engine and on a robot in ir-sim: success, distances, latency.",
     ),
     "train": (
         "benchmarks.base_training",
@@ -34,21 +34,19 @@ BENCHMARKS = {
     ),
     "serve": (
         "benchmarks.serving",
-        "Many participants at once, each with a real websocket to the stage: is every acknowledged answer stored?",
+        "Many participants at once, each with a websocket: is every acknowledged answer stored?",
     ),
     "faults": (
         "benchmarks.faults",
-        "Kill servers, workers and connections at random moments under load, fill the disk: what was lost? On a "
-        "PostgreSQL server of its own.",
+        "Kill servers, workers, connections under load, fill the disk: what was lost? PostgreSQL of its own.",
     ),
     "robot-safety": (
         "benchmarks.robot_safety",
-        "Simulated: a million scans and odometries with everything wrong in them, and what the robot was told.",
+        "Simulated: a million scans and odometries with errors, and what the robot was told.",
     ),
     "rest": (
         "benchmarks.at_rest",
-        "The demo with nobody there: processor time, disk writes, wake-ups, memory; seconds to start; how soon a job "
-        "begins.",
+        "The demo with nobody there: processor, disk, memory; how soon it starts and begins a job.",
     ),
     "live": (
         "benchmarks.live_controls",
@@ -56,25 +54,23 @@ BENCHMARKS = {
     ),
     "people": (
         "benchmarks.people",
-        "Simulated people outside the nine objectives: predicted how well, claimed how surely, and what their robot "
-        "gains.",
+        "Simulated people outside the nine objectives: predicted how well, and what their robot gains.",
     ),
     "people-policies": (
         "benchmarks.people_policies",
-        "What the robot of simulated people outside the nine objectives gains at once and by the search behind it.",
+        "What the robot of such people gains at once, and by the search behind it.",
     ),
     "people-harm": (
         "benchmarks.people_harm",
-        "How many simulated people of all families are shown a policy as theirs that is worse for them, as an "
-        "alignment job decides it.",
+        "How many simulated people are shown a policy as theirs that is worse for them.",
     ),
     "headline": (
         "benchmarks.headline",
-        "Simulated: what the policy of 15 answers gets of what can be attained, of 13 preferences; median and worst.",
+        "Simulated: what the policy of 15 answers gets of what can be attained, by preference.",
     ),
     "explanations": (
         "benchmarks.explanations",
-        "Are explanations true? Deletion and insertion against random orders, per method; milliseconds.",
+        "Are explanations true? Deletion and insertion against random orders, per method.",
     ),
     "words": (
         "benchmarks.words",
@@ -82,15 +78,15 @@ BENCHMARKS = {
     ),
     "null-cohorts": (
         "cohorts.interface_cohorts",
-        "Simulated: how often the analysis of the interface study finds something where there is nothing.",
+        "Simulated: how often the interface study finds something where there is nothing.",
     ),
     "known-cohorts": (
         "cohorts.interface_cohorts",
-        "Simulated: how often the analysis finds what was put into studies whose views differ, and anything else.",
+        "Simulated: how often the analysis finds what was put in, and anything else.",
     ),
     "design-cohorts": (
         "cohorts.design_cohorts",
-        "Simulated: how often each test of each design finds something, where nothing differs or where something does.",
+        "Simulated: how often each test of each design finds something.",
     ),
     "further-cohorts": (
         "cohorts.further_cohorts",
@@ -98,7 +94,7 @@ BENCHMARKS = {
     ),
     "ranking-cohorts": (
         "cohorts.ranking_cohorts",
-        "Simulated: how often the analysis of importance rankings finds an effect of outlines and lidar.",
+        "Simulated: how often importance rankings show an effect of outlines and lidar.",
     ),
 }
 """Command -> the module whose function `benchmark_NAME(config, progress)` it calls, and its help."""
@@ -130,6 +126,6 @@ def _load(name: str) -> typer.Typer:
     return single
 
 
-commands = typer.Typer(help="Measure speed; every ratio comes from one run on this machine.", no_args_is_help=True)
+commands = typer.Typer(help="Benchmarks; every ratio comes from one run on this machine.", no_args_is_help=True)
 for _name, (_, _help) in BENCHMARKS.items():
     commands.command(_name, help=_help, cls=_Benchmark)(lambda: None)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from desirepath.cli.options import OptionsOf
-from desirepath.cli.output import JsonFlag, plain_errors, say
+from desirepath.cli.output import JsonFlag, in_data_folder, say
 from desirepath_experiments.benchmarks.results import Progress, write_result
 
 OUT = Annotated[Path | None, typer.Option(help="Also write the result to this file, as JSON.")]
@@ -27,7 +27,6 @@ def parse_seeds(seeds: str) -> tuple[int, ...]:
 def make_command(run: Callable[..., dict[str, Any]], config: OptionsOf) -> Callable[..., None]:
     """A command that calls `run(config, progress)` and tells what it returns."""
 
-    @plain_errors
     def command(*, out: Path | None = None, as_json: bool = False, **given: Any) -> None:
         result = run(config.read(given), Progress(lambda words: typer.echo(words, err=True), out))
         if out is not None:
@@ -39,4 +38,4 @@ def make_command(run: Callable[..., dict[str, Any]], config: OptionsOf) -> Calla
         options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation))
     command.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
     command.__annotations__ = {option.name: option.annotation for option in options}
-    return command
+    return in_data_folder(command)

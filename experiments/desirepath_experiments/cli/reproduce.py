@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from desirepath.cli.output import COMMAND_LINE, JsonFlag, plain_errors, say
+from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say
 from desirepath_experiments.cli.options import parse_seeds
 
 
@@ -34,7 +34,7 @@ class Name(StrEnum):
     explanations = "explanations"  # 8
 
 
-@plain_errors
+@in_data_folder
 def commands(
     chapter: Annotated[
         Name,

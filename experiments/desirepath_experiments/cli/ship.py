@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from desirepath.cli.output import plain_errors
+from desirepath.cli.output import JsonFlag, in_data_folder, say
 from desirepath.installed import DATASETS
 
 What = Literal[
@@ -46,7 +46,7 @@ ONLY_OF = {
 }
 
 
-@plain_errors
+@in_data_folder
 def ship(
     what: Annotated[What, typer.Argument(help="What is made.")],
     setup: Annotated[str, typer.Argument(help="Which setup it is made for; words-veto needs none.")] = "",
@@ -54,6 +54,7 @@ def ship(
     count: Annotated[int, typer.Option(min=1, help="Of queries, or scenes of triples.")] = 200,
     out: Annotated[Path, typer.Option(help="Folder that the setup's folder lies in.")] = DATASETS,
     work: Annotated[Path | None, typer.Option(help="Folder where trainings are kept, to go on with.")] = None,
+    as_json: JsonFlag = False,
 ) -> None:
     """Make a shipped artefact with its card."""
     from desirepath.learning.shipping.storing import Request
@@ -72,3 +73,4 @@ def ship(
     room = "desirepath.learning" if module in OF_THE_PRODUCT else "desirepath_experiments"
     makes = getattr(import_module(f"{room}.shipping.{module}"), f"ship_{what.replace('-', '_')}")
     makes(Request(setup, seed, out, count, work, show))
+    say({"made": what, "setup": setup, "folder": str(out / setup)}, as_json)

@@ -80,7 +80,7 @@ def _from_onnx(content: bytes, named: str, wanted: str, given: dict[str, Any] | 
     if given is None and within is None:
         raise LearningError(
             f"{named}: no manifest: needed is JSON under the key 'manifest' in the file's metadata, or a file "
-            "beside it (--manifest FILE). `desirepath policies manifest SETUP` writes one to compare with"
+            "beside it (--manifest FILE). `desirepath setups show SETUP --json` prints one to compare with"
         )
     manifest = given if given is not None else read_manifest(str(within).encode(), named)
     setup = agreed_setup(manifest, wanted, named)

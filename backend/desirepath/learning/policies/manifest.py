@@ -111,7 +111,7 @@ def agreed_setup(manifest: dict[str, Any], wanted: str, named: str) -> Setup:
     would_do = (
         f"; it fits {', '.join(others)}: name it with --setup"
         if others
-        else f"; needed is a policy for this robot and lidar (`desirepath policies manifest {setup.name}` says it all)"
+        else f"; needed is a policy for this robot and lidar (`desirepath setups show {setup.name}` says it all)"
     )
     more = f"; and {len(differing) - MOST_SAID} more" if len(differing) > MOST_SAID else ""
     told = "; ".join(differing[:MOST_SAID])

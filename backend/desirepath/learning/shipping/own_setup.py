@@ -69,7 +69,7 @@ class SetupTrainingConfig:
     def command(self, name: str) -> str:
         """What makes the same again."""
         effort = f" --effort {self.effort:g}" if self.effort != 1 else ""
-        return f"desirepath setup train {name} --seed {self.seed}{effort}{' --randomise' * self.randomise}"
+        return f"desirepath setups train {name} --seed {self.seed}{effort}{' --randomise' * self.randomise}"
 
 
 @dataclass(frozen=True)

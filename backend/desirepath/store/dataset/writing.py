@@ -81,7 +81,7 @@ def export_study(
         with db.session() as s:
             study = s.get(Study, study_id)
             if study is None:
-                raise LookupError(f"no study with id {study_id!r}; `desirepath study list` shows them")
+                raise LookupError(f"no study with id {study_id!r}; `desirepath studies list` shows them")
             partial.mkdir(parents=True)
             rows = _write_all(s, files, study, partial, Content(s, study, pilots=pilots, open_data=open_data))
         listed = _checksums(partial, rows)

@@ -187,6 +187,6 @@ def command_line(asked: Asked, options: Options, side: Side) -> str:
     """What draws the same from the command line."""
     at = "" if options.at_s is None else f" --at {options.at_s:g}"
     return (
-        f"desirepath explain {side.reference} --scene {asked.scene_seed} --method {options.method} "
+        f"desirepath policies explain {side.reference} --scene {asked.scene_seed} --method {options.method} "
         f"--command {options.command}{at} --out explanation"
     )

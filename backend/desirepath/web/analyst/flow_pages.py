@@ -117,4 +117,4 @@ def _replay(asked: Asked, policies: Sequence[DrivingPolicy]) -> Replay:
 
 def _command(asked: Asked) -> str:
     named = " ".join(side.reference for side in asked.sides)
-    return f"desirepath flow-field {named} --scene {asked.scene_seed} --out flow_field"
+    return f"desirepath policies flow-field {named} --scene {asked.scene_seed} --out flow_field"

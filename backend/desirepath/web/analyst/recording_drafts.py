@@ -2,8 +2,8 @@
 of it.
 
 A draft has `recordings/` (what was sent), `answers.csv`, `mapping.yaml`, `asked.json` (as which setup, which pairs),
-and what two commands made of them in processes of their own: `found.json` (`desirepath queries look`), `made.json` with
-`queries.npz` (`desirepath queries import --out`). The page is `recording_pages.py`'s.
+and what two commands made of them in processes of their own: `found.json` (`desirepath queries inspect`), `made.json`
+with `queries.npz` (`desirepath queries import --out`). The page is `recording_pages.py`'s.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class RecordingDraft:
         return found + ([(ANSWERS, self.answers.stat().st_size)] if self.answers else [])
 
     def read(self, name: str) -> dict[str, Any]:
-        """What `look` (found) or `import` (made) said, or what was asked; empty where that is not there yet."""
+        """What `inspect` (found) or `import` (made) said, or what was asked; empty where that is not there yet."""
         file = self.folder / f"{name}.json"
         found: dict[str, Any] = json.loads(file.read_bytes()) if file.is_file() else {}
         return found
@@ -262,7 +262,7 @@ def _bounded(packed: Any, size: int) -> Iterator[bytes]:
 def begin_looking(settings: Settings, draft: RecordingDraft) -> None:
     """Have what is in the recordings looked at."""
     draft.claim()
-    _begin(settings, draft, "found", ["queries", "look", str(draft.recordings), "--json"], {})
+    _begin(settings, draft, "found", ["queries", "inspect", str(draft.recordings), "--json"], {})
 
 
 def begin_making(settings: Settings, draft: RecordingDraft, mapping: str, asked: dict[str, Any]) -> None:

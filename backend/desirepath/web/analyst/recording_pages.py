@@ -1,7 +1,7 @@
 """Recordings and answers of one's own, taken in by page: what is in the files, which of it is what, how it looks on the
 stage, and then a query set (and a snapshot of the answers) like any other.
 
-The files and the reading are `recording_drafts.py`'s; the same by command is `desirepath queries look` and `import`.
+The files and the reading are `recording_drafts.py`'s; the same by command is `desirepath queries inspect` and `import`.
 """
 
 from __future__ import annotations

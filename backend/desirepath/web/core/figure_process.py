@@ -60,7 +60,7 @@ class FlowOrder:
 
 @dataclass(frozen=True)
 class ExplanationOrder:
-    """What moved one policy in one scene (`desirepath explain`). words: texts by name, `things` among them by kind."""
+    """What moved one policy in one scene (`policies explain`). words: texts by name, `things` among them by kind."""
 
     name: str
     policy: bytes

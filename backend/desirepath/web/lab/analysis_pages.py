@@ -1,6 +1,6 @@
 """The whole report of a study in the browser: shown and taken away from here. `whole_reports.py` makes it.
 
-The numbers and figures are those of `desirepath report`.
+The numbers and figures are those of `desirepath studies report`.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """Power analyses of planned studies in the background, one after another; the latest are kept in memory. No route lives
-here: they are `power_pages.py`'s. What is computed is `desirepath study power`'s.
+here: they are `power_pages.py`'s. What is computed is `desirepath studies power`'s.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ class PowerAsked:
 
     def command(self, study: str) -> str:
         """study: its id, or a protocol file."""
-        return shlex.join(["desirepath", "study", "power", study, *self.options])
+        return shlex.join(["desirepath", "studies", "power", study, *self.options])
 
 
 def _sizes(given: str) -> tuple[int, ...]:
@@ -237,7 +237,7 @@ class PowerRuns:
 
     def _carry_out(self, run: PowerRun, study: str, folder: Path) -> None:
         out, answer_file = folder / "out", folder / "answer.json"
-        asked = ["study", "power", study, *run.asked.options, "--out", str(out), "--json"]
+        asked = ["studies", "power", study, *run.asked.options, "--out", str(out), "--json"]
         run.state = "walking"
         with answer_file.open("wb") as answer:
             child = subprocess.Popen(

@@ -80,8 +80,7 @@ def bring(
     name: Annotated[str, Form()] = "",
     robot: Annotated[str, Form()] = "",
 ) -> Response:
-    """Take in a setup, with what was trained in it: files or one zip. What is wrong is said as `desirepath setup check`
-    says it."""
+    """Take in a setup, with what was trained in it: files or one zip. Problems are said as `setups check` says them."""
     from desirepath.learning.shipping.brought_back import split
     from desirepath.simulation.setup_intake import IntakeError, gather, take_in
 

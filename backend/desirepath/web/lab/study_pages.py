@@ -338,7 +338,7 @@ def export(
     user: CheckedCsrf,
     pilots: Annotated[bool, Form()] = False,
 ) -> Response:
-    """The data set of `desirepath export` as one zip file; `pilots`: with the pilot participants."""
+    """The data set of `desirepath studies export` as one zip file; `pilots`: with the pilot participants."""
     with database.session() as s:
         study = the_study(s, study_id)
         name = f"{study.protocol_name}-{study.id[:8]}-{utc_now():%Y%m%d-%H%M}"

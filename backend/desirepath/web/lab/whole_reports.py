@@ -139,7 +139,19 @@ class Reports:
 
     def remake(self, study: str, who: str) -> ReportFiles:
         with tempfile.TemporaryDirectory() as folder:
-            command = [sys.executable, "-m", "desirepath", "report", study, "--who", who, "--out", folder, "--json"]
+            command = [
+                sys.executable,
+                "-m",
+                "desirepath",
+                "studies",
+                "report",
+                study,
+                "--who",
+                who,
+                "--out",
+                folder,
+                "--json",
+            ]
             child = subprocess.Popen(
                 command,
                 stdout=subprocess.PIPE,
