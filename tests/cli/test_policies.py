@@ -44,7 +44,7 @@ def test_a_zip_comes_in_is_listed_shown_evaluated_and_goes_out(tmp_path: Path) -
     assert told("policies", "evaluate", kept["policy"], "--scenes", "5")["setup"] == "study_room"
     out = told("policies", "export", kept["policy"], "--out", str(tmp_path / "out"))
     own = [Path(file).name for file in out["files"] if Path(file).suffix != ".py"]
-    assert own == ["policy.npz", "manifest.json", "policy.onnx", "policy.zip", "test_vectors.json"]
+    assert own == ["policy.npz", "manifest.json", "policy.onnx", "policy.zip", "test_vectors.json", "world.yaml"]
     assert out["left_out"] == {}
     again = told("policies", "import", str(tmp_path / "out" / "policy.zip"))
     assert (again["policy"], again["new"]) == (kept["policy"], False)
