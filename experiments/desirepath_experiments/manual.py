@@ -15,7 +15,7 @@ from typing import Any
 import typer
 
 import desirepath
-from desirepath.cli.main import app
+from desirepath.cli.main import GROUPS, app
 from desirepath.installed import DOCS, ROOT
 from desirepath_experiments.results_page import results
 
@@ -25,21 +25,52 @@ STORED = ("to_parts", "from_parts", "to_bytes", "from_bytes")
 """Methods of stored formats."""
 EVERYWHERE = ("as_json", "data")
 """Options that every command has."""
+GRAMMAR = """
+# Command line
+
+`desirepath NOUN VERB`: the nouns are plural, and a verb means the same for all of them.
+
+| noun | verbs |
+|---|---|
+NOUNS
+
+What is no thing is asked for directly: `train WHAT` learns something as a job, `drive POLICY` drives a robot, and
+`serve`, `worker`, `migrate`, `password`, `link`, `backup` and `restore` are about the installation. With
+`experiments` installed there are `benchmark NAME` (measuring) and `ship WHAT SETUP` (making what is shipped), which
+are long and not here, and `reproduce CHAPTER`.
+
+**Everywhere.** `--data FOLDER` names the installation, else the variable `DESIREPATH_DATA` does, else it is `./data`.
+`--json` prints one object on stdout, an error as `{"error": ...}`; tables and sentences are for people. What a long
+command is just doing goes to stderr: on a terminal a line that moves, elsewhere a line every ten seconds. Only
+`serve`, `worker` and `drive` have no `--json`: they do not end.
+
+| exit code | means |
+|---|---|
+| 0 | done |
+| 1 | refused or failed, with the reason on stderr; of a `check`, that the file is not valid |
+| 2 | asked wrongly: no such command, option or value |
+| 130 | ended by Ctrl-C; a job that was waited for goes on |
+
+**Completion.** `desirepath --install-completion` adds it to the shell that you use (bash, zsh, fish), from the next
+window on; `desirepath --show-completion` prints it instead. Then `desirepath pol<Tab> ev<Tab>` becomes
+`desirepath policies evaluate`.
+
+**Settings** are environment variables `DESIREPATH_...`; `backend/desirepath/settings.py` lists them. Where plain pip
+would bring a build of torch for graphics cards, set `DESIREPATH_TORCH_INDEX` before `make` to the index that has the
+one for processors.
+
+Below, written by the commands themselves: what `desirepath COMMAND --help` says.
+"""
 
 
 def command_line() -> str:
     """The reference of all commands: what each does, its arguments and options."""
     root: Any = typer.main.get_command(app)
-    single = {name: command for name, command in root.commands.items() if not hasattr(command, "commands")}
-    groups = {name: group for name, group in root.commands.items() if hasattr(group, "commands")}
-    lines = [
-        "# Command line",
-        "",
-        "Written by the commands themselves: `desirepath COMMAND --help` says the same. Every command that ends takes"
-        " `--json`: one object on stdout, logs on stderr, exit code 0 only on success. `--data FOLDER` names the"
-        " installation. `desirepath --install-completion` completes commands and options in your shell. `benchmark`"
-        " (measuring) and `ship` (making what is shipped) are long and not here: see their `--help`.",
-    ]
+    listed = {name: command for name, command in root.commands.items() if not command.hidden}
+    single = {name: command for name, command in listed.items() if not hasattr(command, "commands")}
+    groups = {name: group for name, group in listed.items() if hasattr(group, "commands")}
+    nouns = [f"| `{noun}` | {_verbs(group)} |" for noun, group in groups.items() if noun in GROUPS]
+    lines = [GRAMMAR.replace("NOUNS", "\n".join(nouns)).strip()]
     for title, commands in {"desirepath": single, **{name: group.commands for name, group in groups.items()}}.items():
         if title in ELSEWHERE:
             continue
@@ -49,6 +80,10 @@ def command_line() -> str:
                 words = ["desirepath", *([] if title == "desirepath" else [title]), name]
                 lines += ["", *_command(" ".join(words), command)]
     return "\n".join(lines) + "\n"
+
+
+def _verbs(group: Any) -> str:
+    return ", ".join(f"`{verb}`" for verb, command in group.commands.items() if not command.hidden)
 
 
 def _command(words: str, command: Any) -> Iterator[str]:

@@ -113,7 +113,7 @@ def create(
     say(result, as_json)
     if not live:
         typer.echo(
-            f"New participants are pilot participants, whom reports leave out; `desirepath study live {study.id}`",
+            f"New participants are pilot participants, whom reports leave out; `desirepath studies live {study.id}`",
             err=True,
         )
 
