@@ -109,7 +109,8 @@ class BaseConfig:
         """As `stored_config`; without guide and randomness where they have no part, as before there were any."""
         stored = stored_config(self)
         without = frozenset[str]() if self.guided_share else GUIDES
-        without = without if self.randomise else {*without, "randomise"}
+        if not self.randomise:
+            without |= {"randomise"}
         return {name: value for name, value in stored.items() if name not in without}
 
 
