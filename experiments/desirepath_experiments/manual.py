@@ -94,7 +94,7 @@ def _command(words: str, command: Any) -> Iterator[str]:
     if any(records):
         yield from (
             "",
-            "| | |",
+            "| takes | what it does |",
             "|---|---|",
             *(f"| `{_cell(names)}` | {_cell(said)} |" for names, said in filter(None, records)),
         )
