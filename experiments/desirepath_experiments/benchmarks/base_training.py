@@ -17,7 +17,7 @@ from typing import Any
 import torch
 
 from desirepath.learning.errors import LearningError
-from desirepath.learning.td3.base import BaseConfig
+from desirepath.learning.td3.base import BaseConfig, base_config
 from desirepath_experiments.benchmarks.results import Progress
 from desirepath_experiments.benchmarks.training_arms import (
     AVERAGED,
@@ -29,11 +29,12 @@ from desirepath_experiments.benchmarks.training_arms import (
     take_turns,
     train_ours,
     train_sb3,
+    train_unguided,
 )
 
-WEIGHTS = {"fast": (LAST, AVERAGED), "sb3_fast": (LAST,)}
+WEIGHTS = {"fast": (LAST, AVERAGED), "unguided": (LAST, AVERAGED), "sb3_fast": (LAST,)}
 """By which weights an arm is judged, whichever get there first: `train_base` considers both, SB3 does not average."""
-TRAIN = {"fast": train_ours, "sb3_fast": train_sb3}
+TRAIN = {"fast": train_ours, "unguided": train_unguided, "sb3_fast": train_sb3}
 
 
 class _Kept:
@@ -64,6 +65,9 @@ def benchmark_train(
 ) -> dict[str, Any]:
     """Processor seconds of training until a base policy reaches 94 %, ours (`fast`) against SB3 on the same engine.
 
+    `fast` is how setups are trained: at first it clones a guide that knows the scene, which SB3 is not given;
+    `unguided` is TD3 alone, as SB3's.
+
     One thread each, in turns of some hundred updates, so that both share the machine with the same others; checks not
     counted. Processor seconds are wall-clock seconds on an idle machine; on a busy one nobody is charged for others'
     work, but for what they leave of caches and clock rate; `per_seed` holds both clocks, `load_average` how busy it
@@ -75,7 +79,7 @@ def benchmark_train(
     arm named (null if half of the trainings never got there). A ratio whose slow side is null has a lower bound
     beside it, `..._at_least`: its trainings that never got there count with the seconds they had spent.
     """
-    chosen = base or BaseConfig(setup=config.setup)
+    chosen = base or base_config(config.setup)
     if chosen.setup != config.setup:
         raise LearningError(f"base.setup = {chosen.setup!r} but setup = {config.setup!r}")
     limits = {name: value for name, value in asdict(config).items() if name not in ("seeds", "arms", "keep")}

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, get_args
 
@@ -31,7 +31,7 @@ TARGET = 0.94
 CONFIRM_SCENES = 2_000
 FIRST_CONFIRM_SEED, CONFIRM_SEEDS = 10_000, 500  # reporting scenes that no card uses: so many tries per training seed
 LAST, AVERAGED = "last", "averaged"
-Arm = Literal["fast", "sb3_fast"]
+Arm = Literal["fast", "unguided", "sb3_fast"]
 ARMS: tuple[Arm, ...] = get_args(Arm)
 
 
@@ -41,7 +41,13 @@ class TrainBenchmarkConfig:
 
     setup: Annotated[str, Field(description="study_room or open_field.")] = "open_field"
     seeds: Annotated[int, Field(ge=1, description="Number of trainings per arm.")] = 1
-    arms: Annotated[tuple[Arm, ...], Field(min_length=1, description="Any of fast,sb3_fast.")] = ARMS
+    arms: Annotated[
+        tuple[Arm, ...],
+        Field(
+            min_length=1,
+            description="Any of fast (as setups are trained), unguided (the same TD3 from nothing), sb3_fast.",
+        ),
+    ] = ("fast", "sb3_fast")
     keep: Annotated[
         Path | None, Field(description="Keep finished trainings in this file; a broken run goes on from there.")
     ] = None
@@ -191,6 +197,11 @@ def train_ours(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Trai
         return Progress(policies, made(), training.transitions, *whole.spent, updating)
 
     return train_until_target(arm, training.setup, base.seed, chunk, config)
+
+
+def train_unguided(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Training:
+    """The same without the guide that knows the scene: what Stable-Baselines3 does, by our code."""
+    return train_ours(arm, replace(base, guided_share=0.0, guidance=0.0, last_guidance=0.0, cloned=0), config)
 
 
 def train_sb3(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Training:
