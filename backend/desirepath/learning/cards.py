@@ -23,7 +23,8 @@ DEPARTURES = {
     "turn rate (in [-1, 1]), which keeps policies from wobbling; the thesis has no such term. It enters no reward, no "
     "ensemble training and no alignment.",
     "guide": "While nothing is learned yet, a planner that knows the scene drives in part of the environments instead "
-    "of chance, and the actor is drawn to what it does, less and less; nothing else has it.",
+    "of chance. The actor imitates it before a critic judges, where the card's settings have `cloned`, and is drawn to "
+    "what it does in the updates after that; nothing else has the guide.",
     "randomised": "Robots get wrong in training what real ones do: lidar noise, delay, slip and slow wheels, up to "
     "`RANDOMISED` in simulation/disturbed.py, drawn anew in every episode; the thesis trains without.",
     "heads": "Actor and critic heads are 128, 128 instead of 400, 300, for speed; the wider ones were not trained "
