@@ -116,7 +116,7 @@ def test_every_sort_of_change_is_told_with_what_it_means(protocol, tmp_path):
         "stages.about.when.is": "stages",
     }
     (change,) = differences(before, scheme)
-    assert "filled anew" in change.means
+    assert "Counterbalancing starts over" in change.means
     before = protocol((ABOUT, CROSSED))
     texts = {"consent.md": "consent", "debriefing.md": "words", "questionnaires/about.yaml": "items"}
     for name in texts:
@@ -157,5 +157,5 @@ def test_the_command_line_previews_compares_and_prints_the_schema(tmp_path, prot
     assert [step["kind"] for step in shown["steps"]] == ["consent", *["trial"] * 9, "debriefing"]
     told = run(app, ["studies", "diff", *map(str, paths)]).stdout
     assert "stages.block.each.view: nothing -> ['top_down', 'first_person', 'immersive']" in told
-    assert "analyse the versions apart" in told
+    assert "Counterbalancing starts over" in told
     assert json.loads(run(app, ["studies", "schema"]).stdout)["title"] == "Protocol"

@@ -7,6 +7,8 @@
   const [HELD_LOOKS, HELD_EVERY_MS] = [24, 500];
   /** Counts scenes; waiting for one ends when the next comes. */
   let shown = 0;
+  /** The scene whose view is held, until something is played in it: a camera that is set is told to the server. */
+  let held = 0;
   /** @type {(() => void)[]} */
   let afterReady = [];
 
@@ -45,6 +47,7 @@
         document.documentElement.dataset.stage = "ready";
         bridge.state.ready = true;
         bridge.post("ready", { keys: bridge.state.keys });
+        held = mine;
         holdView(mine, HELD_LOOKS);
         for (const next of afterReady.splice(0)) next();
       }));
@@ -54,7 +57,7 @@
 
   /** On a slow machine viser puts its own camera over the scene's after it was shown. @param {number} mine @param {number} looks */
   function holdView(mine, looks) {
-    if (mine !== shown || !looks) return;
+    if (mine !== shown || mine !== held || !looks) return;
     camera.fit();
     setTimeout(() => holdView(mine, looks - 1), HELD_EVERY_MS);
   }
@@ -69,6 +72,7 @@
     if (order.type === "show") show(order);
     else if (order.type === "play") {
       onceReady(() => {
+        held = 0;
         if (order.paper) draw.begin(order.paper);
         draw.rest();
         player.play(order);

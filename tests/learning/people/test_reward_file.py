@@ -351,8 +351,8 @@ def test_manifest_and_network_are_one_file_of_the_store(tmp_path: Path, study_qu
 
 
 def test_the_guide_lists_every_input_and_its_example_is_read() -> None:
-    guide = (Path(__file__).resolve().parents[3] / "docs" / "analysts-guide.md").read_text(encoding="utf-8")
-    part = guide[guide.index("### Inputs of a reward network") :]
+    guide = (Path(__file__).resolve().parents[3] / "docs" / "your-policies.md").read_text(encoding="utf-8")
+    part = guide[guide.index("## Inputs of a reward network") :]
     example = part[part.index("```json") + 7 : part.index("```", part.index("```json") + 7)]
     assert read_manifest(example.encode(), "guide").width == STUDY_ROOM.observation_size + 1
     for setup in PREFERENCE_SETUPS:
