@@ -110,5 +110,5 @@ def test_a_broken_benchmark_goes_on_where_it_was(tiny_config: BaseConfig, tmp_pa
 
 
 def test_unknown_arms_are_refused() -> None:
-    with pytest.raises(ValueError, match="'fast' or 'sb3_fast'"):
+    with pytest.raises(ValueError, match="'fast', 'unguided' or 'sb3_fast'"):
         TrainBenchmarkConfig(arms=("fast", "warp"))
