@@ -34,6 +34,9 @@ ROOT = Path(__file__).resolve().parent.parent
 MEGABYTE = 2**20
 SIZES = (2**12, 2**15, 2**18, MEGABYTE)  # what grows with the square is found in the first, not after an hour
 BAR_S = 0.050  # of processor time, for a megabyte
+BUSY = (
+    4  # times a plain search: beside another test's compiling, linear ones took up to three; the square takes hundreds
+)
 FEWEST_S = 0.004  # what the clock and a cold cache may add to the small ones
 A_MATCH_S = 0.5e-6  # for handing over one match, of which a megabyte may have half a million
 LOOKS = {"search", "match", "fullmatch", "sub", "subn", "split", "findall", "finditer"}
@@ -234,7 +237,7 @@ def test_a_megabyte_of_its_worst_case_is_looked_through_at_once(found: Found) ->
         if taken[0][0] > allowed:
             took, case = max((seconds(found, case, size, tries=3), case) for _, case in taken)
             told = f"{found.file}: {found.pattern.pattern!r}: {took * 1000:.0f} ms for {size} characters as in {case!r}"
-            assert took < max(allowed, 2 * plainest(size)), told
+            assert took < max(allowed, BUSY * plainest(size)), told
         cases = [case for _, case in taken]
 
 
