@@ -206,8 +206,10 @@ class BaseTraining:
         self._guides[self.buffer.next_rows(len(guided))] = guided
 
         def first(observations: Floats) -> Floats:
-            chance = self._chance.uniform(-1, 1, guided.shape).astype(np.float32)
-            actions = self.agent.act(observations) if self._cloned_share() > CHANCE_FIRST else chance
+            if self._cloned_share() > CHANCE_FIRST:
+                actions = self.agent.act(observations)
+            else:
+                actions = self._chance.uniform(-1, 1, guided.shape).astype(np.float32)
             drives = (np.arange(1, len(actions) + 1) * share) % 1 < share
             actions[drives] = guided[drives]
             return actions

@@ -64,10 +64,28 @@ class Batch(NamedTuple):
     continues: Tensor
 
 
+class _ActorPass:
+    """Observations (n, obs) on their way through an actor to `actions` (n, 2), and a gradient on its way back."""
+
+    def __init__(self, observations: Floats, actor: Weights) -> None:
+        self._observations, self._actor = observations, actor
+        self.seen = features(observations, actor)
+        (self._layers,) = heads_of(observations, actor)
+        self._through = head(self.seen.joined, self._layers)
+        self.actions: Floats = np.tanh(self._through.output)
+
+    def back(self, at_actions: Floats, gradients: Weights) -> None:
+        """Write the gradients of what has the gradient `at_actions` (n, 2) at these actions."""
+        (of_layers,) = heads_of(self._observations, gradients)
+        at_output = at_actions * (1 - self.actions * self.actions)
+        at_first = head_backward(at_output, self.seen.joined, self._through, self._layers, of_layers)
+        if has_extractors(self._observations, self._actor):
+            features_backward(at_first @ self._layers[0][0].T, self.seen, self._actor, gradients)
+
+
 def act(observations: Floats, actor: Weights) -> Floats:
     """observations (n, obs) -> actions (n, 2) in [-1, 1]."""
-    actions: Floats = np.tanh(head(features(observations, actor).joined, heads_of(observations, actor)[0]).output)
-    return actions
+    return _ActorPass(observations, actor).actions
 
 
 def td_targets(batch: Batch, noise: Floats, actor_target: Weights, critic_target: Weights, config: Td3Config) -> Floats:
@@ -107,35 +125,25 @@ def actor_gradients(
 ) -> float:
     """Write the gradients of -mean Q_1(s, pi(s)), plus a term on the actions where an algorithm has one (eq. 6.3);
     returns the former, without the term."""
-    seen = features(observations, actor)
-    (layers,), (of_layers,) = heads_of(observations, actor), heads_of(observations, gradients)
-    through = head(seen.joined, layers)
-    actions = np.tanh(through.output)
+    passed = _ActorPass(observations, actor)
+    actions = passed.actions
     judged = features(observations, critic, actions)
-    width = seen.joined.shape[1]
+    width = passed.seen.joined.shape[1]
     minus_mean = np.full((len(actions), 1), -1 / len(actions), dtype=np.float32)
     judge = heads_of(observations, critic, 2)[0]
     value = head(judged.joined, judge)
     at_actions = input_gradient(minus_mean, value, judge, slice(width, None))
     if term is not None:
         at_actions += term(observations, actions)
-    at_output = at_actions * (1 - actions * actions)
-    at_first = head_backward(at_output, seen.joined, through, layers, of_layers)
-    if has_extractors(observations, actor):
-        features_backward(at_first @ layers[0][0].T, seen, actor, gradients)
+    passed.back(at_actions, gradients)
     return -float(value.output.mean())
 
 
 def cloning_gradients(observations: Floats, wanted: Floats, actor: Weights, gradients: Weights) -> None:
     """Write the gradients of Huber's loss between pi(s) and the wanted actions (n, 2)."""
-    seen = features(observations, actor)
-    (layers,), (of_layers,) = heads_of(observations, actor), heads_of(observations, gradients)
-    through = head(seen.joined, layers)
-    actions = np.tanh(through.output)
-    away = np.clip(actions - wanted, -MOST_AWAY, MOST_AWAY) * np.float32(2 / len(actions))
-    at_first = head_backward(away * (1 - actions * actions), seen.joined, through, layers, of_layers)
-    if has_extractors(observations, actor):
-        features_backward(at_first @ layers[0][0].T, seen, actor, gradients)
+    passed = _ActorPass(observations, actor)
+    away = np.clip(passed.actions - wanted, -MOST_AWAY, MOST_AWAY)
+    passed.back(away * np.float32(2 / len(observations)), gradients)
 
 
 class Memory(NamedTuple):
