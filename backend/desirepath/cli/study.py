@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -151,7 +151,7 @@ def list_studies(as_json: JsonFlag = False) -> None:
 
     database, _ = open_store()
     with database.session() as s:
-        studies = [_row(s, study) for study in s.scalars(select(Study).order_by(Study.created_at))]
+        studies = _rows(s, s.scalars(select(Study).order_by(Study.created_at)))
     say({"studies": studies}, as_json)
 
 
@@ -159,35 +159,46 @@ def list_studies(as_json: JsonFlag = False) -> None:
 @in_data_folder
 def show(study: Annotated[str, typer.Argument(help="Id of the study.")], as_json: JsonFlag = False) -> None:
     """Show one study: its protocol, its recruiting link, who took part."""
-    from desirepath.store.models import Study
-
     database, _ = open_store()
     with database.session() as s:
-        row = s.get(Study, study)
-        if row is None:
-            raise LookupError(f"no study with id {study!r}; `desirepath studies list` shows them")
+        row = find_study(s, study)
         more = {"created_at": row.created_at.isoformat(), "protocol_hash": row.protocol_hash, "link": _link(row)}
-        say(_row(s, row) | more, as_json)
+        say(_rows(s, [row])[0] | more, as_json)
 
 
-def _row(s: Session, study: Study) -> dict[str, Any]:
+def find_study(s: Session, study: str) -> Study:
+    """The study of that id. Raises LookupError, which says where ids are listed."""
+    from desirepath.store.models import Study
+
+    row = s.get(Study, study)
+    if row is None:
+        raise LookupError(f"no study with id {study!r}; `desirepath studies list` shows them")
+    return row
+
+
+def _rows(s: Session, studies: Iterable[Study]) -> list[dict[str, Any]]:
+    """What is told of each study; who took part is counted once for all of them."""
     from sqlalchemy import func, select
 
     from desirepath.store.models import Participant
     from desirepath.store.who_counts import GROUPS, in_group
 
-    of_study = select(func.count()).select_from(Participant).where(Participant.study_id == study.id)
-    counts = {name: s.scalar(of_study.where(in_group(name))) for name in GROUPS}
-    return {
-        "study": study.id,
-        "name": study.name,
-        "protocol": f"{study.protocol_name} v{study.protocol_version}",
-        "state": study.state,
-        "pilot": study.pilot,
-        "people": counts["people"],
-        "pilot_participants": counts["pilot"],
-        "simulated": counts["simulated"],
-    }
+    per_study = select(Participant.study_id, func.count()).group_by(Participant.study_id)
+    groups = {name: s.execute(per_study.where(in_group(name))).all() for name in GROUPS}
+    counts = {(study, name): count for name, rows in groups.items() for study, count in rows}
+    return [
+        {
+            "study": study.id,
+            "name": study.name,
+            "protocol": f"{study.protocol_name} v{study.protocol_version}",
+            "state": study.state,
+            "pilot": study.pilot,
+            "people": counts.get((study.id, "people"), 0),
+            "pilot_participants": counts.get((study.id, "pilot"), 0),
+            "simulated": counts.get((study.id, "simulated"), 0),
+        }
+        for study in studies
+    ]
 
 
 def _link(study: Study) -> str:
@@ -228,7 +239,6 @@ def simulate(
 ) -> None:
     """Walk simulated participants through whole sessions; their data are marked as simulated."""
     from desirepath.report.simulated_cohorts import read_cohort
-    from desirepath.store.models import Study
     from desirepath.study.simulated.http import simulate_study
     from desirepath.study.simulated.participant import Character
 
@@ -245,10 +255,7 @@ def simulate(
         in_browser: Callable[..., dict[str, Any]] = find_offer("desirepath.walkers", lacking)
     database, _ = open_store()
     with database.session() as s:
-        row = s.get(Study, study)
-        if row is None:
-            raise LookupError(f"no study with id {study!r}; `desirepath studies list` shows them")
-        token = row.recruiting_token
+        token = find_study(s, study).recruiting_token
 
     def walk(base_url: str) -> None:
         if not browser:

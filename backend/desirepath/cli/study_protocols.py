@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say
-from desirepath.cli.study import frozen_protocol, open_store, query_sets
+from desirepath.cli.study import find_study, frozen_protocol, open_store, query_sets
 
 
 def register(studies: typer.Typer) -> None:
@@ -90,15 +90,12 @@ def revise(
 ) -> None:
     """Give a running study a new version of its protocol, for new participants."""
     from desirepath.store.audit import record
-    from desirepath.store.models import Study
     from desirepath.study.protocol.freezing import freeze
     from desirepath.study.revising import query_sets_for, revise_study, versions_of
 
     database, files = open_store()
     with database.transaction() as s:
-        row = s.get(Study, study)
-        if row is None:
-            raise LookupError(f"no study with id {study!r}; `desirepath studies list` shows them")
+        row = find_study(s, study)
         frozen = freeze(file, query_sets_for(s, row))
         version = revise_study(s, files, row, frozen, by=COMMAND_LINE)
         record(s, "study_revised", by=COMMAND_LINE, study_id=study, number=version.number)
