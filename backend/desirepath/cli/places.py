@@ -67,15 +67,14 @@ def check_robot(
 @in_data_folder
 def list_setups(as_json: JsonFlag = False) -> None:
     """List the setups that are shipped, and those of this installation."""
-    from desirepath.installed import DATASETS
-    from desirepath.simulation.setups import SETUPS, broken_setups, setup_folders
+    from desirepath.simulation.setups import SETUPS, broken_setups, is_shipped, setup_folders
 
     broken = broken_setups()
     rows = [
         {
             "setup": name,
             "robot": SETUPS[name].robot.name if name not in broken else None,
-            "from": "shipped" if folder.parent == DATASETS.resolve() else str(folder),
+            "from": "shipped" if is_shipped(folder) else str(folder),
             "problem": broken.get(name),
         }
         for name, folder in setup_folders().items()

@@ -513,10 +513,15 @@ def trainable_setups() -> tuple[str, ...]:
     return tuple(setup.name for setup in _readable(SETUPS) if not setup.solids and setup.reward.goal > 0)
 
 
+def is_shipped(folder: Path) -> bool:
+    """Whether the setup of that folder comes with the product."""
+    return folder.parent == DATASETS.resolve()
+
+
 def own_setups() -> tuple[str, ...]:
     """Those of them that a lab brought, in whose folders what is trained may be put: none of the shipped ones."""
     folders = setup_folders()
-    return tuple(name for name in trainable_setups() if folders[name].parent != DATASETS.resolve())
+    return tuple(name for name in trainable_setups() if not is_shipped(folders[name]))
 
 
 def demonstration_setups() -> tuple[str, ...]:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-from desirepath.installed import DATASETS
 from desirepath.learning.cards import Card, card_path, file_sha256
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import Policy
@@ -23,7 +22,7 @@ from desirepath.learning.td3.base import BaseTraining, base_config
 from desirepath.learning.td3.conditioned_training import conditioned_config
 from desirepath.learning.td3.ensemble import PolicyEnsembleConfig
 from desirepath.simulation.fast import evaluate
-from desirepath.simulation.setups import Setup, SetupError, get_setup, setup_folders
+from desirepath.simulation.setups import Setup, SetupError, get_setup, is_shipped, setup_folders
 
 GUIDED = {"guidance": 2.0, "let_go": 0.5, "smoothness": 0.2, "smoothness_wanted": 0.4}
 """Of conditioned policies: without, in a building of eight rooms, success falls by 8 points from the base policy's."""
@@ -142,7 +141,7 @@ def _part(usual: int, config: SetupTrainingConfig, least: int = 50) -> int:
 def stages_of(setup: Setup, config: SetupTrainingConfig) -> list[Stage]:
     """In the order in which they are made: what a first study needs comes first. Raises SetupError for a setup in which
     no base policy can be trained."""
-    if setup_folders()[setup.name].parent == DATASETS.resolve():
+    if is_shipped(setup_folders()[setup.name]):
         raise SetupError(f"setup {setup.name}: comes with the product; copy it under another name to train")
     if setup.solids or setup.reward.goal <= 0:
         raise SetupError(f"setup {setup.name}: nothing is trained where there is no lidar, or no reward for arriving")

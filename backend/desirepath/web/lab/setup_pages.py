@@ -19,7 +19,6 @@ from sqlalchemy.orm import Session
 from starlette.responses import RedirectResponse, Response
 
 from desirepath.grammar.source import ProtocolError
-from desirepath.installed import DATASETS
 from desirepath.jobs.kinds import get_kind
 from desirepath.simulation.setup_files import shipped_robots
 from desirepath.simulation.setups import (
@@ -27,6 +26,7 @@ from desirepath.simulation.setups import (
     SetupError,
     broken_setups,
     get_setup,
+    is_shipped,
     own_setups,
     setup_folders,
     tell_changed,
@@ -246,7 +246,7 @@ def _setups_page(request: Request, database: Db, *, status: int = 200, **context
         broken=broken_setups(),
         uploaded=[file.parent.name for file in uploaded.glob(f"*/{SETUP_FILE}")],
         robots=list(shipped_robots()),
-        shipped=[name for name, folder in folders.items() if folder.parent == DATASETS.resolve()],
+        shipped=[name for name, folder in folders.items() if is_shipped(folder)],
         ended=ENDED,
         **(shown | context),
     )
