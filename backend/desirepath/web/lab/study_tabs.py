@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import Any, cast
 
 from fastapi import Request
 from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
+from sqlalchemy.orm import object_session
 from starlette.responses import Response
 
 from desirepath.store.example_study import example_id
 from desirepath.store.models import Participant, Study
-from desirepath.web.core.dependencies import services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_page
 
 OPEN = re.compile(r"""\btype:\s*["']?text\b""")  # an open question, in a questionnaire's YAML
@@ -38,7 +38,7 @@ def the_participant(s: DatabaseSession, study: Study, code: str) -> Participant:
 def study_tab(
     request: Request, study: Study, tab: str, template: str | None = None, *, status: int = 200, **context: Any
 ) -> Response:
-    """A page of a study; without a template, the tab's own."""
+    """A page of a study, whose session is open; without a template, the tab's own."""
     drawn = any(
         entry.get("demonstrations") or "drawing" in (entry.get("methods") or {}).get("methods", ())
         for entry in study.protocol.get("stages", [])
@@ -48,6 +48,5 @@ def study_tab(
     beside = [name for name, there in (("robots", driven), ("paths", drawn), ("coding", written)) if there]
     tabs = (*TABS[:2], *beside, *TABS[2:])
     shown = template or f"lab/study_{tab}.html"
-    with services_of(request).database.session() as s:
-        example = example_id(s) == study.id
+    example = example_id(cast(DatabaseSession, object_session(study))) == study.id
     return lab_page(request, shown, status=status, study=study, tab=tab, tabs=tabs, example=example, **context)
