@@ -36,9 +36,7 @@ TRAIL_PIECES = 60  # as in client/trail.js
 FIELD_SOLID_M = 12.0  # open ground is fully there up to here, from the middle of the scene
 FIELD_RADIUS_M = 26.0  # and gone here
 
-KEPT_PLACES = (
-    256 * MIB
-)  # a quarter of one each, of which the shipped query set has 200, and drawn in 20 ms; maps take 20
+KEPT_PLACES = 256 * MIB  # a quarter of one each, of which a query set has 200, drawn in 20 ms; maps take 20
 KEPT_ROBOTS = 64 * MIB  # a URDF of 100,000 triangles takes 12
 
 Bounds = tuple[float, float, float, float]  # x_min, y_min, x_max, y_max in metres

@@ -1070,10 +1070,8 @@ def _see_ground(
             s_other = beams.directions[other, 0] * sr + beams.directions[other, 1] * cr
             at, at_other = begin, begin if other > beam else limit
             while at < limit and at_other < limit:
-                further, further_other = (
-                    _onward(leaps, x, y, c, s, at),
-                    _onward(leaps, x, y, c_other, s_other, at_other),
-                )
+                further = _onward(leaps, x, y, c, s, at)
+                further_other = _onward(leaps, x, y, c_other, s_other, at_other)
                 if further == 0.0:
                     limit = min(limit, at)
                 if further_other == 0.0:

@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.learning.queries.queries import Query, QuerySet, round_observations
 from desirepath.store.artefacts import ArtefactStore, load_trajectory
 from desirepath.store.database import Database
-from desirepath.store.example_study import FORMAT, ROWS, SHOWN, TEXT_BEGINS, Rows, renamed
+from desirepath.store.example_study import FORMAT, MODELS, ROWS, SHOWN, TEXT_BEGINS, Rows, renamed
 from desirepath.store.models import (
     Artefact,
     ArtefactAnswer,
@@ -50,7 +50,8 @@ class Packed:
 def pack_example(db: Database, files: ArtefactStore, study_id: str) -> Packed:
     """Everything of the study, as the installation's only one."""
     with db.session() as s:
-        rows = {model.__tablename__: [_as_data(row) for row in s.scalars(query)] for model, query in _whole(study_id)}
+        whole = _whole(study_id)
+        rows = {model.__tablename__: [_as_data(row) for row in s.scalars(whole[model])] for model in MODELS}
         query_set = s.get_one(Artefact, rows["study"][0]["protocol"]["materials"]["query_set"])
         local = _places(queries_of(s, files, query_set.id))
         contents = {row["id"]: files.get(row["id"]) for row in rows["artefact"]}
@@ -83,26 +84,28 @@ def pack_example(db: Database, files: ArtefactStore, study_id: str) -> Packed:
     return Packed(out.getvalue(), {name: len(of) for name, of in rows.items()})
 
 
-def _whole(study_id: str) -> Iterator[tuple[type[Base], Select[Any]]]:
-    """The tables in the order in which their rows refer to each other, and what of each is the study's."""
+def _whole(study_id: str) -> dict[type[Base], Select[Any]]:
+    """What of each table is the study's."""
     # What a study has measured by itself holds thousands of scenes; `example_study.py` asks for smaller ones.
     large = select(Job.id).where(Job.kind == "evaluate", Job.created_by == "study")
     ours = (Job.study_id == study_id, Job.id.not_in(large))
     made = (Artefact.study_id == study_id, func.coalesce(Artefact.job_id, "").not_in(large))
     artefacts, jobs = select(Artefact.id).where(*made), select(Job.id).where(*ours)
-    yield Study, select(Study)
-    yield Participant, select(Participant).order_by(Participant.code)
-    yield Session, select(Session).order_by(Session.created_at)
-    yield TrajectoryRow, select(TrajectoryRow).order_by(TrajectoryRow.scene_hash, TrajectoryRow.id)
-    yield Trial, select(Trial).order_by(Trial.session_id, Trial.index)
-    yield Response, select(Response).order_by(Response.created_at)
-    yield Event, select(Event).where(Event.study_id == study_id).order_by(Event.id)
-    yield Job, select(Job).where(*ours).order_by(Job.created_at)
-    yield JobAttempt, select(JobAttempt).where(JobAttempt.job_id.in_(jobs)).order_by(JobAttempt.began_at)
-    yield JobMetric, select(JobMetric).where(JobMetric.job_id.in_(jobs)).order_by(JobMetric.id)
-    yield Artefact, select(Artefact).where(*made).order_by(Artefact.created_at)
-    yield ArtefactParent, select(ArtefactParent).where(ArtefactParent.artefact_id.in_(artefacts))
-    yield ArtefactAnswer, select(ArtefactAnswer).where(ArtefactAnswer.artefact_id.in_(artefacts))
+    return {
+        Study: select(Study),
+        Participant: select(Participant).order_by(Participant.code),
+        Session: select(Session).order_by(Session.created_at),
+        TrajectoryRow: select(TrajectoryRow).order_by(TrajectoryRow.scene_hash, TrajectoryRow.id),
+        Trial: select(Trial).order_by(Trial.session_id, Trial.index),
+        Response: select(Response).order_by(Response.created_at),
+        Event: select(Event).where(Event.study_id == study_id).order_by(Event.id),
+        Job: select(Job).where(*ours).order_by(Job.created_at),
+        JobAttempt: select(JobAttempt).where(JobAttempt.job_id.in_(jobs)).order_by(JobAttempt.began_at),
+        JobMetric: select(JobMetric).where(JobMetric.job_id.in_(jobs)).order_by(JobMetric.id),
+        Artefact: select(Artefact).where(*made).order_by(Artefact.created_at),
+        ArtefactParent: select(ArtefactParent).where(ArtefactParent.artefact_id.in_(artefacts)),
+        ArtefactAnswer: select(ArtefactAnswer).where(ArtefactAnswer.artefact_id.in_(artefacts)),
+    }
 
 
 def _as_data(row: Base) -> dict[str, Any]:

@@ -139,19 +139,8 @@ class Reports:
 
     def remake(self, study: str, who: str) -> ReportFiles:
         with tempfile.TemporaryDirectory() as folder:
-            command = [
-                sys.executable,
-                "-m",
-                "desirepath",
-                "studies",
-                "report",
-                study,
-                "--who",
-                who,
-                "--out",
-                folder,
-                "--json",
-            ]
+            asked = ["studies", "report", study, "--who", who, "--out", folder, "--json"]
+            command = [sys.executable, "-m", "desirepath", *asked]
             child = subprocess.Popen(
                 command,
                 stdout=subprocess.PIPE,
