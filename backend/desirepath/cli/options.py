@@ -12,6 +12,7 @@ import pkgutil
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
 
 import typer
@@ -79,7 +80,12 @@ class OptionsOf:
         if annotation is bool and default:
             flags = [f"{flags[0]}/--no-{flags[0].removeprefix('--')}"]
         least, most = limits_of(info)
-        option = typer.Option(*flags, min=least, max=most, help=info.description or self.help_of(name))
+        words = info.description or self.help_of(name)
+        if annotation is Path and default is PydanticUndefined:  # what a command is about: DIR, not --folder DIR
+            return inspect.Parameter(
+                name, inspect.Parameter.KEYWORD_ONLY, annotation=Annotated[Path, typer.Argument(help=words)]
+            )
+        option = typer.Option(*flags, min=least, max=most, help=words)
         return inspect.Parameter(
             name,
             inspect.Parameter.KEYWORD_ONLY,

@@ -64,6 +64,10 @@ BENCHMARKS = {
         "benchmarks.people_harm",
         "How many simulated people are shown a policy as theirs that is worse for them.",
     ),
+    "raters": (
+        "benchmarks.raters",
+        "Measures of comfort fitted to all raters of a folder but one: do they order that one's scenes?",
+    ),
     "headline": (
         "benchmarks.headline",
         "Simulated: what the policy of 15 answers gets of what can be attained, by preference.",
