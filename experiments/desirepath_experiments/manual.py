@@ -17,6 +17,7 @@ import typer
 import desirepath
 from desirepath.cli.main import GROUPS, app
 from desirepath.installed import DOCS, ROOT
+from desirepath.study.protocol.instruments import list_instruments
 from desirepath_experiments.results_page import results
 
 ELSEWHERE = ("benchmark", "ship")
@@ -160,7 +161,44 @@ def _flat(text: str) -> str:
     return " ".join(text.split())
 
 
-PAGES = {"command-line": command_line, "python": python_interface, "results": results}
+INSTRUMENTS = """
+# Instruments
+
+A protocol asks each by its name: `- questionnaire: {use: ueq_s}`. The report scores it by its own scoring, with
+Cronbach's alpha and McDonald's omega, and names its source; the data dictionary of every export has items, scoring and
+terms. A file beside the protocol, `questionnaires/NAME.yaml`, replaces the shipped one of that name. The study keeps
+its own copy of every word.
+
+- **Words in one language only**: a session in another language shows the original, and says so.
+- **Words not shipped**: we found no terms that allow it. `desirepath studies instruments NAME` prints a file with
+  keys, reversed items and scoring; fill in the words, which you know the terms of, and put it beside the protocol.
+- Not here, for the same reason: MDMT, HRIES and Körber's TiA.
+- The **colour vision** check is ours and no diagnostic. Ishihara's plates are not in it.
+
+What follows is written from the files in `study_protocols/instruments` (`desirepath studies instruments --json`).
+"""
+
+
+def instruments() -> str:
+    """The shipped instruments, from their files: a table, then each with its source and terms."""
+    listed = list_instruments()
+    lines = [
+        INSTRUMENTS.strip(),
+        "",
+        "| `use` | known as | measures | items | words | scores |",
+        "|---|---|---|---|---|---|",
+    ]
+    keys = ("name", "known_as", "measures", "items", "words", "scores")
+    lines += [
+        f"| {' | '.join(_cell(f'`{of[key]}`' if key == 'name' else str(of[key])) for key in keys)} |" for of in listed
+    ]
+    for of in listed:
+        lines += ["", f"## {of['name']}", "", f"- Source: {of['source']}", f"- Terms: {of['terms']}"]
+        lines += [f"- German: {of['german']}"] if of["german"] else []
+    return "\n".join(lines) + "\n"
+
+
+PAGES = {"instruments": instruments, "command-line": command_line, "python": python_interface, "results": results}
 
 
 def main(names: Sequence[str]) -> None:

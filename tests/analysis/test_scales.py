@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from desirepath.analysis.colour_plates import CONES, colour_plate, figure_and_ground
 from desirepath.analysis.scale_wordings import SCALES
 from desirepath.analysis.scales import wording_digest
 
@@ -57,6 +58,29 @@ def test_godspeed_is_the_mean_of_five_pairs_of_words(name):
         scale.with_words(scale.items[:4])
     with pytest.raises(ValueError, match=r"reversed: tlx_x$"):
         replace(TLX, items=(replace(TLX.items[0], key="tlx_x", reversed=True),)).with_words(TLX.items[:1])
+
+
+def test_the_short_user_experience_questionnaire_has_two_subscales_from_minus_three_to_three():
+    ueq = SCALES["ueq_s"]
+    sheet = dict(zip((item.key for item in ueq.items), (7, 6, 5, 4, 1, 2, 3, 4), strict=True))
+    scores = {part.name: part.score(sheet) for part in ueq.scored}
+    expected = {"ueq_s_pragmatic_quality": 1.5, "ueq_s_hedonic_quality": -1.5, "ueq_s": 0.0}
+    assert scores == pytest.approx(expected)
+    assert SCALES["umux_lite"].score({"umux_lite_1": 5, "umux_lite_2": 7}) == pytest.approx((5 + 7 - 2) * 100 / 12)
+    ipq = {part.name: part for part in SCALES["ipq"].scored}
+    assert "ipq" not in ipq  # no score of all
+    assert ipq["ipq_realism"].score({f"ipq_real{k}": 7 for k in (1, 2, 3, 4)}) == pytest.approx((0 + 6 * 3) / 4)
+
+
+@pytest.mark.parametrize(("of", "blind"), [("protan", 0), ("deutan", 1)])
+def test_a_plates_digit_differs_from_its_ground_in_one_cone_alone(of, blind):
+    figure, ground = (CONES @ colour for colour in figure_and_ground(of))
+    others = [cone for cone in range(3) if cone != blind]
+    assert figure[others] == pytest.approx(ground[others])
+    assert abs(figure[blind] - ground[blind]) / ground[blind] > 0.25
+    dots = colour_plate("6", of)
+    assert dots == colour_plate.__wrapped__("6", of)
+    assert all(x - r >= 0 and x + r <= 100 for x, _, r, _ in dots)
 
 
 def test_every_scale_says_where_it_is_from_and_why_it_may_be_shipped():

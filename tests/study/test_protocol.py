@@ -12,12 +12,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from desirepath.analysis.scale_wordings import SCALES
+from desirepath.analysis.scale_wordings import INSTRUMENTS, SCALES
 from desirepath.analysis.scales import frozen_scale
 from desirepath.grammar.error_words import example_of, parse
 from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.source import Source
 from desirepath.installed import PROTOCOLS
+from desirepath.store.dataset.descriptions import instruments_asked
 from desirepath.study.kind import Page, kind_of, read_step
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.protocol.freezing import (
@@ -27,6 +28,7 @@ from desirepath.study.protocol.freezing import (
     freeze_text,
     validate_protocol_file,
 )
+from desirepath.study.protocol.instruments import file_to_fill_in, list_instruments
 from desirepath.study.protocol.outline import describe_stages, estimate_minutes
 from desirepath.study.protocol.schema import DeviceGate, Protocol, json_schema
 from desirepath.study.protocol.stages import STAGES, StageEntry
@@ -198,8 +200,8 @@ def test_a_file_that_is_not_there_is_told_kindly(tmp_path):
 def test_a_questionnaires_error_points_into_the_questionnaires_file(tmp_path):
     folder = tmp_path / "protocols"
     shutil.copytree(PROTOCOLS, folder)
-    file = folder / "questionnaires" / "demographics.yaml"
-    file.write_text(file.read_text().replace("type: number", "type: numbr"))
+    file = folder / "questionnaires" / "demographics.yaml"  # one's own comes before the shipped instrument
+    file.write_text(INSTRUMENTS["demographics"].replace("type: number", "type: numbr"))
     error = validate_protocol_file(folder / QUICK.name)["errors"][0]
     assert error["file"] == "questionnaires/demographics.yaml"
     assert error["field"] == "blocks[0].items[0].type"
@@ -377,16 +379,54 @@ def test_a_reworded_item_cannot_carry_a_scales_name(tmp_path):
     assert "did you mean sus" in error["message"]
 
 
-def test_a_scale_without_a_checked_translation_is_refused_in_that_language(tmp_path):
+def test_an_instrument_is_asked_in_one_line_in_its_own_words_where_there_is_no_translation(tmp_path):
     write_files(tmp_path)
     for name in ("consent.de.md", "consent.en.md", "debriefing.de.md", "debriefing.en.md"):
         (tmp_path / name).write_text("# Words\nwords")
-    content = {"title": {"en": "Load", "de": "Last"}, "blocks": [{"scale": "raw_tlx"}]}
-    (tmp_path / "questionnaires" / "rating.yaml").write_text(yaml.safe_dump(content))
+    stages = [{"questionnaire": {"use": name}} for name in ("s_tias", "ueq_s", "colour_vision", "demographics")]
     keys = {"languages": ["en", "de"], "title": {"en": "S", "de": "K"}}
-    text = protocol_text([{"questionnaire": {"use": "rating"}}, BLOCK], **keys)
-    with pytest.raises(ProtocolError, match="is there in en, not in de"):
+    frozen = freeze_text(protocol_text([*stages, BLOCK], **keys), folder=tmp_path)
+    step = {"kind": "questionnaire", "stage": "q"}
+    trust = page_of(frozen, {**step, "questionnaire": "s_tias"}, "de")
+    assert trust["title"] == "Was halten Sie von dem Roboter?"
+    assert [item["lang"] for block in trust["blocks"] for item in block["items"]] == ["en"] * 3
+    (pairs,) = page_of(frozen, {**step, "questionnaire": "ueq_s"}, "de")["blocks"]
+    assert pairs["items"][0].items() >= {"text": "behindernd – unterstützend", "low": "behindernd", "points": 7}.items()
+    assert not any("lang" in item for item in pairs["items"])
+    plates = page_of(frozen, {**step, "questionnaire": "colour_vision"}, "de")["blocks"][1:]
+    assert all(len(block["items"][0]["plate"]) > 250 for block in plates)
+    assert frozen_scale(frozen.files["scales/ueq_s.json"]) == SCALES["ueq_s"]
+    described = instruments_asked(frozen.files)
+    assert "UEQ-S: hedonic quality, -3 to 3: `ueq_s_5`, `ueq_s_6`" in described
+    assert "Terms of its words: CC BY 4.0, as all articles of Frontiers" in described
+    with pytest.raises(ProtocolError, match=r"no instrument of that name.*did you mean s_tias"):
+        freeze_text(protocol_text([{"questionnaire": {"use": "s_tia"}}, BLOCK]), folder=tmp_path)
+
+
+@pytest.mark.parametrize("name", INSTRUMENTS)
+def test_every_instrument_is_asked_at_once_or_prints_a_file_to_fill_in(tmp_path, name):
+    write_files(tmp_path)
+    text = protocol_text([{"questionnaire": {"use": name}}, BLOCK])
+    (listed,) = (of for of in list_instruments() if of["name"] == name)
+    if listed["words"] != "not shipped":
+        assert len(freeze_text(text, folder=tmp_path).questionnaires[name].items) == listed["items"]
+        return
+    with pytest.raises(ProtocolError, match="may not be shipped"):
         freeze_text(text, folder=tmp_path)
+    blank, file = file_to_fill_in(name), tmp_path / "questionnaires" / f"{name}.yaml"
+    file.write_text(blank)
+    with pytest.raises(ProtocolError, match="has no text for en"):
+        freeze_text(text, folder=tmp_path)
+    file.write_text(re.sub(r"^ +de: .*\n", "", re.sub("en: ''", "en: word", blank), flags=re.MULTILINE))
+    assert len(freeze_text(text, folder=tmp_path).questionnaires[name].items) == listed["items"]
+
+
+def test_a_head_of_ones_own_says_where_words_are_from_and_brings_no_scale(tmp_path):
+    head = {"names": ["Mine"], "measures": {"en": "ease"}, "source": "own", "licence": "own"}
+    item = {"key": "a", "type": "text", "text": {"en": "A"}}
+    assert asked(tmp_path, instrument=head, blocks=[{"items": [item]}]) == []
+    (error,) = asked(tmp_path, instrument=head | {"scales": {"mine": {}}}, blocks=[{"items": [item]}])
+    assert (error["field"], "no scale of a shipped instrument" in error["message"]) == ("instrument.scales.mine", True)
 
 
 @pytest.mark.parametrize(
@@ -397,6 +437,7 @@ def test_a_scale_without_a_checked_translation_is_refused_in_that_language(tmp_p
         ({"type": "number", "reversed": True}, "'reversed' is for scales"),
         ({"type": "number", "correct": 3}, "'correct' needs a choice or a scale"),
         ({"type": "scale", "low": {"en": "a"}, "high": {"en": "b"}, "instructed": 9}, "none of the answers: 1, 2, 3"),
+        ({"type": "number", "plate": {"shows": "6", "of": "protan"}}, "one of the 'options' of a choice"),
     ],
 )
 def test_an_item_that_cannot_be_answered_as_it_says_is_told(tmp_path, item, says):

@@ -1,6 +1,6 @@
 """What a validated questionnaire scale is, how it is scored, and how a reworded copy is told from it.
 
-Which scales there are, word by word, stands in `scales.yaml`; which study asks them is not known here.
+Which scales there are, word by word: `scale_wordings.py`; which study asks them is not known here.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 
@@ -28,6 +28,7 @@ class Scale:
     """A validated scale. `names`: what only an unchanged copy may be called. The score is `lowest` to `highest`.
 
     Items without texts: of a scale whose words may not be shipped; who asks it supplies them (`with_words`).
+    subscales: what each measures, in words -> its items; overall: whether all items together have a score.
     """
 
     name: str
@@ -39,6 +40,23 @@ class Scale:
     scoring: str
     source: str
     licence: str
+    subscales: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    overall: bool = True
+
+    @property
+    def scored(self) -> tuple[Scale, ...]:
+        """What has a score of its own: the scale, or each subscale, then all items together where that is a score."""
+        parts = [
+            replace(
+                self,
+                name=f"{self.name}_{words.replace(' ', '_')}",
+                names=(f"{self.names[0]}: {words}",),
+                items=tuple(item for item in self.items if item.key in keys),
+                subscales={},
+            )
+            for words, keys in self.subscales.items()
+        ]
+        return (*parts, replace(self, subscales={})) if self.overall else tuple(parts)
 
     @property
     def languages(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""`desirepath studies check|preview|diff|revise|schema`: protocols, before and while a study runs."""
+"""`desirepath studies check|preview|diff|revise|schema|instruments`: protocols, before and while a study runs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from desirepath.cli.study import find_study, frozen_protocol, open_store, query_
 
 def register(studies: typer.Typer) -> None:
     """Add this module's commands to `desirepath studies`."""
-    for command in (check, preview, diff, revise):
+    for command in (check, preview, diff, revise, instruments):
         studies.command()(command)
     studies.command("schema")(schema_command)
     studies.command("validate", hidden=True)(check)  # as it was called
@@ -107,6 +107,29 @@ def revise(
     for means in dict.fromkeys(change["means"] for change in version.changes):
         typer.echo(means)
     typer.echo(f"Who is under way goes on with the protocol they began with; participants by version: {on}")
+
+
+@in_data_folder
+def instruments(
+    name: Annotated[str | None, typer.Argument(help="Of one: print its file, to read or to fill in.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """List the instruments that a protocol asks by `use: NAME`; print one's file.
+
+    Where its words may not be shipped, the file is to be filled in and put into `questionnaires/` beside the protocol.
+    """
+    from desirepath.study.protocol.instruments import file_to_fill_in, list_instruments
+
+    if name is None:
+        short = ("name", "known_as", "items", "words", "scores")
+        listed = list_instruments()
+        say({"instruments": listed if as_json else [{key: of[key] for key in short} for of in listed]}, as_json)
+        return
+    text = file_to_fill_in(name)
+    if as_json:
+        say({"name": name, "file": f"questionnaires/{name}.yaml", "text": text}, as_json)
+    else:
+        typer.echo(text, nl=False)
 
 
 @in_data_folder

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, WithJsonSchema, field_validator, model_validator
 
 from desirepath.grammar.error_words import parse
-from desirepath.grammar.parts import Localized, Part, Slug, Value, an_example
+from desirepath.grammar.parts import Language, Localized, Part, Slug, Value, an_example
 from desirepath.grammar.source import Source
 from desirepath.grammar.when import ItemWhen
 
@@ -21,13 +21,21 @@ class Option(Part):
     label: Localized
 
 
+class Plate(Part):
+    """A disc of dots with a digit that eyes without one kind of cone do not see; of a `control`, every eye does."""
+
+    shows: Literal["2", "3", "5", "6", "8", "9"]
+    of: Literal["control", "protan", "deutan"]
+
+
 class Item(Part):
     """One question. scale: 1 to `points` with labelled ends; choice: one of `options`; ranking: all `options`, best
     first, no ties; number: whole; text.
 
     reversed: agreeing means less of what is measured; the answer is stored as given, scoring turns it round. correct:
     the right answer in a comprehension check. instructed: an attention check whose text says what to answer; a wrong
-    answer is stored, marked, never refused. when: asked only where all of these fit; a file gives one.
+    answer is stored, marked, never refused. when: asked only where all of these fit; a file gives one. plate: of a
+    choice, what is looked at for it.
     """
 
     model_config = an_example({"key": "pets", "type": "number", "text": {"en": "How many pets do you have?"}})
@@ -46,6 +54,7 @@ class Item(Part):
     max_length: int = Field(2000, ge=1, le=2000)
     correct: Value | None = None
     instructed: Value | None = None
+    plate: Plate | None = None
     when: Annotated[list[ItemWhen], WithJsonSchema(ItemWhen.model_json_schema())] = []
 
     @field_validator("when", mode="before")
@@ -66,6 +75,8 @@ class Item(Part):
             raise ValueError(f"'options' has a value twice; every option needs its own, there are {', '.join(values)}")
         if self.reversed and self.type != "scale":
             raise ValueError(f"'reversed' is for scales; this is a {self.type}")
+        if self.plate and (self.type != "choice" or self.plate.shows not in values):
+            raise ValueError(f"'plate' shows {self.plate.shows}, which must be one of the 'options' of a choice")
         for name in ("correct", "instructed"):
             self._check_key(name, getattr(self, name), values)
         return self
@@ -104,9 +115,24 @@ class ItemBlock(Part):
         return self.model_copy(update={"items": [i.model_copy(update={"when": [*shared, *i.when]}) for i in items]})
 
 
-class Questionnaire(Part):
-    """A questionnaire file."""
+class Instrument(Part):
+    """What a questionnaire is known as and may be used for. `translations`: of each language, where its words are from;
+    a language that a text is not in is shown the original, marked. `scales`: only of instruments that are shipped."""
 
+    model_config = an_example({"names": ["My scale"], "measures": {"en": "ease"}, "source": "...", "licence": "..."})
+
+    names: list[str] = Field(min_length=1, max_length=10)
+    measures: Localized
+    source: str = Field(max_length=2000)
+    licence: str = Field(max_length=2000)
+    translations: dict[Language, str] = {}
+    scales: dict[Slug, dict[str, Any]] = {}
+
+
+class Questionnaire(Part):
+    """A questionnaire file; with `instrument`, one that others know, too."""
+
+    instrument: Instrument | None = None
     title: Localized
     text: Localized | None = None
     blocks: list[ItemBlock] = Field(min_length=1)

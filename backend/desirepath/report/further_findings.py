@@ -193,7 +193,7 @@ def _reliabilities(data: StudyData) -> list[ScaleReliability]:
                 for of in by_person.values()
                 if len(of) == len(keys)
             ]
-            if len(turned) > 2:
+            if len(turned) > 2 and len(keys) > 1:
                 reliabilities.append(ScaleReliability(scale.names[0], condition, reliability(turned)))
     return reliabilities
 

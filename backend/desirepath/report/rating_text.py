@@ -144,9 +144,9 @@ def scales_section(findings: Findings) -> Section:
     sentences, rows = [], []
     for result in findings.scales:
         scale = result.scale
-        sentences.append(
-            f"{scale.names[-1]}, {scale.lowest:g} to {scale.highest:g}; {scale.scoring}. Source: {scale.source}."
-        )
+        source = f"Source: {scale.source}."
+        told = f"{scale.names[-1]}, {scale.lowest:g} to {scale.highest:g}; {scale.scoring}."
+        sentences.append(told if any(source in before for before in sentences) else f"{told} {source}")
         for name, of in result.means.items():
             numbers = [number_words(value, "{:.1f}") for value in (of.mean, of.sd)]
             interval = interval_cell(of.low, of.high, "{:.1f}")

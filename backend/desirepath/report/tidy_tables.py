@@ -288,7 +288,12 @@ def _items(files: Mapping[str, str]) -> Iterator[ItemText]:
 
 
 def _scales(files: Mapping[str, str]) -> Iterator[tuple[str, Scale]]:
-    return ((questionnaire, frozen_scale(copy)) for questionnaire, _, copy in _blocks(files) if copy)
+    return (
+        (questionnaire, scored)
+        for questionnaire, _, copy in _blocks(files)
+        if copy
+        for scored in frozen_scale(copy).scored
+    )
 
 
 def _rated_items(plans: Iterable[Sequence[Row]]) -> list[ItemText]:

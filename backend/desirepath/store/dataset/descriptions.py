@@ -16,6 +16,8 @@ from typing import Any
 import pyarrow as pa
 import yaml
 
+from desirepath.analysis.scales import frozen_scale
+from desirepath.grammar.questionnaires import frozen_questionnaire
 from desirepath.store.dataset.columns import FLOATS, MOMENT, NUMBER, TEXT, WHOLE, YES_NO, Column, Table
 from desirepath.store.dataset.tables import TABLES
 
@@ -254,6 +256,34 @@ def data_dictionary() -> str:
         lines += ["|---|---|---|"]
         lines += [f"| `{c.name}` | {c.type_name()} | {c.meaning} |" for c in table.columns]
     return "\n".join(lines) + "\n"
+
+
+def instruments_asked(files: Mapping[str, str]) -> str:
+    """Of a study's files: every instrument and validated scale it asks, with items, scoring, source and terms, as the
+    last part of its data dictionary; "" where it asks none."""
+    lines: list[str] = []
+    for name, content in files.items():
+        if not name.startswith("questionnaires/"):
+            continue
+        asked = frozen_questionnaire(name, content)
+        scales = [frozen_scale(files[f"scales/{block.scale}.json"]) for block in asked.blocks if block.scale]
+        head = asked.instrument
+        known = ", ".join(head.names if head else [scale.names[-1] for scale in scales])
+        if not known:
+            continue
+        lines += ["", f"### {known} (`{name.removeprefix('questionnaires/').removesuffix('.yaml')}`)", ""]
+        for scored in (part for scale in scales for part in scale.scored):
+            keys = ", ".join(f"`{item.key}`{' (reversed)' if item.reversed else ''}" for item in scored.items)
+            lines.append(f"- {scored.names[-1]}, {scored.lowest:g} to {scored.highest:g}: {keys}; {scored.scoring}")
+        told = [(head.source, head.licence)] if head else [(scale.source, scale.licence) for scale in scales]
+        for source, licence in dict.fromkeys(told):
+            lines += [f"- Source: {source}", f"- Terms of its words: {licence}"]
+        if head:
+            lines += [f"- Words in {language}: {said}" for language, said in head.translations.items()]
+    first = (
+        "Stored as answered, from 1; scores are in the report's `scales.csv`. Who reuses an instrument minds its terms."
+    )
+    return "\n".join(["", "## Instruments of this study", "", first, *lines, ""]) if lines else ""
 
 
 # ---- citation and licence --------------------------------------------------------------------------------------------

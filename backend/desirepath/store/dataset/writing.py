@@ -28,7 +28,13 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.dataset.coding_rows import code_rows, coding_rows
 from desirepath.store.dataset.columns import CHECKSUMS_FILE, DICTIONARY_FILE, FORMAT, PROTOCOL_FOLDER, STUDY_FILE, Table
-from desirepath.store.dataset.descriptions import NOT_STATED, About, data_dictionary, write_descriptions
+from desirepath.store.dataset.descriptions import (
+    NOT_STATED,
+    About,
+    data_dictionary,
+    instruments_asked,
+    write_descriptions,
+)
 from desirepath.store.dataset.preference_pairs import write_pairs
 from desirepath.store.dataset.rows import Content
 from desirepath.store.dataset.stroke_rows import stroke_rows, strokes_of, trajectories_of, write_demonstrations
@@ -231,7 +237,7 @@ def _write_study(s: Session, study: Study, out: Path, counts: dict[str, int], st
             ],
         },
     )
-    (out / DICTIONARY_FILE).write_text(data_dictionary(), encoding="utf-8")
+    (out / DICTIONARY_FILE).write_text(data_dictionary() + instruments_asked(study.files), encoding="utf-8")
     about = About(
         study=study.id,
         name=study.name,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 from sqlalchemy import select
 
+from desirepath.analysis.colour_plates import colour_plate
 from desirepath.grammar.conditions import Condition
 from desirepath.grammar.parts import Slug, an_example
 from desirepath.grammar.questionnaires import Item, Questionnaire
@@ -279,13 +280,17 @@ def _shown(item: Item, language: str) -> dict[str, Any]:
         "text": local(item.text, language),
         "required": item.required,
     }
+    if language not in item.text:  # of an instrument without a translation: the original wording, marked
+        shown["lang"] = next(iter(item.text))
     if here := [condition for condition in item.when if condition.questionnaire is None]:
         shown["when"] = [condition.model_dump(by_alias=True, exclude_none=True) for condition in here]
     if item.low and item.high:
         shown |= {"low": local(item.low, language), "high": local(item.high, language)}
     if item.type == "scale":
         shown["points"] = item.points
-    elif item.type in ("choice", "ranking"):
+    if item.plate:
+        shown["plate"] = colour_plate(item.plate.shows, item.plate.of)
+    if item.type in ("choice", "ranking"):
         shown["options"] = [{"value": option.value, "label": local(option.label, language)} for option in item.options]
     elif item.type == "number":
         shown |= {"min": item.min, "max": item.max}

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from desirepath.analysis.scale_wordings import INSTRUMENTS
 from desirepath.grammar.error_words import meant, read_as
 from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.source import Problem, ProtocolError, Source, file_text
@@ -130,15 +131,18 @@ def freeze_text(
     query_sets: Mapping[str, str] | None = None,
     in_part: bool = False,
 ) -> FrozenProtocol:
-    """The same for YAML that was uploaded or pasted; its texts and questionnaires come from `folder`. in_part: only to
-    be looked at, so that what a whole protocol needs may be missing: stages, what its analysis is about."""
+    """The same for YAML that was uploaded or pasted; its texts and questionnaires come from `folder`, or are shipped
+    instruments. in_part: only to be looked at, so that what a whole protocol needs may be missing: stages, what its
+    analysis is about."""
 
     def read(name: str) -> str | None:
         path = folder / name
         try:
-            return read_text(path) if path.is_file() else None
+            if path.is_file():
+                return read_text(path)
         except OSError:
             return None
+        return INSTRUMENTS.get(path.stem) if name == f"questionnaires/{path.stem}.yaml" else None
 
     return _frozen(as_text(text), file, read, (folder, query_sets or {}), in_part=in_part)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from desirepath.analysis.scale_wordings import SCALES
+from desirepath.analysis.scale_wordings import INSTRUMENTS, SCALES
 from desirepath.analysis.scales import Scale, ScaleItem, frozen_items, wording_digest
 from desirepath.grammar import source as yaml_source
 from desirepath.grammar.conditions import Crossed
@@ -211,12 +211,17 @@ class Reader:
         if content is None and file in self.unreadable:
             raise ProtocolError([])  # said with the others that are no text
         if content is None:
-            raise ProtocolError([self.source.problem(path, f"there is no file {file} beside the protocol")])
+            message = f"there is no file {file} beside the protocol, and no instrument of that name"
+            raise ProtocolError([self.source.problem(path, message + meant(name, list(INSTRUMENTS)))])
         self.files[file] = content
         own = Source(file, content)
         questionnaire, problems = read_as(own, Questionnaire, strict=self._strict)
-        for where, text in _texts_in(own.data):
-            problems += self.check_localized(text, where, own)
+        if questionnaire is None or questionnaire.instrument is None:  # an instrument has the languages that it has
+            for where, text in _texts_in(own.data):
+                problems += self.check_localized(text, where, own)
+        elif strange := [scale for scale in questionnaire.instrument.scales if scale not in SCALES]:
+            message = f"is no scale of a shipped instrument; there are: {', '.join(SCALES)}"
+            problems.append(own.problem(("instrument", "scales", strange[0]), message))
         if questionnaire is None:
             raise ProtocolError(problems)
         blocks = []
@@ -243,14 +248,8 @@ class Reader:
         if not scale.languages:
             self.files[kept] = frozen = frozen or _as_file(self._with_words(scale, block, path, own))
             return [Item(**item) for item in frozen_items(frozen)]
-        missing = [language for language in self._languages if language not in scale.languages]
-        if missing:
-            message = (
-                f"is there in {', '.join(scale.languages)}, not in {', '.join(missing)}: no translation of it that we "
-                "could check; leave the language out, or ask items of your own under another name"
-            )
-            raise ProtocolError([own.problem(path, message)])
-        if block.items and not all(_is_verbatim(block.items, scale, language) for language in self._languages):
+        there = [language for language in self._languages if language in scale.languages]
+        if block.items and not all(_is_verbatim(block.items, scale, language) for language in there):
             message = (
                 f"has items that are not those of {scale.names[0]} word by word; leave 'items' out to ask the scale "
                 "itself, or leave 'scale' out and give the questionnaire another name"
@@ -264,7 +263,8 @@ class Reader:
         if not block.items:
             message = (
                 f"is {scale.names[0]}, whose words may not be shipped with this program; supply them as 'items' of "
-                f"type scale with {scale.points} points and the keys {', '.join(item.key for item in scale.items)}"
+                f"type scale with {scale.points} points and the keys {', '.join(item.key for item in scale.items)} "
+                "(`desirepath studies instruments NAME` prints a file to fill in)"
             )
             raise ProtocolError([own.problem(path, message)])
         given = [ScaleItem(i.key, i.text, i.low or {}, i.high or {}, reversed=i.reversed) for i in block.items]

@@ -7,6 +7,7 @@ from typing import Any
 
 from fastapi import Request
 
+from desirepath.analysis.scale_wordings import INSTRUMENTS
 from desirepath.grammar.source import ProtocolError, Source
 from desirepath.store.query_sets import query_sets_here
 from desirepath.study.protocol.freezing import FrozenProtocol, shipped_query_sets
@@ -74,6 +75,7 @@ def names_in(services: Services, draft: Draft) -> dict[str, list[str]]:
     with services.database.session() as s:
         made = [*query_sets_here(s)]
     texts = sorted({f"texts/{_LANGUAGE.sub('.md', file.name)}" for file in (draft.folder / "texts").glob("*.md")})
-    asked = sorted(file.stem for file in (draft.folder / "questionnaires").glob("*.yaml"))
+    own = (file.stem for file in (draft.folder / "questionnaires").glob("*.yaml"))
+    asked = sorted({*own, *INSTRUMENTS})
     sets = [*dict.fromkeys([*shipped_query_sets(), *made])]
     return {"text": texts, "use": asked, "questionnaire": asked, "query_set": sets}
