@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import subprocess
@@ -22,6 +23,7 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.models import Participant, Study, utc_now
+from desirepath.study.deposit import Author, write_deposit
 from desirepath.study.protocol.freezing import freeze
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.studies import create_study
@@ -38,9 +40,14 @@ AS_PEOPLE = (
 
 
 @pytest.fixture(scope="module")
-def data_sets(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Three shipped studies with two participants each, as they are exported."""
-    folder = tmp_path_factory.mktemp("standards")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("standards")
+
+
+@pytest.fixture(scope="module")
+def data_sets(folder: Path) -> Path:
+    """Three shipped studies with two participants each, as they are exported, and a deposit of the first, before bots
+    were made people."""
     database = Database(f"sqlite:///{folder / 'desirepath.sqlite'}")
     database.migrate()
     files = ArtefactStore((folder / "artefacts").as_uri())
@@ -50,6 +57,8 @@ def data_sets(tmp_path_factory: pytest.TempPathFactory) -> Path:
             frozen = freeze(PROTOCOLS / f"{protocol}.yaml")
             studies[name] = create_study(s, files, frozen, name=name, created_by=None)
         walk_in_process(database, files, studies[name], 2, without_jobs=True)
+    authors = [Author.read("Doe, Jo; Somewhere; 0000-0002-1825-0097")]
+    write_deposit(database, files, studies["Quick"].id, folder / "deposit", authors=authors)
     with database.engine.begin() as connection:
         for statement in AS_PEOPLE:
             connection.execute(text(statement))
@@ -250,3 +259,29 @@ def test_how_to_cite_and_what_may_be_done_is_said(data_sets: Path, study: SmallS
 def test_a_study_without_answers_has_no_pairs(database: Database, files: ArtefactStore, tmp_path: Path):
     export_study(database, files, SmallStudy(database, files).id, tmp_path / "out")
     assert not (tmp_path / "out" / "preference_pairs").exists()
+
+
+def test_a_deposit_is_whole_checked_and_marked_as_simulated(data_sets: Path, folder: Path):
+    deposit = folder / "deposit"
+    summed = dict(reversed(line.split("  ")) for line in (deposit / "checksums.sha256").read_text().splitlines())
+    lying = {path.relative_to(deposit).as_posix() for path in deposit.rglob("*") if path.is_file()}
+    assert lying - {"checksums.sha256"} == summed.keys()
+    assert {"README.md", "LICENSE", "CITATION.cff", "data/data-dictionary.md", "data/codebook.csv"} <= lying
+    assert {"data/protocol/protocol.yaml", "report/report.html", "report/findings.json"} <= lying
+    assert hashlib.sha256((deposit / "README.md").read_bytes()).hexdigest() == summed["README.md"]
+    assert "no people" in (deposit / "README.md").read_text()
+    zenodo = json.loads((deposit / ".zenodo.json").read_text())
+    assert (zenodo["title"], zenodo["license"]) == ("Quick (simulated participants)", "cc-by-4.0")
+    assert zenodo["creators"] == [{"name": "Doe, Jo", "affiliation": "Somewhere", "orcid": "0000-0002-1825-0097"}]
+    datacite = json.loads((deposit / "datacite.json").read_text())
+    assert "simulated data" in [subject["subject"] for subject in datacite["subjects"]]
+    assert "no people" in datacite["descriptions"][0]["description"]
+    registered = (deposit / "preregistration.md").read_text()
+    assert "choose the robot that learned from their own answers more often than not over the usual robot" in registered
+    assert "**TO FILL IN**" in registered
+
+
+@pytest.mark.parametrize("written", ["", "; MIT", "A; B; C; D", "Doe, Jo; ; 123", "Doe\n, Jo", "x" * 201])
+def test_an_author_is_named_as_catalogues_want_it(written: str):
+    with pytest.raises(ValueError, match="author = "):
+        Author.read(written)

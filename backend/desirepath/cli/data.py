@@ -1,15 +1,15 @@
-"""`desirepath studies export|import`, `backup` and `restore`."""
+"""`desirepath studies export|import|deposit|preregistration`, `backup` and `restore`."""
 
 from __future__ import annotations
 
 from collections import Counter
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Any
 
 import typer
 
 from desirepath.cli.output import COMMAND_LINE, JsonFlag, in_data_folder, say, takes_long
-from desirepath.cli.study import open_store, say_who_is_left_out
+from desirepath.cli.study import frozen_protocol, open_store, say_who_is_left_out
 from desirepath.settings import get_settings
 
 
@@ -17,6 +17,8 @@ def register(app: typer.Typer, studies: typer.Typer) -> None:
     """Add this module's commands to the main one and to `desirepath studies`."""
     studies.command()(export)
     studies.command("import")(import_)
+    studies.command()(deposit)
+    studies.command("preregistration")(preregistration_command)
     app.command()(backup)
     app.command()(restore)
 
@@ -76,6 +78,70 @@ def import_(
     database, files = open_store(makes=True)
     with read_from(folder) as fetched, unpack(fetched) as data_set:
         say(dict(import_dataset(database, files, data_set)), as_json)
+
+
+@in_data_folder
+@takes_long("writing the deposit of study {study} to {to}")
+def deposit(
+    study: Annotated[str, typer.Argument(help="Id of the study.")],
+    to: Annotated[Path, typer.Option(help="Folder to write; made if missing, must be empty.")],
+    author: Annotated[
+        list[str] | None,
+        typer.Option(help="'Family, Given; affiliation; ORCID', once for each; the last two if you like."),
+    ] = None,
+    who: Annotated[
+        str | None, typer.Option(help="Whom the report is about: people, simulated or all; default people, if any.")
+    ] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Write a study as a folder to publish: data, report, preregistration, metadata for Zenodo and DataCite, checksums.
+
+    Nothing of who did not agree to publication, nor recordings of voices. Nothing is sent anywhere.
+    """
+    from desirepath.store.audit import record
+    from desirepath.store.snapshots import check_whose
+    from desirepath.study.deposit import Author, write_deposit
+
+    authors = [Author.read(written) for written in author or []]
+    database, files = open_store()
+    written = write_deposit(database, files, study, to, authors=authors, who=check_whose(who) if who else None)
+    with database.transaction() as s:
+        record(s, "study_exported", by=COMMAND_LINE, study_id=study, pilots=False, open_data=True)
+    say(written, as_json)
+    for what in written["to_fill_in"]:
+        typer.echo(f"{what} not given: fill in .zenodo.json and datacite.json before you publish", err=True)
+
+
+@in_data_folder
+def preregistration_command(
+    study: Annotated[str, typer.Argument(help="Id of a study, or a protocol file.")],
+    out: Annotated[Path | None, typer.Option(help="File to write; default the terminal.")] = None,
+    as_json: JsonFlag = False,
+) -> None:
+    """Write a preregistration from the protocol: hypotheses, design, sample, measures, analysis.
+
+    What only you can say is marked TO FILL IN. Nothing is sent anywhere.
+    """
+    from sqlalchemy import func, select
+
+    from desirepath.store.models import Response, Session, utc_now
+    from desirepath.study.preregistration import preregistration
+
+    frozen, answers = frozen_protocol(study), None
+    if not Path(study).is_file():
+        database, _ = open_store()
+        with database.session() as s:
+            counted = select(func.count(Response.id)).join(Session).where(Session.study_id == study)
+            answers = s.scalar(counted) or 0
+    text = preregistration(frozen, now=utc_now().date().isoformat(), answers=answers)
+    if out is not None:
+        out.write_text(text, encoding="utf-8")
+    if as_json:
+        say({"study": study, "answers": answers, "text": text} | ({"file": str(out)} if out else {}), as_json)
+    elif out is None:
+        typer.echo(text, nl=False)
+    if answers:
+        typer.echo(f"{answers} answers are there already: a preregistration is written before the first", err=True)
 
 
 @in_data_folder
