@@ -106,8 +106,8 @@ def _describe(db: Database, study_id: str, out: Path, authors: list[Author], who
         written = preregistration(thaw(study), now=study.created_at.date().isoformat())
         name, licence = study.name, study.protocol.get("licence")
     note = (
-        f"> Made of the protocol as the study was opened with it; {answers} answers came since. Nothing here proves when "
-        "it was written: what counts is the copy that was registered before the first answer, if there is one.\n\n"
+        f"> Made of the protocol as the study was opened with it; {answers} answers came since. Nothing here proves "
+        "when it was written: what counts is the copy that was registered before the first answer, if there is one.\n\n"
     )
     (out / PREREGISTRATION).write_text(note + written, encoding="utf-8")
     for copied in (CITATION, LICENCE):
@@ -116,9 +116,8 @@ def _describe(db: Database, study_id: str, out: Path, authors: list[Author], who
     marked = {"all": SIMULATED, "some": PARTLY, "none": ""}[simulated]
     title = f"{name} (simulated participants)" if simulated == "all" else name
     missing = [what for what, there in (("authors", authors), ("licence", licence)) if not there]
-    about = {"title": title, "marked": marked, "licence": licence, "authors": authors}
-    _write_json(out / ZENODO, zenodo(**about))
-    _write_json(out / DATACITE, datacite(**about))
+    _write_json(out / ZENODO, zenodo(title, marked, licence, authors))
+    _write_json(out / DATACITE, datacite(title, marked, licence, authors))
     (out / README).write_text(readme(title, marked, report, missing), encoding="utf-8")
     return {"report_of": chosen, "simulated": simulated, "to_fill_in": missing}
 
@@ -138,7 +137,7 @@ def _description(marked: str) -> str:
     )
 
 
-def zenodo(*, title: str, marked: str, licence: str | None, authors: list[Author]) -> dict[str, Any]:
+def zenodo(title: str, marked: str, licence: str | None, authors: list[Author]) -> dict[str, Any]:
     """Metadata of a Zenodo deposition, as its legacy REST interface names them."""
     known = LICENCES.get("-".join((licence or "").upper().split()))
     creators = [
@@ -159,7 +158,7 @@ def zenodo(*, title: str, marked: str, licence: str | None, authors: list[Author
     } | ({"license": known.spdx.lower()} if known else {})
 
 
-def datacite(*, title: str, marked: str, licence: str | None, authors: list[Author]) -> dict[str, Any]:
+def datacite(title: str, marked: str, licence: str | None, authors: list[Author]) -> dict[str, Any]:
     """The same in DataCite's schema 4, without an identifier, which whoever takes the deposit gives."""
     known = LICENCES.get("-".join((licence or "").upper().split()))
     creators = [
@@ -216,7 +215,7 @@ def readme(title: str, marked: str, report: str, missing: list[str]) -> str:
     told += ["", "## Report", "", report, "", "## Before you publish", ""]
     told += [f"- Fill in the {what} in `{ZENODO}` and `{DATACITE}`." for what in missing]
     told += [
-        "- Read the free texts in `data/questionnaire_items.csv` and `data/responses.csv`: they are as they were written.",
+        "- Read the free texts in `data/questionnaire_items.csv` and `data/responses.csv`: nobody went over them.",
         "- Words of validated scales in `data/protocol` are their owners': mind the terms in the data dictionary.",
         f"- Written by desirepath {version('desirepath')}; nothing was sent anywhere.",
     ]

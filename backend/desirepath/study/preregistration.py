@@ -145,8 +145,8 @@ def _analysis(plan: AnalysisPlan | None) -> Iterator[str]:
     yield (
         "- Ratings: two conditions by Wilcoxon's signed ranks, more by Friedman's test, groups by Mann and Whitney or "
         "Kruskal and Wallis, several factors by each person's contrasts or aligned ranks; pairs "
-        f"{'always' if plan.pairs == 'always' else 'where the test over all conditions is significant'}, corrected over "
-        f"the pairs of {'all items together' if plan.pairs_over == 'items' else 'one item'}."
+        f"{'always' if plan.pairs == 'always' else 'where the test over all conditions is significant'}, corrected "
+        f"over the pairs of {'all items together' if plan.pairs_over == 'items' else 'one item'}."
     )
     yield f"- Own robot against others: {'sign tests' if plan.own == 'sign' else 'signed ranks of shares'} over people."
     yield f"- Sessions that count: {plan.sessions}."
