@@ -81,6 +81,11 @@ class Settings(BaseSettings):
     openid_trusts_email: bool = Field(
         False, description="the provider says nothing of having checked addresses, but has: an institution's own"
     )
+    prolific_url: str = Field(
+        "https://api.prolific.com", description="Prolific's interface; https, or this machine for trying"
+    )
+    prolific_token: str = Field("", repr=False, description="token of a researcher's account at Prolific")
+    prolific_token_file: Path | None = Field(None, description="file whose one line is that token")
     worker: bool = Field(True, description="run a background worker beside the server")
     training_processes: int = Field(1, ge=1, le=8, description="trainings at once; each uses one core")
     machine: str = Field(
@@ -128,6 +133,13 @@ class Settings(BaseSettings):
         if self.openid_client_secret_file is None:
             return self.openid_client_secret
         return _password(self.openid_client_secret_file, "openid_client_secret_file")
+
+    @property
+    def prolific_secret(self) -> str:
+        """The token at Prolific, empty where there is none. Raises SettingsError as `openid_secret`."""
+        if self.prolific_token_file is None:
+            return self.prolific_token
+        return _password(self.prolific_token_file, "prolific_token_file")
 
     @property
     def openid_allowed(self) -> frozenset[str]:

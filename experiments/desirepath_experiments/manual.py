@@ -29,7 +29,7 @@ EVERYWHERE = ("as_json", "data")
 GRAMMAR = """
 # Command line
 
-`desirepath NOUN VERB`: the nouns are plural, and a verb means the same for all of them.
+`desirepath NOUN VERB`: the nouns are plural (`prolific` is a service), and a verb means the same for all of them.
 
 | noun | verbs |
 |---|---|

@@ -94,9 +94,10 @@ def deposit(
     ] = None,
     as_json: JsonFlag = False,
 ) -> None:
-    """Write a study as a folder to publish: data, report, preregistration, metadata for Zenodo and DataCite, checksums.
+    """Write a study as a folder to publish: data, report, preregistration, metadata, checksums.
 
-    Nothing of who did not agree to publication, nor recordings of voices. Nothing is sent anywhere.
+    With metadata for Zenodo and DataCite; without who did not agree to publication, and without voices. Nothing is sent
+    anywhere.
     """
     from desirepath.store.audit import record
     from desirepath.store.snapshots import check_whose

@@ -21,6 +21,7 @@ with ended_by_interrupt(), without_collecting():
         places,
         plots,
         policies,
+        prolific,
         recordings,
         report,
         science,
@@ -47,6 +48,7 @@ GROUPS = {
     "robots": places.robots,
     "jobs": jobs.commands,
     "words": words.commands,
+    "prolific": prolific.commands,
 }
 ONCE_GROUPS = {"study": study.commands, "setup": places.setups, "robot": places.robots}
 ONCE_COMMANDS = {"export": data.export, "evaluate": science.evaluate, "report": report.report}

@@ -146,10 +146,16 @@ def _lines(rows: Iterable[Sequence[str]], name: str) -> Response:
 
 def _amount(given: str) -> str:
     """Raises LabRefusal for what is no amount of money."""
+    amount = read_amount(given)
+    if amount is None:
+        raise LabRefusal(422, "bad_bonus", value=given[:20], largest=str(LARGEST_BONUS))
+    return amount
+
+
+def read_amount(given: str) -> str | None:
+    """An amount of money with two digits after the point; None for what is none, or more than one person gets."""
     try:
         amount = round(Decimal(given.strip().replace(",", ".")), 2)
     except InvalidOperation:
-        amount = Decimal(0)
-    if not (amount.is_finite() and 0 < amount <= LARGEST_BONUS):
-        raise LabRefusal(422, "bad_bonus", value=given[:20], largest=str(LARGEST_BONUS))
-    return f"{amount:.2f}"
+        return None
+    return f"{amount:.2f}" if amount.is_finite() and 0 < amount <= LARGEST_BONUS else None
