@@ -51,7 +51,6 @@ $(VENV)/.tools-ready: $(VENV)/.ready scripts/tools.lock scripts/setup_tools.sh
 
 # Resolve pyproject.toml anew. torch stays outside: its CPU build differs by machine; ROS comes to the tools' environment.
 lock:
-	$(BIN)/pip install -q uv
 	printf 'torch ; python_version < "3"\n' > $(VENV)/without-torch.txt
 	$(BIN)/python -m uv pip compile pyproject.toml $(EXTRAS:%=--extra %) --override $(VENV)/without-torch.txt \
 	  --generate-hashes --python-version 3.11 --no-header --no-annotate -q -o requirements.lock

@@ -20,13 +20,17 @@ if [ ! -x .venv/bin/pip ]; then
     fi
   fi
 fi
-pip=(.venv/bin/pip install --quiet --disable-pip-version-check)
+scripts/setup_node.sh --if-there &
+node=$!
+pip=(.venv/bin/pip install --quiet --disable-pip-version-check --no-compile)
 torch_index=()
 [ -n "${DESIREPATH_TORCH_INDEX:-}" ] && torch_index=(--index-url "$DESIREPATH_TORCH_INDEX")
 echo "Installing torch ..."
 "${pip[@]}" "${torch_index[@]}" torch==2.13.0
 echo "Installing the rest ..."
-"${pip[@]}" --no-deps --require-hashes -r requirements.lock
+scripts/install_locked.sh .venv/bin/python requirements.lock
 "${pip[@]}" --no-deps --no-build-isolation --editable . --editable ./experiments
 .venv/bin/pip check >/dev/null || { .venv/bin/pip check; exit 1; }
-scripts/setup_node.sh --if-there
+# On all cores; some packages bring templates that are no Python.
+.venv/bin/python -m compileall -q -j 0 .venv/lib app backend experiments >/dev/null || true
+wait "$node"

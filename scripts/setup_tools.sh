@@ -11,5 +11,4 @@ tools="$(dirname "$venv")/.venv-tools"
 site=$("$tools/bin/python" -c 'import sysconfig; print(sysconfig.get_paths()["purelib"])')
 behind=$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_paths()["purelib"])')
 "$venv/bin/python" -c 'import os, sys; print(os.path.relpath(*sys.argv[1:]))' "$behind" "$site" > "$site/behind.pth"
-"$venv/bin/pip" --python "$tools/bin/python" install --quiet --disable-pip-version-check --no-deps --require-hashes \
-  -r scripts/tools.lock
+scripts/install_locked.sh "$tools/bin/python" scripts/tools.lock
