@@ -100,21 +100,18 @@ def how_of(called: str) -> str:
 
 def in_python() -> Iterator[Found]:
     """Whatever is given to `re`, in the namespace of its module; raises NameError for what is put together there."""
-    trees = {file: ast.parse(file.read_text(encoding="utf-8")) for file in sources()}
-    used = {  # NAME.fullmatch(...) anywhere
-        (getattr(node.func.value, "id", None) or getattr(node.func.value, "attr", None), node.func.attr)
-        for tree in trees.values()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in LOOKS
-    }
-    for file, tree in trees.items():
+    texts = {file: file.read_text(encoding="utf-8") for file in sources()}
+    looked = re.compile(rf"(\w+)\.({'|'.join(sorted(LOOKS))})\(")
+    used = {found for text in texts.values() for found in looked.findall(text)}  # NAME.fullmatch(...) anywhere
+    for file in (file for file, text in texts.items() if "import re\n" in text):
+        nodes = list(ast.walk(ast.parse(texts[file])))
         here = str(file.relative_to(ROOT))
         named = {
             id(node.value): node.targets[0].id
-            for node in ast.walk(tree)
+            for node in nodes
             if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
         }
-        for node in ast.walk(tree):
+        for node in nodes:
             if not is_re(node, LOOKS | {"compile"}):
                 continue
             given = node.args[0]
@@ -123,7 +120,7 @@ def in_python() -> Iterator[Found]:
                 continue
             flags = [one.value for one in node.keywords if one.arg == "flags"]
             flags += node.args[{"compile": 1}.get(node.func.attr, 4 if "sub" in node.func.attr else 2) :][:1]
-            space = vars(importlib.import_module(".".join(file.relative_to(ROOT).with_suffix("").parts)))
+            space = vars(importlib.import_module(".".join(file.relative_to(ROOT).with_suffix("").parts[1:])))
             value = [eval(compile(ast.Expression(one), here, "eval"), {**space}) for one in (given, *flags)]
             hows = {how for name, how in used if name == named.get(id(node), "")} or {node.func.attr}
             for how in sorted(hows):  # every process collects the same
