@@ -8,7 +8,7 @@ TEST_PROCESSES ?= $(shell nproc)
 EXTRAS := postgres s3 reference openid recordings docs dev
 SIDE_BY_SIDE = -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
 
-.PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test lint lock secrets docs results clean
+.PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test compiled lint lock secrets docs results clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
@@ -20,8 +20,13 @@ check: setup $(VENV)/.tools-ready node_modules/.ready
 test-fast: setup $(VENV)/.tools-ready
 	$(BIN)/python -m pytest -q -m fast $(SIDE_BY_SIDE)
 
-test: setup setup-test lint
+test: setup node_modules/.ready
+	$(MAKE) -j 2 --output-sync=target setup-test lint compiled
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) --durations=50
+
+# What Numba compiles once and keeps on disk, else every process of the tests would compile it at the same time.
+compiled: setup
+	$(BIN)/python -c 'from desirepath.jobs.run import load; load()'
 
 lint: setup node_modules/.ready
 	$(BIN)/ruff check .

@@ -68,6 +68,13 @@ STARTED = {"chromium", "chromium-headless-shell", "initdb", "caddy", "moto.serve
 _running: list[pytest.Item] = []
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Where only fast tests are asked for, places that have none are not even imported."""
+    if config.option.markexpr == "fast" and collection_path.is_relative_to(HERE):
+        return _lies_in(collection_path.relative_to(HERE).as_posix(), (*SERVER_PLACES, *SLOW_PLACES)) or None
+    return None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Give every test the first that fits of browser, server, slow and fast, by what it uses and where it lies.
 

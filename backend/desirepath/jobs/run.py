@@ -54,7 +54,7 @@ def main(worker_pid: int, job_id: str | None = None, attempt: str = "") -> ExitC
     with os.fdopen(os.dup(sys.stdout.fileno()), "w") as worker:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing but exit codes goes to the worker
         os.nice(NICENESS[Queue.INSTANT])  # who has just joined waits for the first page meanwhile
-        _load()
+        load()
         while line := sys.stdin.readline().split():
             _log_into(log_file(settings, line[0]))
             print(int(do(settings, *line)), file=worker, flush=True)
@@ -125,7 +125,7 @@ def _keep(database: Database, job_id: str, attempt: str | None, result: dict[str
             _end_attempt(s, row, attempt)
 
 
-def _load() -> None:
+def load() -> None:
     """Import torch and numba and compile a rollout, which takes seconds. What fails here fails again in the job, which
     writes it down."""
     with contextlib.suppress(Exception):
