@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -28,7 +29,7 @@ from desirepath.learning.people.card import member, people_card
 from desirepath.learning.people.families.base import FamilyMember, StepFamilyMember
 from desirepath.learning.people.reward_file import read_reward
 from desirepath.learning.people.rows import bins_of, calibration_error
-from desirepath.learning.preferences.free_posterior import FreePosterior
+from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.learning.rewards.step_weights import step_differences
 from desirepath.learning.scene_sets import Purpose, scene_set
@@ -44,10 +45,13 @@ from desirepath_experiments.benchmarks.people import (
     roll_out,
 )
 from desirepath_experiments.benchmarks.results import Progress
+from desirepath_experiments.benchmarks.scene_choice import SceneCandidates
 
+NOTHING = 0.01  # typical differences: a mean gain within this is none
 TRUE_SCENES = 30  # in which the library's best by somebody's true score is looked for
 SELECT_SEED = 7_500  # of these, of no card
 SHOWN = ("at_once", "refined")
+IN_EACH_SCENE = ("each_scene", "best_in_each")
 
 
 @pydantic.dataclasses.dataclass(frozen=True)
@@ -64,6 +68,7 @@ class PeoplePoliciesConfig:
     ] = (0,)
     reward: Annotated[Path | None, Field(description=REWARD)] = None
     at_once: Annotated[bool, Field(description="Without the search behind the choice.")] = False
+    each_scene: Annotated[bool, Field(description="Also a choice per scene among all rollouts.")] = False
     pretraining: Annotated[
         str,
         Field(description="A folder with SETUP/base.npz, conditioned.npz and policy_library.npz; default shipped."),
@@ -89,6 +94,11 @@ class _Room:
     by_policy: list[Trajectory]
     fresh: dict[int, list[Trajectory]] = field(default_factory=dict)
 
+    @cached_property
+    def candidates(self) -> SceneCandidates:
+        """The whole library in the fresh scenes."""
+        return SceneCandidates.of(self.robot, self.usual, FreeConfig().posterior.left_right_symmetry)
+
     @classmethod
     def open(cls, seed: int, config: PeoplePoliciesConfig, robot: RobotOfLibrary) -> _Room:
         setup = config.setup
@@ -113,9 +123,10 @@ def benchmark_people_policies(
     """As `measure_everybody`; over all and by family in "families", for `at_once` and `refined` (the search behind it):
     "raised_at_once" and "harmed_at_once" (shown and truly worse) with Wilson intervals, "share_at_once" (of what the
     library's best by their true score gains, median over people whom that helps), "success_at_once", "shown_at_once",
-    "seconds_at_once" (of processor), ... A person's gains are in typical differences of a pair, in fresh scenes in
-    which both policies arrive. more: further people by name. Raises LearningError for unknown families, and where the
-    setup has no step basis or no policy library."""
+    "seconds_at_once" (of processor), ... With `each_scene` the same of a choice per scene (`scene_choice.py`), without
+    any gate, and of "best_in_each", by the true score. A person's gains are in typical differences of a pair, in fresh
+    scenes in which both policies arrive. more: further people by name. Raises LearningError for unknown families, and
+    where the setup has no step basis or no policy library."""
     card = people_card()
     unknown = [name for name in config.families if name not in card.families]
     if unknown:
@@ -198,6 +209,11 @@ def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) ->
         did["refined"] = roll_out(own.policy, [trajectory.scene for trajectory in room.usual])
         result |= {"chosen": own.chosen, "seconds_refined": round(time.process_time() - began, 1)}
     did["best"] = room.in_fresh_scenes(int(_true_gains(person, room).argmax()))
+    if config.each_scene:
+        some = room.candidates
+        every = [*some.usual, *(trajectory for own in some.trajectories for trajectory in own)]
+        did["each_scene"] = some.choose(believed, posterior)
+        did["best_in_each"] = some.true_best(true_scores(person, every))
     for when, trajectories in did.items():
         result |= {f"{key}_{when}": value for key, value in _compare(person, trajectories, room.usual).items()}
     for when, policy in policies.items():
@@ -235,6 +251,8 @@ def _compare(person: FamilyMember, own: Sequence[Trajectory], usual: Sequence[Tr
     longer = np.array([first.duration_s - other.duration_s for first, other in zip(own, usual, strict=True)])[both]
     return {
         "gain": float(gained.mean()) if len(gained) else -1.0,
+        "changed": float((gained != 0).mean()) if len(gained) else 0.0,
+        "worse": float((gained < 0).mean()) if len(gained) else 0.0,
         "preferred": float(((gained > 0) + 0.5 * (gained == 0)).mean()) if len(gained) else 0.0,
         "success": float(arrived(own).mean()),
         "longer_s": float(longer.mean()) if len(longer) else 0.0,
@@ -265,6 +283,21 @@ def _summarise(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
             f"harmed_{when}": harmed.value,
             f"harmed_{when}_interval": [harmed.low, harmed.high],
             f"seconds_{when}": float(np.median([person[f"seconds_{when}"] for person in persons])),
+        }
+    for when in IN_EACH_SCENE if f"gain_{IN_EACH_SCENE[0]}" in persons[0] else ():
+        gains = [person[f"gain_{when}"] for person in persons]
+        harmed = wilson(sum(gain < -NOTHING for gain in gains), len(gains))
+        summary |= {
+            f"gain_{when}": float(np.median(gains)),
+            f"gain_{when}_interval": _median_interval(gains),
+            f"gain_{when}_quarter": float(np.quantile(gains, 0.25)),
+            f"gain_{when}_least": min(gains),
+            f"raised_{when}": float(np.mean([gain > NOTHING for gain in gains])),
+            f"harmed_{when}": harmed.value,
+            f"harmed_{when}_interval": [harmed.low, harmed.high],
+            f"worse_{when}": float(np.mean([person[f"worse_{when}"] for person in persons])),
+            f"changed_{when}": float(np.mean([person[f"changed_{when}"] for person in persons])),
+            f"success_{when}": float(np.mean([person[f"success_{when}"] for person in persons])),
         }
     return summary | {
         "gain_best": float(np.median([person["gain_best"] for person in persons])),

@@ -1,4 +1,4 @@
-"""Measures of comfort, fitted to raters: a made-up taste is found in a rater who was not fitted; wrong lines named."""
+"""Measures of comfort, fitted to raters: a made-up taste is found in a rater left out; bad lines are named."""
 
 import json
 from pathlib import Path
