@@ -253,15 +253,80 @@ def test_too_near_to_be_measured_counts_as_there():
     assert "at 10 degrees" in rig.stopped
 
 
-def test_a_person_within_the_keep_out_distance_stops_it_and_keeps_it_from_starting():
-    rig = Rig().drive()
-    rig.supervisor.people([Person(0.7, 0.0)], lasting=True)
-    rig.pass_time(0.1)
-    assert rig.supervisor.state is State.DRIVING
-    rig.supervisor.people([Person(0.4, 0.1)], lasting=True)
-    assert rig.stopped == "somebody is 0.41 m away, the keep-out distance is 0.5 m"
-    with pytest.raises(Refused, match=r"somebody is 0\.41 m away"):
+BURGER = Robot("burger", 0.105, None)
+WAFFLE = Robot("waffle", 0.257, ((0.077, 0.155), (-0.205, 0.155), (-0.205, -0.155), (0.077, -0.155)))
+HUSKY = Robot("husky", 0.598, ((0.495, 0.335), (-0.495, 0.335), (-0.495, -0.335), (0.495, -0.335)))
+
+
+@pytest.mark.parametrize(
+    ("robot", "degrees", "kept"),
+    [
+        (BURGER, 0, 0.455),
+        (BURGER, 180, 0.455),
+        (Robot("turtlebot2", 0.18, None), -120, 0.53),
+        (WAFFLE, 0, 0.427),
+        (WAFFLE, 180, 0.555),
+        (HUSKY, 0, 0.845),
+        (HUSKY, 90, 0.685),
+        (HUSKY, math.degrees(math.atan2(0.335, 0.495)), 0.948),
+    ],
+)
+@pytest.mark.parametrize("yaw", [0.0, 2.0])
+def test_who_steps_in_stops_it_as_near_as_its_outline_allows_on_every_side(robot, degrees, kept, yaw):
+    """0.35 m from a robot's outline: 0.3 m that the engines count as a collision, and 5 cm."""
+
+    def person(metres: float) -> list[Person]:
+        return [Person(3, 3), Person(metres * math.cos(towards), metres * math.sin(towards))]
+
+    towards = yaw + math.radians(degrees)
+    rig = Rig(robot=robot, rules=Rules(collision_s=0))
+    rig.odometry["yaw"] = yaw
+    rig.drive()
+    rig.supervisor.people(person(kept + 0.005), lasting=True)
+    rig.pass_time(0.3)
+    assert rig.supervisor.tick() == Command(0.5, 0.0)
+    rig.supervisor.people(person(kept - 0.005), lasting=True)
+    assert rig.stopped == f"somebody is {kept - 0.005:.2f} m away, the keep-out distance is {kept:.3g} m"
+    with pytest.raises(Refused, match="somebody is"):
         rig.drive()
+    rig.supervisor.people([], lasting=True)
+    rig.pass_time(1.0)
+    assert rig.supervisor.tick() == STANDING, "who steps out again does not start it"
+
+
+def test_a_keep_out_distance_that_is_told_is_between_centres():
+    rig = Rig(robot=HUSKY, rules=Rules(keep_out_m=1.2)).drive()
+    rig.supervisor.people([Person(-1.19, 0.0)], lasting=True)
+    assert rig.stopped == "somebody is 1.19 m away, the keep-out distance is 1.2 m"
+    rig = Rig(rules=Rules(keep_out_m=0, collision_s=0)).drive()
+    rig.supervisor.people([Person(0.1, 0.0)], lasting=True)
+    rig.pass_time(0.3)
+    assert rig.supervisor.tick() == Command(0.5, 0.0), "0 is no keep-out distance, not the usual one"
+
+
+def test_somebody_whom_the_lidar_does_not_see_is_not_driven_into():
+    """At 1 m/s straight at a person it was told of, braking by 2.5 m/s^2: it slows down for them, and stands."""
+    rig = Rig(robot=Robot("turtlebot2", 0.18, None))
+    rig.supervisor.people([Person(3.0, 0.0)], lasting=True)
+    rig.controller.wanted = Command(1.0, 0.0)
+    rig.drive()
+    x = v = fastest = 0.0
+    for _ in range(60):
+        for told in [command.v for _, command in rig.told[-10:]]:
+            v += min(max(told - v, -0.025), 0.025)
+            x += v * 0.01
+        fastest = max(fastest, v)
+        rig.odometry.update(x=x, v=v)
+        rig.pass_time(0.1)
+    assert "0.50 m away at 0 degrees touches" in rig.stopped
+    assert (fastest, v) == (pytest.approx(1.0), 0.0)
+    assert 3.0 - x > 0.18 + 0.3
+
+
+@pytest.mark.parametrize("place", [(math.nan, 0.0), (0.0, -math.inf), (1e7, 0.0)])
+def test_nobody_is_nowhere(place):
+    with pytest.raises(InputError, match="person field"):
+        Person(*place)
 
 
 def test_people_who_come_by_messages_must_go_on_coming():

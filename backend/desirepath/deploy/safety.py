@@ -6,10 +6,10 @@ Pure: a clock is passed in, messages come in, commands go out; one thread. No RO
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from enum import Enum
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,10 @@ SLOWER = (0.7, 0.5, 0.35, 0.25, 0.15, 0.1)
 """Shares of a commanded speed that are tried where something is in the way; after them turning alone."""
 SLOWEST = 0.1  # m/s: a robot so slow may turn alone out of what is in its way
 CREEPING = 0.02  # m/s: a command so slow is turning alone
+PERSON_M = 0.3  # of the circle around somebody's centre, by which every engine counts collisions
+APART_M = 0.05  # at least, between that circle and the robot's outline (ours)
+_TURN = np.linspace(0.0, math.tau, 36, endpoint=False)
+CIRCLE = PERSON_M * np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 STANDING = Command(0.0, 0.0)
 
 
@@ -57,9 +61,10 @@ class Transition:
 class Rules:
     """stale_s: a robot stands so long after its last fresh scan or odometry; tick_s: how often the supervisor is asked.
     people_stale_s: and after the last news of people, where they come by messages. keep_out_m: between the centres of
-    robot and person. collision_s: it slows down where it would touch something so soon on the way that it is commanded,
-    or before it stands, and stops where that does not help, or did not for slowed_s; braking, m/s^2: how hard it
-    brakes. 0: no stop zone. armed_s: how long an armed robot waits to be started.
+    robot and person; None: by the robot's own size, APART_M from its outline to the circle around the person.
+    collision_s: it slows down where it would touch something so soon on the way that it is commanded, seen by its
+    lidar or a person it is told of, or before it stands, and stops where that does not help, or did not for slowed_s;
+    braking, m/s^2: how hard it brakes. 0: no stop zone. armed_s: how long an armed robot waits to be started.
     v_max, w_max, v_change, w_change (m/s, rad/s, and those a second): tighter limits than the controller's own.
 
     The numbers are ours.
@@ -68,7 +73,7 @@ class Rules:
     stale_s: float = 0.3
     tick_s: float = 0.02
     people_stale_s: float = 1.0
-    keep_out_m: float = 0.5
+    keep_out_m: float | None = None
     collision_s: float = 0.2
     braking: float = 2.5
     slowed_s: float = 10.0
@@ -418,11 +423,24 @@ class Supervisor:
                 return missing
         if self._people_at is not None and now - self._people_at > rules.people_stale_s:
             return f"no news of people for {now - self._people_at:.2f} s"
-        for person in self._people or ():
-            apart = math.inf if where is None else math.hypot(person.x - where.x, person.y - where.y)
-            if apart < rules.keep_out_m:
-                return f"somebody is {apart:.2f} m away, the keep-out distance is {rules.keep_out_m:g} m"
-        return None
+        return None if where is None else self._too_near(self._people_around(where))
+
+    def _people_around(self, where: Odometry) -> Points:
+        """(n, 2) x, y in the robot's frame of who it was told of, metres."""
+        away = np.array([(person.x - where.x, person.y - where.y) for person in self._people or ()]).reshape(-1, 2)
+        c, s = math.cos(where.yaw), math.sin(where.yaw)
+        return away @ np.array([[c, -s], [s, c]])
+
+    def _too_near(self, people: Points) -> str | None:
+        """Whether somebody is within the keep-out distance, on whichever side and however the robot moves."""
+        if not len(people):
+            return None
+        away, told = np.hypot(*people.T), self.rules.keep_out_m
+        kept = away - self._body.distances(people) + PERSON_M + APART_M if told is None else np.full(len(away), told)
+        nearest = int((away - kept).argmin())
+        if away[nearest] >= kept[nearest]:
+            return None
+        return f"somebody is {away[nearest]:.2f} m away, the keep-out distance is {kept[nearest]:.3g} m"
 
     def _blind(self) -> str | None:
         """Whether the lidar cannot see what the stop zone is about."""
@@ -450,12 +468,21 @@ class Supervisor:
         v = abs(command.v)
         fastest = max(v, abs(self._where.v) if self._where is not None else 0.0)
         longer = 1 + fastest**2 / (2 * self.rules.braking) / (v * react_s) if v > CREEPING else 1.0
-        hit = self._body.first_touch(self._points, Command(longer * command.v, longer * command.w), react_s)
+        points = np.concatenate([self._points, self._bodies(self._body.around_m + longer * v * react_s)])
+        hit = self._body.first_touch(points, Command(longer * command.v, longer * command.w), react_s)
         if hit is None:
             return None
         when, (x, y) = hit
         where = f"{math.hypot(x, y):.2f} m away at {math.degrees(math.atan2(y, x)):.0f} degrees"
         return f"something {where} touches the robot{f' in {longer * when:.2f} s' if when else ''}"
+
+    def _bodies(self, within_m: float) -> Points:
+        """(n, 2) of the circles around people so near, in the robot's frame: of them a lidar may see nothing."""
+        if self._where is None:
+            return CIRCLE[:0]
+        people = self._people_around(self._where)
+        near = people[np.hypot(*people.T) <= within_m + PERSON_M]
+        return np.asarray((near[:, None] + CIRCLE).reshape(-1, 2))
 
     def _step(self, now: float) -> str | None:
         """Ask the controller; why the robot must stop instead."""
@@ -584,6 +611,17 @@ class _Outline:
                 return float(t), points[int(inside.argmax())]
         return None
 
+    def distances(self, points: Points) -> NDArray[np.float64]:
+        """(n,) metres from the outline to points (n, 2) in the robot's frame; 0 or less within."""
+        if self._sides is None:
+            return np.asarray(np.hypot(*points.T) - self.robot.radius_m)
+        a = self._sides[:, 0]
+        along = self._sides[:, 1] - a
+        part = ((points[:, None] - a) * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12)
+        nearest = a + np.clip(part, 0, 1)[..., None] * along
+        apart = np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1)
+        return np.where(self._holds(points), 0.0, apart)
+
     def _holds(self, points: Points) -> NDArray[np.bool_]:
         """(n,) whether points in the robot's frame are within its outline."""
         if self._sides is None:
@@ -594,8 +632,3 @@ class _Outline:
         rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
         crossing = px < (b[:, 0] - a[:, 0]) * (py - a[:, 1]) / rise + a[:, 0]
         return np.asarray((across & crossing).sum(axis=1) % 2 == 1)
-
-
-def describe(rules: Rules) -> Mapping[str, Any]:
-    """The rules, for recordings and diagnostics."""
-    return {one.name: getattr(rules, one.name) for one in fields(rules)}

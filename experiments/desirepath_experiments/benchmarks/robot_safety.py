@@ -64,7 +64,8 @@ class _Trial:
         self.t, self.clock_error = 10.0, 0.0
         limits = Limits(float(self.rng.choice([0.0, -0.3])), 0.8, 2.0, 1.5, 4.0)
         self.controller = _Wild(self.rng, limits)
-        self.rules = Rules(v_max=float(self.rng.choice([0.5, 5.0])), keep_out_m=0.5)
+        keep_out_m = 0.5 if self.rng.random() < 0.5 else None
+        self.rules = Rules(v_max=float(self.rng.choice([0.5, 5.0])), keep_out_m=keep_out_m)
         self.supervisor = Supervisor(self.controller, lambda: self.t + self.clock_error, self.rules, told=self._told)
         self.supervisor.goal((1e5, 0.0))
         self.pose, self.told, self.trouble = [0.0, 0.0, 0.0], Command(0.0, 0.0), "none"
@@ -148,7 +149,8 @@ class _Trial:
                 self.forbidden, self.changed_at = "", self.t - 0.2
         if self.rng.random() < 0.05:
             near = self.trouble == "person near"
-            there = [Person(self.pose[0] + (0.2 if near else 3.0), self.pose[1])]
+            away, where = (self.rng.uniform(0, 0.25) if near else 3.0), self.rng.uniform(-math.pi, math.pi)
+            there = [Person(self.pose[0] + away * math.cos(where), self.pose[1] + away * math.sin(where))]
             one.people(there if self.trouble != "nobody there" else [])
             if near:
                 self._forbid("a person is near")

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from desirepath.deploy.inputs import InputError
-from desirepath.deploy.safety import Body, Rules
+from desirepath.deploy.safety import APART_M, PERSON_M, Body, Rules
 
 WORDS = ("arm", "start", "stop", "off", "quit")
 TOKEN = "DESIREPATH_ROBOT_TOKEN"  # noqa: S105  (the name of a variable)
@@ -106,6 +106,8 @@ def parser(prog: str) -> argparse.ArgumentParser:
     for one in fields(Rules):
         if one.name not in ("stale_s", "tick_s"):
             said = "the robot's" if one.default is None else f"{one.default:g}"
+            if one.name == "keep_out_m":
+                said = f"by its outline, {APART_M:g} from it to {PERSON_M:g} around them"
             rules.add_argument(
                 f"--{one.name.replace('_', '-')}",
                 type=float,

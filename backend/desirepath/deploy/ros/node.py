@@ -36,6 +36,8 @@ DIAGNOSED_EVERY_S = 1.0
 KEPT_LATENCIES = 10_000
 STILL = ("arrived", "by hand")
 """Ends of reasons of stops that nothing was wrong in."""
+UNSET = {"keep_out_m": -1.0}
+"""Parameters' values of rules that are not told, where that is not 0: nothing is kept out then."""
 
 
 class Listener(Protocol):
@@ -148,8 +150,9 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         rules: dict[str, Any] = {}
         for one in fields(drive.rules):
             if one.name not in ("stale_s", "tick_s"):
-                value = self.declare_parameter(one.name, getattr(drive.rules, one.name) or 0.0).value
-                rules[one.name] = None if one.default is None and not value else float(value)
+                given, unset = getattr(drive.rules, one.name), UNSET.get(one.name, 0.0)
+                value = self.declare_parameter(one.name, unset if given is None else float(given)).value
+                rules[one.name] = None if one.default is None and value == unset else float(value)
         return replace(drive, **told, rules=replace(drive.rules, **rules))
 
     # What comes in
