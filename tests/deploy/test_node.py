@@ -175,7 +175,8 @@ def test_help_says_every_rule_of_safety_with_its_number(capsys):
     said = " ".join(capsys.readouterr().out.split())
     for rule in (
         "--keep-out-m NUMBER stand where somebody's centre is so near",
-        "default: 0.5",
+        "default: by its outline, 0.02 from it to 0.3 around them",
+        "default: 0.2",
         "default: the robot's",
     ):
         assert rule in said

@@ -13,6 +13,8 @@ MOST_RANGES = 28_800
 MOST_M = 1e6
 """Places and speeds beyond it are a mistake, not a place."""
 FULL_TURN = 2 * math.pi
+Pose = tuple[float, float, float]
+"""x, y, metres, and yaw, radians."""
 
 
 class InputError(ValueError):
@@ -94,6 +96,13 @@ class Command:
 
     v: float
     w: float
+
+
+def place_laser(robot: Pose, laser: Pose) -> Pose:
+    """Where a lidar is that is mounted there on a robot, in the frame that the robot's pose is in."""
+    x, y, yaw = robot
+    c, s = math.cos(yaw), math.sin(yaw)
+    return x + c * laser[0] - s * laser[1], y + s * laser[0] + c * laser[1], yaw + laser[2]
 
 
 def check_goal(goal: tuple[float, float]) -> tuple[float, float]:

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.deploy.inputs import Odometry, Person, Scan
+from desirepath.deploy.inputs import Odometry, Person, Scan, place_laser
 
 Doubles = NDArray[np.float64]
 FARTHEST_M = 4.0  # beyond, a leg has too few beams (ours, as all of these)
@@ -86,7 +86,6 @@ def _is_leg(points: Doubles, far: Doubles, first: int, last: int) -> bool:
 
 
 def _in_odometry(place: Doubles, odometry: Odometry, laser: tuple[float, float, float]) -> Person:
-    c, s = math.cos(laser[2]), math.sin(laser[2])
-    x, y = laser[0] + c * place[0] - s * place[1], laser[1] + s * place[0] + c * place[1]
-    c, s = math.cos(odometry.yaw), math.sin(odometry.yaw)
-    return Person(float(odometry.x + c * x - s * y), float(odometry.y + s * x + c * y))
+    x, y, yaw = place_laser((odometry.x, odometry.y, odometry.yaw), laser)
+    c, s = math.cos(yaw), math.sin(yaw)
+    return Person(float(x + c * place[0] - s * place[1]), float(y + s * place[0] + c * place[1]))

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any
 from urllib.parse import quote, urlsplit
 
-from desirepath.deploy.inputs import Odometry, Person, Scan
+from desirepath.deploy.inputs import Odometry, Person, Scan, place_laser
 
 WAIT_S = 20.0  # how long the server may hold a question for orders
 PATIENCE_S = 10.0  # beyond that, of any request
@@ -148,9 +148,7 @@ def describe(
 
 def _hits(scan: Scan, laser: tuple[float, float, float], pose: tuple[float, float, float]) -> list[list[float]]:
     """Where beams ended on something, m in the frame of the pose, the nearest of each of `MOST_SEEN` sectors."""
-    lx, ly, lyaw = laser
-    x, y, yaw = pose
-    c, s = math.cos(yaw), math.sin(yaw)
+    x, y, yaw = place_laser(pose, laser)
     seen: dict[int, tuple[float, float]] = {}
     for k, reach in enumerate(scan.ranges):
         if math.isfinite(reach) and scan.range_min <= reach <= scan.range_max:
@@ -158,11 +156,10 @@ def _hits(scan: Scan, laser: tuple[float, float, float], pose: tuple[float, floa
             sector = int((angle + math.pi) / (2 * math.pi) * MOST_SEEN) % MOST_SEEN
             if sector not in seen or reach < seen[sector][0]:
                 seen[sector] = float(reach), angle
-    hits = []
-    for reach, angle in seen.values():
-        bx, by = lx + reach * math.cos(lyaw + angle), ly + reach * math.sin(lyaw + angle)
-        hits.append(_rounded((x + c * bx - s * by, y + s * bx + c * by)))
-    return hits
+    return [
+        _rounded((x + reach * math.cos(yaw + angle), y + reach * math.sin(yaw + angle)))
+        for reach, angle in seen.values()
+    ]
 
 
 def _rounded(place: Place) -> list[float]:

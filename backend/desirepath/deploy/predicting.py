@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.deploy.controller import Controller
-from desirepath.deploy.inputs import FULL_TURN, InputError, Odometry, Person, Scan
+from desirepath.deploy.inputs import FULL_TURN, InputError, Odometry, Person, Scan, place_laser
 
 Doubles = NDArray[np.float64]
 AHEAD_S = 4.0  # ours, as all of these
@@ -60,7 +60,7 @@ def _places_hit(scan: Scan, at: Odometry, laser: tuple[float, float, float]) -> 
     ranges, angles = np.array(scan.ranges[::step], dtype=np.float64), scan.angles[::step]
     seen = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
     ranges[~seen] = 0.0
-    x, y, yaw = _laser_at(at, laser)
+    x, y, yaw = place_laser((at.x, at.y, at.yaw), laser)
     hits = np.column_stack([x + ranges * np.cos(yaw + angles), y + ranges * np.sin(yaw + angles)])
     follows = np.roll(hits, -1, axis=0)
     joined = seen & np.roll(seen, -1)
@@ -72,7 +72,7 @@ def _places_hit(scan: Scan, at: Odometry, laser: tuple[float, float, float]) -> 
 
 def _scan_from(things: Doubles, like: Scan, at: Odometry, laser: tuple[float, float, float]) -> Scan:
     """The same lidar's scan among those places, from where the robot is then."""
-    x, y, yaw = _laser_at(at, laser)
+    x, y, yaw = place_laser((at.x, at.y, at.yaw), laser)
     apart = things - (x, y)
     far = np.hypot(*apart.T)
     turned = np.arctan2(apart[:, 1], apart[:, 0]) - yaw - like.angle_min
@@ -82,8 +82,3 @@ def _scan_from(things: Doubles, like: Scan, at: Odometry, laser: tuple[float, fl
     np.minimum.at(ranges, beams, far)
     ranges[0] = min(ranges[0], *ranges[math.ceil(of_turn) :])  # a whole turn is its beginning
     return replace(like, stamp_s=at.stamp_s, ranges=ranges[: len(like.ranges)])
-
-
-def _laser_at(at: Odometry, laser: tuple[float, float, float]) -> tuple[float, float, float]:
-    c, s = math.cos(at.yaw), math.sin(at.yaw)
-    return at.x + c * laser[0] - s * laser[1], at.y + s * laser[0] + c * laser[1], at.yaw + laser[2]

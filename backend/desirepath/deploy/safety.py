@@ -29,7 +29,7 @@ SLOWER = (0.7, 0.5, 0.35, 0.25, 0.15, 0.1)
 SLOWEST = 0.1  # m/s: a robot so slow may turn alone out of what is in its way
 CREEPING = 0.02  # m/s: a command so slow is turning alone
 PERSON_M = 0.3  # of the circle around somebody's centre, by which every engine counts collisions
-APART_M = 0.05  # at least, between that circle and the robot's outline (ours)
+APART_M = 0.02  # at least, between that circle and the outline: what 0.5 m between centres leaves a TurtleBot 2
 _TURN = np.linspace(0.0, math.tau, 36, endpoint=False)
 CIRCLE = PERSON_M * np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 STANDING = Command(0.0, 0.0)
@@ -275,7 +275,7 @@ class Supervisor:
             return self._scans.refuse(f"{invalid} of {len(scan.ranges)} ranges are NaN")
         if self._fresh(self._scans, scan.stamp_s, now):
             self._scan, self._shape, self._due, self._new = scan, shape, True, True
-            self._points = _seen(scan, self.controller.laser)
+            self._points = np.concatenate([_seen(scan, self.controller.laser), self._bodies()])
 
     def odometry(self, odometry: Odometry) -> None:
         """Where the robot is, and how it moves."""
@@ -444,8 +444,7 @@ class Supervisor:
 
     def _blind(self) -> str | None:
         """Whether the lidar cannot see what the stop zone is about."""
-        fastest = max(self.controller.limits.v_max, -self.controller.limits.v_min)
-        needed = self._body.around_m + fastest * (self._react_s(0.0) + fastest / self.rules.braking / 2)
+        needed = self._zone_m()
         scan = self._scan
         if (
             not self.rules.collision_s
@@ -454,6 +453,11 @@ class Supervisor:
         ):
             return None
         return f"the scan sees from {scan.range_min:g} to {scan.range_max:g} m; the stop zone reaches to {needed:.2f} m"
+
+    def _zone_m(self) -> float:
+        """How far from the robot's centre the stop zone reaches at most."""
+        fastest = max(self.controller.limits.v_max, -self.controller.limits.v_min)
+        return self._body.around_m + fastest * (self._react_s(0.0) + fastest / self.rules.braking / 2)
 
     def _react_s(self, age: float) -> float:
         """How long after the last scan the way must be free: until the next is acted on or missed."""
@@ -468,20 +472,19 @@ class Supervisor:
         v = abs(command.v)
         fastest = max(v, abs(self._where.v) if self._where is not None else 0.0)
         longer = 1 + fastest**2 / (2 * self.rules.braking) / (v * react_s) if v > CREEPING else 1.0
-        points = np.concatenate([self._points, self._bodies(self._body.around_m + longer * v * react_s)])
-        hit = self._body.first_touch(points, Command(longer * command.v, longer * command.w), react_s)
+        hit = self._body.first_touch(self._points, Command(longer * command.v, longer * command.w), react_s)
         if hit is None:
             return None
         when, (x, y) = hit
         where = f"{math.hypot(x, y):.2f} m away at {math.degrees(math.atan2(y, x)):.0f} degrees"
         return f"something {where} touches the robot{f' in {longer * when:.2f} s' if when else ''}"
 
-    def _bodies(self, within_m: float) -> Points:
-        """(n, 2) of the circles around people so near, in the robot's frame: of them a lidar may see nothing."""
+    def _bodies(self) -> Points:
+        """(n, 2) of the circles around people near enough, in the robot's frame: of them a lidar may see nothing."""
         if self._where is None:
             return CIRCLE[:0]
         people = self._people_around(self._where)
-        near = people[np.hypot(*people.T) <= within_m + PERSON_M]
+        near = people[np.hypot(*people.T) <= 2 * self._zone_m() + PERSON_M]  # twice: an old scan, a fast robot
         return np.asarray((near[:, None] + CIRCLE).reshape(-1, 2))
 
     def _step(self, now: float) -> str | None:

@@ -5,7 +5,6 @@ They move its weights while it drives, and say afterwards how they liked it. The
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import Annotated, Any, Literal
@@ -176,18 +175,12 @@ def known_walls(setup: str) -> list[list[tuple[float, float]]]:
 
     scene = scenes_of(setup)[0]
     solids = [*(scene.room.walls() if scene.room else ()), *(scene.obstacles if get_setup(setup).plan else ())]
-    walls = [_corners(one.pose, one.length / 2, one.width / 2) for one in solids]
+    walls = [one.corners() for one in solids]
     here = own_map(scene)
     if here is not None:
         largest = sorted(here.walls.tolist(), key=lambda r: (r[0] - r[2]) * (r[3] - r[1]))[:MOST_WALLS]
         walls += [[(a, b), (c, b), (c, d), (a, d)] for a, b, c, d in largest]
     return [[(round(x, 2), round(y, 2)) for x, y in corners] for corners in walls]
-
-
-def _corners(at: Pose, along: float, across: float) -> list[tuple[float, float]]:
-    c, s = math.cos(at.yaw), math.sin(at.yaw)
-    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    return [(at.x + c * i * along - s * j * across, at.y + s * i * along + c * j * across) for i, j in signs]
 
 
 def _simulated_drive(step: RobotDriveStep, weights: Mapping[str, float]) -> dict[str, Any]:
