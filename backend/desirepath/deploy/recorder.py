@@ -1,5 +1,5 @@
-"""A run of a robot as MCAP of ROS 2: what it was told, what it did, and why it stopped. Opens in Foxglove and Rerun,
-and comes back as a trajectory (`desirepath queries import`). Needs the package mcap.
+"""A run of a robot as MCAP of ROS 2: what it was told, what it did, and why it stopped. For Rerun and Foxglove;
+it comes back as a trajectory (`desirepath queries import`). Needs the package mcap.
 
 | topic | type | |
 |---|---|---|
