@@ -283,7 +283,8 @@ def test_the_labs_page_has_the_steps_controls_a_triangle_and_sentences(robot_lab
     assert 'data-triangle="farther smoother faster"' in robot_lab.lab.get(page + three).text
     started = robot_lab.press(f"{robot}/drive{three}", setup="study_room", x="2", y="0")
     assert started.headers["location"] == page + three, "the triangle stays"
-    assert "[[[4.2, 5.7], [4.2, -5.7], [4.0, -5.7], [4.0, 5.7]]" in html.unescape(robot_lab.lab.get(page).text), "the walls of the setup's room"
+    wall = "[[[4.2, 5.7], [4.2, -5.7], [4.0, -5.7], [4.0, 5.7]]"
+    assert wall in html.unescape(robot_lab.lab.get(page).text), "the walls of the setup's room"
     opposed = robot_lab.lab.get(f"{page}?corner=farther&corner=closer&corner=faster")
     assert "no two of them opposites" in opposed.text
     given = {"X-CSRF": csrf(robot_lab.lab, page)}
