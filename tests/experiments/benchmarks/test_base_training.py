@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -19,8 +21,17 @@ from desirepath_experiments.benchmarks.training_arms import TrainBenchmarkConfig
 TINY = TrainBenchmarkConfig(updates_per_check=24, check_scenes=50, max_updates=48)
 
 
-def test_train_benchmark_compares_arms_and_admits_failure(tiny_config: BaseConfig) -> None:
-    result = benchmark_train(TINY, base=replace(tiny_config, updates_per_step=12))
+@pytest.fixture(scope="module")
+def both(tiny_config: BaseConfig, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+    """What the benchmark of both arms says, and the file that it keeps."""
+    keep = tmp_path_factory.mktemp("both") / "kept.json"
+    return benchmark_train(replace(TINY, keep=keep), base=tiny_config), keep
+
+
+def test_train_benchmark_compares_arms_and_admits_failure(
+    both: tuple[dict[str, Any], Path], tiny_config: BaseConfig
+) -> None:
+    result, _ = both
     assert result["seconds_to_94"] is None  # 48 updates do not make a driver
     assert result["held_out_success"] is None
     assert result["ratio_vs_sb3_fast"] is None
@@ -39,13 +50,15 @@ def test_train_benchmark_compares_arms_and_admits_failure(tiny_config: BaseConfi
         assert entry["transitions"] > tiny_config.random_transitions
 
 
-def test_arms_that_take_turns_do_what_each_does_alone(tiny_config: BaseConfig) -> None:
-    def work(*arms: str) -> list[tuple[object, ...]]:
-        result = benchmark_train(replace(TINY, seeds=2, arms=arms), base=tiny_config)
+def test_arms_that_take_turns_do_what_each_does_alone(
+    both: tuple[dict[str, Any], Path], tiny_config: BaseConfig
+) -> None:
+    def told(result: dict[str, Any]) -> list[tuple[object, ...]]:
         names = ("arm", "weights", "seed", "updates", "transitions", "held_out_success", "tries")
         return sorted(tuple(entry[name] for name in names) for entry in result["per_seed"])
 
-    assert work("fast", "sb3_fast") == sorted([*work("fast"), *work("sb3_fast")])
+    alone = [benchmark_train(replace(TINY, arms=(arm,)), base=tiny_config) for arm in ("fast", "sb3_fast")]
+    assert told(both[0]) == sorted(row for result in alone for row in told(result))
 
 
 def test_turns_are_taken_chunk_by_chunk() -> None:
@@ -61,9 +74,10 @@ def test_turns_are_taken_chunk_by_chunk() -> None:
     assert order == ["a", "b", "a", "a"]
 
 
-def test_a_slow_arm_that_never_arrives_gives_a_lower_bound(tiny_config: BaseConfig, tmp_path: Path) -> None:
-    keep = tmp_path / "kept.json"
-    benchmark_train(replace(TINY, keep=keep), base=tiny_config)
+def test_a_slow_arm_that_never_arrives_gives_a_lower_bound(
+    both: tuple[dict[str, Any], Path], tiny_config: BaseConfig, tmp_path: Path
+) -> None:
+    keep = Path(shutil.copy(both[1], tmp_path))
     kept = json.loads(keep.read_text(encoding="utf-8"))
     for entry in kept["runs"]["fast 0"]:
         entry.update(seconds=1.0, seconds_to_94=1.0, held_out_success=0.95)
@@ -100,10 +114,11 @@ def test_a_target_that_is_reached_is_confirmed_on_scenes_that_are_new_at_every_t
     assert len({seed for training in per_seed for seed in training}) == 4
 
 
-def test_a_broken_benchmark_goes_on_where_it_was(tiny_config: BaseConfig, tmp_path: Path) -> None:
-    keep = tmp_path / "kept.json"
-    first = benchmark_train(replace(TINY, arms=("fast",), keep=keep), base=tiny_config)
-    again = benchmark_train(replace(TINY, arms=("fast",), keep=keep), base=tiny_config)
+def test_a_broken_benchmark_goes_on_where_it_was(
+    both: tuple[dict[str, Any], Path], tiny_config: BaseConfig
+) -> None:
+    first, keep = both
+    again = benchmark_train(replace(TINY, keep=keep), base=tiny_config)
     assert again["per_seed"] == first["per_seed"]  # seconds and all: nothing ran again
     with pytest.raises(LearningError, match="other settings"):
         benchmark_train(replace(TINY, keep=keep), base=replace(tiny_config, tau=0.5))
