@@ -1,5 +1,6 @@
 """What tests of several rooms share: a real Chromium, an empty store in a folder of its own, a small disk."""
 
+import gc
 import os
 import shutil
 import socket
@@ -21,6 +22,9 @@ structlog.configure(
         structlog.dev.ConsoleRenderer(colors=False, exception_formatter=structlog.dev.plain_traceback),
     ]
 )
+
+# What is imported for thousands of tests stays: looking through it for garbage takes a fifth of collecting them.
+gc.disable()
 
 # Set before numba is imported: two cores are shared by everything.
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
@@ -92,6 +96,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     places = {path: 2 * turn for turn, path in enumerate(with_browser)}
     places |= {path: 2 * turn + 1 for turn, path in enumerate(others)}
     items.sort(key=lambda item: places[item.path])
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 def _speed_of(place: str, fixtures: frozenset[str]) -> str:
