@@ -62,6 +62,8 @@ def compilers(modules: dict[str, ast.Module]) -> set[str]:
     found = set()
     for module, tree in modules.items():
         names = imported_names(module, tree)
+        if not any(name.split(".")[0] == "numba" for name in names.values()):
+            continue
         for node in tree.body:
             body = node.body if isinstance(node, ast.FunctionDef) else [node]
             mentions = any(

@@ -114,9 +114,7 @@ def test_a_target_that_is_reached_is_confirmed_on_scenes_that_are_new_at_every_t
     assert len({seed for training in per_seed for seed in training}) == 4
 
 
-def test_a_broken_benchmark_goes_on_where_it_was(
-    both: tuple[dict[str, Any], Path], tiny_config: BaseConfig
-) -> None:
+def test_a_broken_benchmark_goes_on_where_it_was(both: tuple[dict[str, Any], Path], tiny_config: BaseConfig) -> None:
     first, keep = both
     again = benchmark_train(replace(TINY, keep=keep), base=tiny_config)
     assert again["per_seed"] == first["per_seed"]  # seconds and all: nothing ran again
