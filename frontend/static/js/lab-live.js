@@ -24,22 +24,28 @@ class LabLive extends LivePanel {
     return Object.entries(this.controls.weights).map(([name, weight]) => `${name}=${weight}`).join(",");
   }
 
-  /** Links and the command line's name of what stands there now. */
+  /** The address, the links and the command line's name of what stands there now. */
   carry() {
     const { policy = "", reference = "" } = this.root.dataset;
     const words = this.words;
     this.text("#live-reference", words ? `${reference}@${words}` : reference);
-    for (const link of /** @type {NodeListOf<HTMLAnchorElement>} */ (this.root.querySelectorAll("[data-carries]"))) {
-      link.href = `${link.dataset.carries}&${addressed(policy, this.controls.weights)}`;
+    const named = words ? `${policy}@${words}` : policy;
+    if (words || new URL(location.href).searchParams.has("policy")) history.replaceState(null, "", renamed(location.href, named));
+    for (const link of /** @type {NodeListOf<HTMLAnchorElement>} */ (document.querySelectorAll("[data-tab], [data-same]"))) {
+      link.href = renamed(link.href, named);
     }
     const compare = /** @type {HTMLAnchorElement} */ (this.root.querySelector("[data-carries-to-compare]"));
-    compare.href = `/lab/compare?policy_b=${policy}&weights_b=${encodeURIComponent(words)}`;
+    compare.href = `/lab/compare?policy_b=${encodeURIComponent(policy)}&weights_b=${encodeURIComponent(words)}`;
   }
 }
 
-/** @param {string} policy @param {import("./controls.js").Weights} weights */
-function addressed(policy, weights) {
-  return [`policy_a=${policy}`, ...Object.entries(weights).map(([name, weight]) => `a_${name}=${weight}`)].join("&");
+/** @param {string} address @param {string} named the policy with its weights */
+function renamed(address, named) {
+  const url = new URL(address);
+  const readable = encodeURIComponent(named).replace(/%2F/g, "/").replace(/%40/g, "@").replace(/%3D/g, "=").replace(/%2C/g, ",");
+  url.searchParams.delete("policy");
+  const others = url.searchParams.toString();
+  return `${url.pathname}?policy=${readable}${others ? `&${others}` : ""}`;
 }
 
 const panel = /** @type {HTMLElement} */ (document.getElementById("live-panel"));
@@ -49,8 +55,9 @@ async function post(path, body) {
   if (path !== "paths") return {};
   const { weights, poses } = body;
   const { policy = "", scene = "" } = panel.dataset;
+  const words = Object.entries(weights).map(([name, weight]) => `${name}=${weight}`).join(",");
   const pose = poses ? `&x=${poses[0][0]}&y=${poses[0][1]}&yaw=${poses[0][2]}` : "";
-  return ask(`/lab/live/paths?scene=${scene}&${addressed(policy, weights)}${pose}`);
+  return ask(`/lab/live/paths?scene=${scene}&policy=${encodeURIComponent(words ? `${policy}@${words}` : policy)}${pose}`);
 }
 
 onOwnStage(LabLive, panel, post);

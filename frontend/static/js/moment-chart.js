@@ -54,4 +54,9 @@ function follow(figure) {
   show(data.at);
 }
 
-document.querySelectorAll("figure[data-moments]").forEach((figure) => follow(/** @type {HTMLElement} */ (figure)));
+/** @param {ParentNode} root */
+const followAll = (root) => {
+  for (const figure of root.querySelectorAll("figure[data-moments]")) follow(/** @type {HTMLElement} */ (figure));
+};
+followAll(document);
+document.addEventListener("part", (event) => followAll(/** @type {HTMLElement} */ (event.target)));

@@ -1,4 +1,4 @@
-"""The analysts' page of what a policy with attention looks at among pedestrians, over time, on the stage.
+"""The workspace's attention: what a policy with attention looks at among pedestrians, over time, on the stage.
 
 Sectors of the lidar are blue, rays of the descriptors red (chapter 4); drawing them is the stage's
 (`client/attention.js`).
@@ -10,83 +10,86 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from fastapi import APIRouter, Depends, Request
-from sqlalchemy import select
 from starlette.responses import Response
 
 from desirepath.explain.shown_explanation import ShownAttention, ShownExplanation
-from desirepath.grammar.words import View
-from desirepath.store.artefact_upkeep import is_offered
-from desirepath.store.models import Artefact
-from desirepath.store.shipped_policies import find_artefact
-from desirepath.web.analyst.chosen_policies import Undrawable, first_scene, problem_of
+from desirepath.store.artefacts import ArtefactStore
+from desirepath.web.analyst.chosen_policies import NOT_DRAWN
+from desirepath.web.analyst.workspace import (
+    ATTENTION,
+    Asked,
+    Made,
+    find_asked,
+    find_drawn,
+    moved_on,
+    part,
+    words_of,
+    workspace_page,
+)
 from desirepath.web.core.auth import check_csrf
-from desirepath.web.core.dependencies import Db, Files, services_of
-from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
-from desirepath.web.core.permits import may_with, seen_artefacts
-from desirepath.web.core.roles import Right
+from desirepath.web.core.dependencies import Db, Files
 from desirepath.web.stage.replay_stages import Replay
-from desirepath_stage.views import VIEWS
 
 if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
     from desirepath.simulation.trajectory import Trajectory
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
-KIND = "attention_policy"
 
 
 @router.get("/lab/attention")
-def attention(
-    request: Request,
-    database: Db,
-    files: Files,
-    policy: str = "",
-    building: str = "",
-    scene: str = "",
-    view: str = "",
-    plain: bool = False,
-) -> Response:
-    """The form, and below it the rollout in that scene with what the policy attends to. plain: without."""
+def attention(request: Request, database: Db, files: Files, building: str = "", plain: bool = False) -> Response:
+    """The rollout in that scene with what the policy attends to. plain: without."""
     from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
-    from desirepath.simulation.scenes import LARGEST_SEED
 
-    services = services_of(request)
-    with database.session() as s:
-        rights = rights_in(request)
-        rows = select(Artefact).where(Artefact.kind == KIND, is_offered(), seen_artefacts(rights))
-        choices = list(s.scalars(rows.order_by(Artefact.created_at.desc())))
-        chosen = find_artefact(s, policy) if policy else None
-        if policy and (chosen is None or chosen.kind != KIND or not may_with(s, rights, Right.LOOK, chosen)):
-            raise LabRefusal(404, "no_artefact")
-    if chosen is not None and chosen.quarantined_at is not None:
-        raise LabRefusal(410, "quarantined")
-    seed, problem, token, outcome = scene or str(first_scene()), None, None, None
-    where = building if building in TRAINED_SETUPS else TRAINED_SETUPS[0]
-    seen: View = next((name for name in VIEWS if name == view), VIEWS[0])
-    if not seed.isdecimal() or not seed.isascii() or len(seed) > 16 or int(seed) > LARGEST_SEED:
-        wrong = Undrawable("scene", value=seed, largest=str(LARGEST_SEED))
-        problem = problem_of(services.texts.get(lab_language(request)), wrong)
-    elif chosen is not None:
-        trajectory, shown = roll_out(files.get(chosen.id), where, int(seed))
-        explained = None if plain else explanation_of(trajectory, shown)
-        token = services.replays.grant(Replay((trajectory,), (chosen.name,), explained=explained, view=seen))
-        outcome = trajectory.outcome.name.lower()
-    return lab_page(
+    asked = shown = problem = None
+    try:
+        with database.session() as s:
+            asked = find_asked(request, s, ATTENTION)
+        if asked is not None:
+            if (onward := moved_on(request, asked, ATTENTION)) is not None:
+                return onward
+            drawn = asked
+            shown = Made(lambda: [_replay(files, drawn, _where(building), plain=plain)])
+    except NOT_DRAWN as wrong:
+        problem = words_of(request, wrong)
+    return workspace_page(
         request,
-        "analyst/attention.html",
-        status=422 if problem else 200,
-        choices=choices,
-        chosen=chosen,
-        buildings=TRAINED_SETUPS,
-        building=where,
-        scene=seed,
-        view=seen,
-        views=VIEWS,
-        plain=plain,
+        database,
+        ATTENTION,
+        asked,
         problem=problem,
-        replay=token,
-        outcome=outcome,
-        another=str(int(seed) + 1) if problem is None and int(seed) < LARGEST_SEED else None,
+        shown=shown,
+        buildings=TRAINED_SETUPS,
+        building=_where(building),
+        plain=plain,
     )
+
+
+@router.get("/lab/attention/outcome")
+def outcome(request: Request, database: Db, files: Files, building: str = "") -> Response:
+    """How the rollout ends, in a sentence."""
+    found = problem = None
+    try:
+        with database.session() as s:
+            asked = find_drawn(request, s, ATTENTION)
+        trajectory, _ = roll_out(files.get(asked.sides[0].artefact.id), _where(building), asked.scene_seed)
+        found = trajectory.outcome.name.lower()
+    except NOT_DRAWN as wrong:
+        problem = words_of(request, wrong)
+    return part(request, "analyst/attention_outcome.html", problem=problem, outcome=found)
+
+
+def _where(building: str) -> str:
+    """The setup whose scenes are drawn."""
+    from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
+
+    return building if building in TRAINED_SETUPS else TRAINED_SETUPS[0]
+
+
+def _replay(files: ArtefactStore, asked: Asked, building: str, *, plain: bool) -> Replay:
+    trajectory, attended = roll_out(files.get(asked.sides[0].artefact.id), building, asked.scene_seed)
+    explained = None if plain else explanation_of(trajectory, attended)
+    return Replay((trajectory,), (asked.sides[0].artefact.name,), explained=explained, view=asked.view)
 
 
 @lru_cache(maxsize=16)

@@ -1,26 +1,25 @@
-"""Which policies and which scene an address asks for, on pages that draw one policy in a scene, or two.
+"""Which policies, scene and view an address asks for, in the workspace that draws one policy in a scene, or two.
 
-Conditioned policies are chosen with their weights. What is drawn of them is the pages' own (`flow_pages.py`,
-`explanation_pages.py`), and so is what cannot be drawn of their own.
+An address has their names, as in `policy=study_room/conditioned@farther=1&scene=3500000000&view=immersive`, and means
+the same on every tab (`workspace.py`); what is drawn is the tabs' own, and so is what cannot be drawn of it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import urlencode
 
 from fastapi import Request
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
 from desirepath.learning.errors import LearningError
 from desirepath.store.artefact_upkeep import is_offered
 from desirepath.store.artefacts import ArtefactStore
-from desirepath.store.database import Database
 from desirepath.store.models import Artefact
 from desirepath.store.shipped_policies import find_artefact, shipped_name
 from desirepath.web.core.catalogues import Catalogue
@@ -33,6 +32,7 @@ if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not 
     from desirepath.learning.policies.policy import DrivingPolicy
 
 SIDES = ("a", "b")
+NAMED = {"a": "policy", "b": "second"}  # side -> its name in an address
 CONDITIONED, ADAPTABLE = "conditioned_policy", "adaptable_policy"
 WEIGHED = (CONDITIONED, ADAPTABLE)
 KINDS = ("policy", *WEIGHED, "attention_policy", "depth_controller")
@@ -40,10 +40,12 @@ KINDS = ("policy", *WEIGHED, "attention_policy", "depth_controller")
 
 @dataclass(frozen=True)
 class Side:
-    """One policy of the figure: what was chosen and, for a conditioned one, what it is told."""
+    """One policy of the figure: what was chosen and, for a conditioned one, what it is told. called: its name in an
+    address."""
 
     artefact: Artefact
     weights: Mapping[str, float]
+    called: str = ""
 
     @property
     def weights_in_words(self) -> str:
@@ -52,28 +54,26 @@ class Side:
 
     @property
     def name(self) -> str:
-        return f"{self.artefact.name}@{self.weights_in_words}" if self.weights_in_words else self.artefact.name
+        return self._weighed(self.artefact.name)
 
     @property
     def reference(self) -> str:
         """How the command line names it."""
-        named = shipped_name(self.artefact.id) or self.artefact.id
-        return f"{named}@{self.weights_in_words}" if self.weights_in_words else named
+        return self._weighed(shipped_name(self.artefact.id) or self.artefact.id)
+
+    @property
+    def address(self) -> str:
+        """How an address names it."""
+        return self._weighed(self.called)
+
+    def _weighed(self, name: str) -> str:
+        return f"{name}@{self.weights_in_words}" if self.weights_in_words else name
 
     def policy(self, files: ArtefactStore) -> DrivingPolicy:
         """What rolls out. Raises LearningError for weights that it cannot be conditioned on."""
         from desirepath.learning.policies.shipped import policy_conditioned_on
 
         return policy_conditioned_on(files.get(self.artefact.id), self.reference)
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What the address asks for: one or two sides in one scene. query: the same again, for the figure's files."""
-
-    sides: tuple[Side, ...]
-    scene_seed: int
-    query: str
 
 
 class Undrawable(ValueError):
@@ -104,26 +104,6 @@ def no_file(wrong: Exception) -> Response:
     raise LabRefusal(404, "no_figure") from None
 
 
-def form_of(request: Request, database: Database) -> dict[str, Any]:
-    """What the form on such a page is drawn from (`analyst/chosen_policies.html`)."""
-    with database.session() as s:
-        choices = choices_of(s, rights_in(request))
-        given = name_by_id(s, request.query_params)
-    chosen = {side: given.get(f"policy_{side}", "") for side in SIDES}
-    chosen_of = {choice.id: choice for choice in choices}
-    return {
-        "choices": choices,
-        "chosen": chosen,
-        "scene": given.get("scene") or str(first_scene()),
-        "weighed": {
-            side: objectives_of(one.kind, one.setup)
-            for side in SIDES
-            if (one := chosen_of.get(chosen[side])) is not None and one.kind in WEIGHED
-        },
-        "given": given,
-    }
-
-
 def objectives_of(kind: str, setup: str | None = None) -> tuple[str, ...]:
     """What a policy of that kind is conditioned on: nine objectives, of the setup's, chapter 5's three, or nothing."""
     from desirepath.learning.adaptable.objectives import NAMES as THREE
@@ -147,50 +127,64 @@ def choices_of(s: DatabaseSession, rights: Rights) -> Sequence[Artefact]:
     return sorted(found, key=lambda one: (own[one.id], "" if own[one.id] else one.name))
 
 
-def find_asked(request: Request, s: DatabaseSession) -> Asked | None:
-    """What the address asks for, None if it names no policy. Raises Undrawable, or LabRefusal for no such policy."""
-    from desirepath.simulation.scenes import LARGEST_SEED
+def named_in(given: Mapping[str, str], side: str) -> str:
+    """How an address names that side's policy, empty: not at all. Addresses of before said `policy_a`."""
+    return given.get(NAMED[side]) or given.get(f"policy_{side}", "")
 
-    given = name_by_id(s, request.query_params)
-    if not given.get("policy_a"):
+
+def is_of_before(given: Mapping[str, str]) -> bool:
+    """Whether an address, or a form, says in several parameters what one says now."""
+    return any(
+        name in given or any(one.startswith(f"{name[-1]}_") for one in given) for name in ("policy_a", "policy_b")
+    )
+
+
+def call(s: DatabaseSession, rights: Rights, artefacts: Iterable[Artefact]) -> dict[str, str]:
+    """Id -> the name by which addresses know it: as it was shipped, its own where nothing else is called so, else its
+    id."""
+    found = list(artefacts)
+    rows = select(Artefact.name, func.count()).where(Artefact.kind.in_(KINDS), seen_artefacts(rights))
+    alike = dict(s.execute(rows.group_by(Artefact.name)).tuples().all())
+
+    def name_of(one: Artefact) -> str:
+        alone = alike.get(one.name) == 1 and "@" not in one.name and find_artefact(s, one.name) is None
+        return shipped_name(one.id) or (one.name if alone else one.id)
+
+    return {one.id: name_of(one) for one in found}
+
+
+def find_policy(s: DatabaseSession, rights: Rights, called: str) -> Artefact | None:
+    """The artefact of that id, shipped name, or name that no other policy has; None where there is none."""
+    if (artefact := find_artefact(s, called)) is not None:
+        return artefact
+    rows = select(Artefact).where(Artefact.kind.in_(KINDS), Artefact.name == called, seen_artefacts(rights)).limit(2)
+    found = list(s.scalars(rows))
+    return found[0] if len(found) == 1 else None
+
+
+def find_side(request: Request, s: DatabaseSession, side: str) -> Side | None:
+    """That side as the address names it, None: it names none. Raises Undrawable, or LabRefusal for no such policy."""
+    given, rights = request.query_params, rights_in(request)
+    called, _, _ = named_in(given, side).partition("@")
+    if not called:
         return None
-    rights = rights_in(request)
-    sides = [_side(given, s, side, rights) for side in SIDES if given.get(f"policy_{side}")]
-    setups = sorted({side.artefact.setup or "" for side in sides})
-    if len(setups) > 1:
-        raise Undrawable("setups", first=sides[0].artefact.setup, second=sides[1].artefact.setup)
-    if len(sides) == 2 and sides[0].reference == sides[1].reference:
-        raise Undrawable("alike")
-    scene = given.get("scene") or str(first_scene())
-    if not scene.isdecimal() or not scene.isascii() or len(scene) > 16 or int(scene) > LARGEST_SEED:
-        raise Undrawable("scene", value=scene, largest=str(LARGEST_SEED))
-    return Asked(tuple(sides), int(scene), query_of(given))
-
-
-def name_by_id(s: DatabaseSession, params: Mapping[str, str]) -> dict[str, str]:
-    """An address's parameters with policies by id, however it names them.
-
-    Of `policy_a=study_room/conditioned@farther=1` that policy's id, and `a_farther=1`."""
-    given = dict(params)
-    for side in SIDES:
-        called, _, weights = given.get(f"policy_{side}", "").partition("@")
-        if (artefact := find_artefact(s, called)) is not None:
-            pairs = (share.partition("=") for share in weights.split(",") if share)
-            own = {f"{side}_{name.strip()}": weight.strip() for name, _, weight in pairs}
-            given = {**own, **given, f"policy_{side}": artefact.id}
-    return given
-
-
-def _side(given: Mapping[str, str], s: DatabaseSession, side: str, rights: Rights) -> Side:
-    artefact = s.get(Artefact, given[f"policy_{side}"])
+    artefact = find_policy(s, rights, called)
     if artefact is None or artefact.kind not in KINDS or not may_with(s, rights, Right.LOOK, artefact):
         raise LabRefusal(404, "no_artefact")
     if artefact.quarantined_at is not None:
         raise LabRefusal(410, "quarantined")
-    weights = {
-        name: _weight(given.get(f"{side}_{name}") or "0", name) for name in objectives_of(artefact.kind, artefact.setup)
-    }
-    return Side(artefact, {name: weight for name, weight in weights.items() if weight})
+    said = weights_in(given, side)
+    known = objectives_of(artefact.kind, artefact.setup)
+    weights = {name: _weight(said.get(name) or "0", name) for name in known}
+    called = call(s, rights, [artefact])[artefact.id]
+    return Side(artefact, {name: weight for name, weight in weights.items() if weight}, called)
+
+
+def weights_in(given: Mapping[str, str], side: str) -> dict[str, str]:
+    """The weights of that side as an address writes them: behind `@`, or each for itself, which counts more."""
+    pairs = (share.partition("=") for share in named_in(given, side).partition("@")[2].split(",") if share)
+    own = {name.strip(): weight.strip() for name, _, weight in pairs}
+    return own | {name.removeprefix(f"{side}_"): value for name, value in given.items() if name.startswith(f"{side}_")}
 
 
 def _weight(value: str, name: str) -> float:
@@ -203,10 +197,16 @@ def _weight(value: str, name: str) -> float:
     return weight
 
 
-def query_of(given: Mapping[str, str], **changed: str) -> str:
-    from desirepath.learning.preferences.objectives import CROWD_NAMES
+def scene_in(given: Mapping[str, str]) -> int:
+    """The seed of the scene, the first of the figures' where none is named. Raises Undrawable."""
+    from desirepath.simulation.scenes import LARGEST_SEED
 
-    names = dict.fromkeys([*(name for kind in WEIGHED for name in objectives_of(kind)), *CROWD_NAMES])
-    known = ["policy_a", "policy_b", "scene", *(f"{side}_{name}" for side in SIDES for name in names)]
-    parameters = {name: changed.get(name) or given.get(name) for name in known}
-    return urlencode({name: value for name, value in parameters.items() if value})
+    scene = given.get("scene") or str(first_scene())
+    if not scene.isdecimal() or not scene.isascii() or len(scene) > 16 or int(scene) > LARGEST_SEED:
+        raise Undrawable("scene", value=scene, largest=str(LARGEST_SEED))
+    return int(scene)
+
+
+def query_of(**parameters: object) -> str:
+    """An address's parameters, those that say something; names stay readable."""
+    return urlencode({name: value for name, value in parameters.items() if value not in ("", None)}, safe="/@=,:")

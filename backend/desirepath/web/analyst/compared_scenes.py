@@ -102,14 +102,15 @@ def rollouts_in(
     if any(policy is None or policy.quarantined_at is not None for policy in policies):
         return None
     a, b = (
-        _rolled_out(files, policy["id"], policy.get("weights") or "", content["setup"], seed)
+        roll_out(files, policy["id"], policy.get("weights") or "", content["setup"], seed)
         for policy in content["policies"]
     )
     return a, b
 
 
 @lru_cache(maxsize=KEPT_ROLLOUTS)
-def _rolled_out(files: ArtefactStore, policy: str, weights: str, setup: str, seed: int) -> Trajectory:
+def roll_out(files: ArtefactStore, policy: str, weights: str, setup: str, seed: int) -> Trajectory:
+    """The policy of that id at these weights in a scene of that setup. Raises LearningError."""
     from desirepath.learning.policies.shipped import policy_conditioned_on
 
     played = policy_conditioned_on(files.get(policy), f"{policy}@{weights}" if weights else policy).rollout_policy

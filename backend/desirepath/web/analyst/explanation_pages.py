@@ -1,15 +1,15 @@
-"""The analysts' page of what moved the robot: one policy in a scene, or two side by side, thing by thing.
+"""The workspace's explanation: what moved the robot of one policy in a scene, or of two side by side, thing by thing.
 
-Which policies and which scene an address asks for is `chosen_policies.py`'s; `figure_process.py` draws the figures.
+On the stage the first one's reasons while it moves; below it figures, drawn by `figure_process.py`, which the page
+fetches. Which policies and which scene an address asks for is `chosen_policies.py`'s.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Request
 from starlette.responses import Response
@@ -17,22 +17,24 @@ from starlette.responses import Response
 from desirepath.explain.flow_words import ExplanationWords
 from desirepath.explain.methods import COMMANDS, METHODS, AttributionError, Command, Method, check_method
 from desirepath.store.artefacts import ArtefactStore
-from desirepath.web.analyst.chosen_policies import (
-    NOT_DRAWN,
-    SIDES,
+from desirepath.web.analyst.chosen_policies import NOT_DRAWN, SIDES, Side, no_file, query_of
+from desirepath.web.analyst.flow_pages import SHOWN, check_weights, roll_out_sides
+from desirepath.web.analyst.workspace import (
+    EXPLAIN,
     Asked,
-    Side,
+    Made,
     find_asked,
-    form_of,
-    no_file,
-    problem_of,
+    find_drawn,
+    moved_on,
+    part,
+    words_of,
+    workspace_page,
 )
-from desirepath.web.analyst.flow_pages import SHOWN
 from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.figure_process import ExplanationOrder
-from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
+from desirepath.web.core.lab_frame import LabRefusal, lab_language
 from desirepath.web.core.media import FIGURE_ENDINGS, answers_with, figure_file
 from desirepath.web.core.moment_charts import (
     MomentChart,
@@ -42,6 +44,7 @@ from desirepath.web.core.moment_charts import (
     moment_chart,
     scores_in,
 )
+from desirepath.web.stage.replay_stages import Replay
 
 if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
     from desirepath.explain.flow_files import FigureFiles
@@ -87,43 +90,94 @@ class Options:
 
     @property
     def query(self) -> str:
-        at = {} if self.at_s is None else {"at": f"{self.at_s:g}"}
-        return urlencode({"method": self.method, "command": self.command, **at})
+        at = None if self.at_s is None else f"{self.at_s:g}"
+        return query_of(method=self.method, command=self.command, at=at)
 
 
 @router.get("/lab/explain")
 def explanation(request: Request, database: Db, files: Files) -> Response:
-    """The form, and below it a figure and the most important things for each policy."""
+    """The stage on which the first policy moves with its reasons; the figures are fetched."""
     t = services_of(request).texts.get(lab_language(request))
-    asked = options = problem = None
-    shown: list[Explained] = []
+    asked = shown = problem = None
+    options = Options(METHODS[0], COMMANDS[0], None)
     try:
         with database.session() as s:
-            asked = find_asked(request, s)
+            asked = find_asked(request, s, EXPLAIN)
         options = _options(request.query_params)
         if asked is not None:
-            shown = [_drawn(request, t, files, asked, options, side) for side in asked.sides]
+            if (onward := moved_on(request, asked, EXPLAIN)) is not None:
+                return onward
+            drawn, how = asked, options
+            check_weights(files, asked)
+            shown = Made(lambda: _replays(files, drawn, how))
     except AttributionError as wrong:
         problem = t("explanation.problem", message=str(wrong))
     except NOT_DRAWN as wrong:
-        problem = problem_of(t, wrong)
-    thing = ExplanationWords(things=t.table("explanation.things")).thing
-    return lab_page(
+        problem = words_of(request, wrong)
+    return workspace_page(
         request,
-        "analyst/explanation.html",
-        status=422 if problem else 200,
-        **form_of(request, database),
+        database,
+        EXPLAIN,
+        asked,
+        problem=problem,
+        shown=shown,
         methods=METHODS,
         commands=COMMANDS,
+        options=options,
+    )
+
+
+@router.get("/lab/explain/figures")
+def explanation_figures(request: Request, database: Db, files: Files) -> Response:
+    """A figure and the most important things for each policy."""
+    t = services_of(request).texts.get(lab_language(request))
+    asked = options = problem = None
+    figures: list[Explained] = []
+    try:
+        with database.session() as s:
+            asked = find_drawn(request, s, EXPLAIN)
+        options = _options(request.query_params)
+        figures = [_drawn(request, t, files, asked, options, side) for side in asked.sides]
+    except AttributionError as wrong:
+        problem = t("explanation.problem", message=str(wrong))
+    except NOT_DRAWN as wrong:
+        problem = words_of(request, wrong)
+    thing = ExplanationWords(things=t.table("explanation.things")).thing
+    return part(
+        request,
+        "analyst/explanation_figures.html",
         problem=problem,
         asked=asked,
         options=options,
-        shown=shown,
+        shown=figures,
         thing=thing,
-        charts=[side.chart(t, thing) for side in shown],
-        looked_at=compare_charts(*(side.over_time for side in shown)) if len(shown) == len(SIDES) else [],
+        charts=[side.chart(t, thing) for side in figures],
+        looked_at=compare_charts(*(side.over_time for side in figures)) if len(figures) == len(SIDES) else [],
         command_line=command_line,
     )
+
+
+def _replays(files: ArtefactStore, asked: Asked, options: Options) -> Iterator[Replay]:
+    """Both move, at once; then with the reasons of the first one, as soon as they are known."""
+    from desirepath.learning.policies.foreign import ForeignPolicy
+    from desirepath.learning.policies.policy import Policy
+
+    rollouts, names = roll_out_sides(files, asked)
+    first = asked.sides[0].policy(files)
+    if isinstance(first, Policy | ForeignPolicy):
+        plain = Replay(rollouts, names, view=asked.view)
+        yield plain
+        from desirepath.web.core.explained_policy import explain_along
+
+        _, _, explained = explain_along(first, rollouts[0], method=options.method, command=options.command)
+        yield replace(plain, explained=explained)
+        return
+    from desirepath.explain.shown_explanation import ShownExplanation, people_of
+
+    trajectory, looked = first.attended(rollouts[0].scene)
+    scores = tuple(tuple(float(score) for score in row) for row in (*looked, looked[-1]))
+    explained = ShownExplanation(people_of(trajectory.scene), scores, outlines=True, lidar=False)
+    yield Replay((trajectory, *rollouts[1:]), names, explained=explained, view=asked.view)
 
 
 @router.get("/lab/explain/{letter}/{name}", response_class=Response, responses=answers_with(*FIGURE_ENDINGS))
@@ -132,8 +186,8 @@ def explanation_file(request: Request, letter: str, name: str, database: Db, fil
     t = services_of(request).texts.get(lab_language(request))
     try:
         with database.session() as s:
-            asked = find_asked(request, s)
-        if asked is None or letter not in SIDES[: len(asked.sides)]:
+            asked = find_drawn(request, s, EXPLAIN)
+        if letter not in SIDES[: len(asked.sides)]:
             raise LabRefusal(404, "no_figure")
         side = asked.sides[SIDES.index(letter)]
         made = _drawn(request, t, files, asked, _options(request.query_params), side)

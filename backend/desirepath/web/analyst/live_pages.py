@@ -1,4 +1,4 @@
-"""The analysts' page on which a policy's weights are moved by hand, nine or chapter 5's three, and its way is redrawn.
+"""The workspace's interactive weights: a policy's weights moved by hand, nine or chapter 5's three, its way redrawn.
 
 The controls, the stage and the rollouts are those of the participants' step (`kinds/live.py`, `live_rollouts.py`);
 nothing that is done here is stored. Figures of the same policy are `explanation_pages.py`'s and `flow_pages.py`'s.
@@ -14,27 +14,24 @@ from fastapi import APIRouter, Depends, Request
 from starlette.responses import JSONResponse, Response
 
 from desirepath.grammar.words import View
-from desirepath.simulation.setups import preference_setups
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore
-from desirepath.store.shipped_policies import shipped_name
 from desirepath.study.kinds.live import CONTROLS, CORNERS, OBJECTIVES, in_triangle, three_corners
-from desirepath.web.analyst.chosen_policies import (
-    ADAPTABLE,
-    NOT_DRAWN,
-    WEIGHED,
+from desirepath.web.analyst.chosen_policies import ADAPTABLE, NOT_DRAWN, Side, Undrawable, objectives_of
+from desirepath.web.analyst.workspace import (
+    LIVE,
     Asked,
-    Undrawable,
+    Made,
     find_asked,
-    form_of,
-    objectives_of,
-    problem_of,
+    find_drawn,
+    moved_on,
+    words_of,
+    workspace_page,
 )
 from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, services_of
-from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
-from desirepath_stage.views import VIEWS
+from desirepath.web.core.lab_frame import lab_language
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.adaptable import AdaptablePolicy
@@ -44,7 +41,6 @@ if TYPE_CHECKING:
     from desirepath_stage.stage import Stage
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
-HERE = "/lab/live"
 
 
 @dataclass(frozen=True)
@@ -61,50 +57,45 @@ class LiveScene:
 
 @router.get("/lab/live")
 def live(request: Request, database: Db, files: Files) -> Response:
-    """The form; below it the stage with the controls of the policy that is chosen."""
-    from desirepath.simulation.scenes import LARGEST_SEED
-
-    services = services_of(request)
-    t = services.texts.get(lab_language(request))
-    asked = token = problem = corners = None
+    """The stage, with the policy's controls beside it."""
+    t = services_of(request).texts.get(lab_language(request))
+    asked = shown = problem = corners = None
     start: dict[str, float] = {}
-    view: View = next((name for name in VIEWS if name == request.query_params.get("view")), VIEWS[0])
     try:
         corners = _corners(request, t)
-        asked = _asked(request, database)
+        with database.session() as s:
+            asked = find_asked(request, s, LIVE)
         if asked is not None:
-            side = asked.sides[0]
-            order = objectives_of(side.artefact.kind, side.artefact.setup)
+            if (onward := moved_on(request, asked, LIVE)) is not None:
+                return onward
+            side, drawn = asked.sides[0], asked
             if side.artefact.kind == ADAPTABLE:  # its weights sum to 1: a triangle and nothing else
-                corners = list(order)
+                corners = list(objectives_of(side.artefact.kind, side.artefact.setup))
             start = in_triangle(side.weights, corners) if corners else dict(side.weights)
-            conditioned = _read(files, side.artefact)
-            scene = _scene(conditioned.setup, asked.scene_seed)
-            token = services.replays.grant(LiveScene(scene, view, _beside(conditioned, scene)))
+            check_weights(files, asked)
+            shown = Made(lambda: [_live_scene(files, side, drawn)])
     except NOT_DRAWN as wrong:
-        problem = problem_of(t, wrong)
-    seed = asked.scene_seed if asked is not None else None
-    form = form_of(request, database)
-    form["choices"] = [choice for choice in form["choices"] if _by_hand(choice)]
-    return lab_page(
+        problem = words_of(request, wrong)
+    return workspace_page(
         request,
-        "analyst/live.html",
-        status=422 if problem else 200,
-        **form,
+        database,
+        LIVE,
+        asked,
         problem=problem,
-        asked=asked,
+        shown=shown,
         corners=corners,
         payload={"controls": CONTROLS, "triangle": corners},
         start=start,
-        view=view,
-        views=VIEWS,
         lab_words=True,
-        reference=_reference(asked),
-        replay=token,
-        another=str(seed + 1) if seed is not None and seed < LARGEST_SEED else None,
         all_objectives=OBJECTIVES,
         three_objectives=objectives_of(ADAPTABLE),
     )
+
+
+def _live_scene(files: ArtefactStore, side: Side, asked: Asked) -> LiveScene:
+    conditioned = _read(files, side.artefact)
+    scene = _scene(conditioned.setup, asked.scene_seed)
+    return LiveScene(scene, asked.view, _beside(conditioned, scene))
 
 
 @router.get("/lab/live/paths")
@@ -121,9 +112,8 @@ def paths(
     from desirepath.study.personalising.live_rollouts import path_of, roll_out
 
     try:
-        asked = _asked(request, database)
-        if asked is None:
-            raise LabRefusal(404, "no_figure")
+        with database.session() as s:
+            asked = find_drawn(request, s, LIVE)
         side = asked.sides[0]
         conditioned = _read(files, side.artefact)
         pose = (x, y, yaw) if x is not None and y is not None and yaw is not None else None
@@ -132,25 +122,8 @@ def paths(
     except SceneError:
         return JSONResponse({"error": {"code": "pose", "message": "no robot can go on from there"}}, 422)
     except NOT_DRAWN as wrong:
-        t = services_of(request).texts.get(lab_language(request))
-        return JSONResponse({"error": {"code": "weights", "message": problem_of(t, wrong)}}, 422)
+        return JSONResponse({"error": {"code": "weights", "message": words_of(request, wrong)}}, 422)
     return JSONResponse({"place": 0, "paths": [{"track": found.track, "arrives": found.arrives}]})
-
-
-def _asked(request: Request, database: Db) -> Asked | None:
-    """What the address names. Raises Undrawable for a policy without weights."""
-    with database.session() as s:
-        asked = find_asked(request, s)
-    if asked is not None and asked.sides[0].artefact.kind not in WEIGHED:
-        raise Undrawable("no_weights", name=asked.sides[0].name)
-    if asked is not None and not _by_hand(asked.sides[0].artefact):
-        raise Undrawable("no_sliders", name=asked.sides[0].name)
-    return asked
-
-
-def _by_hand(artefact: Artefact) -> bool:
-    """Whether it has weights that there are sliders for: the nine of a person who stands, or chapter 5's three."""
-    return artefact.kind == ADAPTABLE or (artefact.kind in WEIGHED and artefact.setup in preference_setups())
 
 
 def _corners(request: Request, t: Catalogue) -> list[str] | None:
@@ -171,13 +144,6 @@ def _corners(request: Request, t: Catalogue) -> list[str] | None:
         if set(named) <= set(words) and pair:
             raise Undrawable("corners_opposite", first=words[pair[0]], second=words[pair[1]]) from None
         raise Undrawable("corners", message=str(wrong)) from None
-
-
-def _reference(asked: Asked | None) -> str:
-    if asked is None:
-        return ""
-    artefact = asked.sides[0].artefact
-    return shipped_name(artefact.id) or artefact.id
 
 
 def _read(files: ArtefactStore, artefact: Artefact) -> ConditionedPolicy | AdaptablePolicy:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from fastapi import Request
 from sqlalchemy.orm import Session as DatabaseSession
@@ -71,27 +70,16 @@ def reasons_of(
         _, wanted = check_method(METHOD, command or COMMANDS[0])
     except AttributionError:
         raise LabRefusal(404, "no_figure") from None
+    from desirepath.learning.policies.policy import Policy
+    from desirepath.web.core.explained_policy import explain_along
+
     explained, charts_of = [], []
     for trajectory in trajectories:
-        things, scores, objects = _scores(files.get(policy.id), trajectory, wanted)
-        explained.append(
-            ShownExplanation(objects, tuple(row[: len(objects)] for row in (*scores, scores[-1])), True, True)
-        )
+        acting = Policy.from_bytes(files.get(policy.id))
+        things, scores, seen = explain_along(acting, trajectory, method=METHOD, command=wanted)
+        explained.append(seen)
         charts_of.append(_chart(t, things, scores, trajectory))
     return Reasons(policy, wanted, tuple(explained), tuple(charts_of))
-
-
-def _scores(content: bytes, trajectory: Trajectory, command: Any) -> tuple[tuple[str, ...], Any, tuple[str, ...]]:
-    """(things, scores per moment, the scene's objects, which are the first of them)."""
-    from desirepath.explain.attribution import explain  # torch comes with it: only where somebody looks
-    from desirepath.explain.sight import sight_of, thing_names
-    from desirepath.learning.policies.policy import Policy
-    from desirepath.learning.policies.torch_actor import actor_of
-
-    found = explain(actor_of(Policy.from_bytes(content)), sight_of(trajectory), method=METHOD, command=command)
-    scores = tuple(tuple(float(score) for score in row) for row in found.scores)
-    objects = tuple(thing_names(trajectory.scene)[: len(trajectory.scene.obstacles)])
-    return found.things, scores, objects
 
 
 def _chart(t: Catalogue, things: Sequence[str], scores: Sequence[Sequence[float]], of: Trajectory) -> MomentChart:
