@@ -18,15 +18,17 @@ from desirepath.explain.flow_words import ExplanationWords
 from desirepath.explain.methods import COMMANDS, METHODS, AttributionError, Command, Method, check_method
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.web.analyst.chosen_policies import NOT_DRAWN, SIDES, Side, no_file, query_of
-from desirepath.web.analyst.flow_pages import SHOWN, check_weights, roll_out_sides
+from desirepath.web.analyst.flow_pages import SHOWN
 from desirepath.web.analyst.workspace import (
     EXPLAIN,
     Asked,
     Made,
+    check_weights,
     find_asked,
     find_drawn,
     moved_on,
     part,
+    roll_out_sides,
     words_of,
     workspace_page,
 )

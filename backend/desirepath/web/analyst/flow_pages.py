@@ -16,15 +16,16 @@ from starlette.responses import Response
 from desirepath.explain.flow_words import Words
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.web.analyst.chosen_policies import NOT_DRAWN, SIDES, no_file
-from desirepath.web.analyst.compared_scenes import roll_out
 from desirepath.web.analyst.workspace import (
     FLOW,
     Asked,
     Made,
+    check_weights,
     find_asked,
     find_drawn,
     moved_on,
     part,
+    roll_out_sides,
     words_of,
     workspace_page,
 )
@@ -39,7 +40,7 @@ from desirepath_stage.paper import Beside
 
 if TYPE_CHECKING:  # the simulator comes with these; a server that starts need not wait for it
     from desirepath.explain.flow_files import FigureFiles
-    from desirepath.simulation.trajectory import Floats, Trajectory
+    from desirepath.simulation.trajectory import Floats
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 
@@ -112,23 +113,6 @@ def _drawn(request: Request, t: Catalogue, asked: Asked, files: ArtefactStore) -
 def _replay(files: ArtefactStore, t: Catalogue, asked: Asked) -> Replay:
     rollouts, names = roll_out_sides(files, asked)
     return Replay(rollouts, names, tuple(_beside(files, t, asked)), view=asked.view)
-
-
-def check_weights(files: ArtefactStore, asked: Asked) -> None:
-    """Raises LearningError for weights on which a side cannot be conditioned."""
-    for side in asked.sides:
-        if side.weights:
-            side.policy(files)
-
-
-def roll_out_sides(files: ArtefactStore, asked: Asked) -> tuple[tuple[Trajectory, ...], tuple[str, ...]]:
-    """From the scene's start, and what each is called beside the other."""
-    rollouts = tuple(
-        roll_out(files, side.artefact.id, side.weights_in_words, side.artefact.setup or "", asked.scene_seed)
-        for side in asked.sides
-    )
-    names = tuple(f"{letter.upper()}: {side.name}" for letter, side in zip(SIDES, asked.sides, strict=False))
-    return rollouts, names if len(names) > 1 else (asked.sides[0].name,)
 
 
 def _beside(files: ArtefactStore, t: Catalogue, asked: Asked) -> Iterator[Beside]:

@@ -22,6 +22,7 @@ from desirepath.web.analyst.workspace import (
     LIVE,
     Asked,
     Made,
+    check_weights,
     find_asked,
     find_drawn,
     moved_on,

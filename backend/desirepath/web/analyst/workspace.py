@@ -15,6 +15,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import RedirectResponse, Response
 
 from desirepath.simulation.setups import preference_setups
+from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.models import Artefact
 from desirepath.web.analyst.chosen_policies import (
@@ -38,12 +39,14 @@ from desirepath.web.analyst.chosen_policies import (
     scene_in,
     weights_in,
 )
+from desirepath.web.analyst.compared_scenes import roll_out
 from desirepath.web.core.dependencies import services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
 from desirepath.web.stage.replay_stages import Shown
 from desirepath_stage.views import VIEWS, View
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the simulator comes with it; a server that starts need not wait for it
+    from desirepath.simulation.trajectory import Trajectory
     from desirepath_stage.stage import Stage
 
 
@@ -167,6 +170,23 @@ def find_drawn(request: Request, s: DatabaseSession, tab: Tab) -> Asked:
     if asked is None or asked.instead_of is not None:
         raise LabRefusal(404, "no_figure")
     return asked
+
+
+def check_weights(files: ArtefactStore, asked: Asked) -> None:
+    """Raises LearningError for weights on which a side cannot be conditioned."""
+    for side in asked.sides:
+        if side.weights:
+            side.policy(files)
+
+
+def roll_out_sides(files: ArtefactStore, asked: Asked) -> tuple[tuple[Trajectory, ...], tuple[str, ...]]:
+    """From the scene's start, and what each is called beside the other."""
+    rollouts = tuple(
+        roll_out(files, side.artefact.id, side.weights_in_words, side.artefact.setup or "", asked.scene_seed)
+        for side in asked.sides
+    )
+    names = tuple(f"{letter.upper()}: {side.name}" for letter, side in zip(SIDES, asked.sides, strict=False))
+    return rollouts, names if len(names) > 1 else (asked.sides[0].name,)
 
 
 def moved_on(request: Request, asked: Asked, tab: Tab) -> Response | None:
