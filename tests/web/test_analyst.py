@@ -85,7 +85,7 @@ def pages(known: SimpleNamespace) -> dict[str, str]:
         "/lab/policies": "study_room/ensemble/3",
         "/lab/policies#conditioned_policy": known.conditioned,
         f"/lab/policies/{known.base}": "policy.onnx",
-        f"/lab/artefacts/{known.conditioned}": f"/lab/flow-field?policy_a={known.conditioned}",
+        f"/lab/artefacts/{known.conditioned}": f"/lab/flow-field?policy={known.conditioned}",
         f"/lab/artefacts/{known.reward_model}": "P002",
         f"/lab/artefacts/{known.evaluation}": "study_room/base",
         "/lab/compare": known.comparison,

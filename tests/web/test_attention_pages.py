@@ -14,6 +14,7 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.pedestrians.crowd_networks import Actor, actor_to_arrays
 from desirepath.learning.policies.attention import VARIANT, AttentionPolicy
 from desirepath.store.artefacts import save_artefact
+from desirepath.web.analyst.workspace import Made
 from desirepath.web.application import create_application
 from desirepath.web.core.dependencies import Services
 from desirepath.web.stage.replay_stages import Replay
@@ -42,14 +43,16 @@ def policy(lab_services: Services) -> str:
 
 @pytest.fixture
 def analyst(lab_services: Services) -> Iterator[TestClient]:
-    with TestClient(create_application(lab_services), follow_redirects=False) as client:
+    with TestClient(create_application(lab_services)) as client:
         yield sign_in(client)
 
 
 def shown_on(services: Services, page: str) -> Replay:
     token = re.search(r"/stage/([^/\"]+)/", page)
     assert token is not None
-    shown = services.replays.find_shown(token[1])
+    made = services.replays.find_shown(token[1])
+    assert isinstance(made, Made)
+    (shown,) = made.make()
     assert isinstance(shown, Replay)
     return shown
 

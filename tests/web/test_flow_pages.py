@@ -67,8 +67,14 @@ def known(services: Services) -> SimpleNamespace:
 
 @pytest.fixture
 def analyst(services: Services) -> Iterator[TestClient]:
-    with TestClient(create_application(services), follow_redirects=False) as client:
+    with TestClient(create_application(services)) as client:
         yield sign_in(client)
+
+
+def part(analyst: TestClient, page: str, language: str = "en") -> str:
+    """What the page fetches to show below its stage."""
+    address = re.search(r'data-part="([^"]*)"', page).group(1).replace("&amp;", "&")
+    return analyst.get(address, headers={"Accept-Language": language}).text
 
 
 def sources(page: str) -> dict[str, str]:
@@ -79,15 +85,14 @@ def sources(page: str) -> dict[str, str]:
 
 @pytest.mark.parametrize(("language", "says"), [("en", "Flow field of study_room/base"), ("de", "Strömungsfeld von")])
 def test_one_policy_is_drawn_with_files_command_and_lineage(analyst, known, language, says):
-    empty = analyst.get(PAGE, headers={"Accept-Language": language})
-    assert empty.status_code == 200
-    assert sources(empty.text) == {}
-    page = analyst.get(f"{PAGE}?policy_a={known.base}&scene=3500000000", headers={"Accept-Language": language})
+    page = analyst.get(PAGE, headers={"Accept-Language": language})
     assert page.status_code == 200
-    assert says in page.text
-    assert "desirepath policies flow-field study_room/base --scene 3500000000" in page.text
-    assert f"/lab/artefacts/{known.base}#lineage" in page.text
-    files = sources(page.text)
+    assert "<iframe" in page.text, "nothing has to be chosen first"
+    figure = part(analyst, page.text, language)
+    assert says in figure
+    assert "desirepath policies flow-field study_room/base --scene 3500000000" in figure
+    assert f"/lab/artefacts/{known.base}#lineage" in figure
+    files = sources(figure)
     assert set(files) == {"flow_field.png", "flow_field.svg", "flow_field.csv"}
     picture = analyst.get(files["flow_field.png"], headers={"Accept-Language": language})
     assert picture.content.startswith(b"\x89PNG")
@@ -109,32 +114,38 @@ def test_the_command_names_a_shipped_policy_as_commands_know_it_however_it_is_ca
 
 
 def test_two_policies_are_drawn_with_their_difference_and_shown_in_3d(analyst, services, known):
-    page = analyst.get(f"{PAGE}?policy_a={known.base}&policy_b={known.member}&scene=3500000001&stage=1").text
-    files = sources(page)
+    was = analyst.get(f"{PAGE}?policy_a={known.base}&policy_b={known.member}&scene=3500000001&stage=1")
+    assert was.url.query == b"policy=study_room/base&second=study_room/ensemble/1&scene=3500000001&view=top_down"
+    page = was.text
+    files = sources(part(analyst, page))
     assert set(files) == {
         *("flow_field.png", "flow_field.svg", "flow_field_a.csv", "flow_field_b.csv", "difference.csv")
     }
     assert "heading_difference_rad" in analyst.get(files["difference.csv"]).text
     token = re.search(r'<iframe[^>]*src="[^"]*/stage/([^/"]+)/"', page).group(1)
     shown = []
-    stage = SimpleNamespace(replay=lambda drives, names, **_: shown.append((drives, names)))
+    stage = SimpleNamespace(replay=lambda drives, names, beside, **_: shown.append((drives, names, beside)))
     assert services.replays.show(stage, f"replay:{token}")
-    drives, names = shown[0]
+    drives, names, beside = shown[0]
+    assert [one.name[:3] for one in beside] == ["A: ", "B: "]
+    assert all(len(one.paths) > 10 for one in beside)
     assert names == ("A: study_room/base", "B: study_room/ensemble/1")
     assert {one.scene.seed for one in drives} == {3_500_000_001}
 
 
 def test_conditioned_policy_is_asked_what_it_should_be_told(analyst, known):
-    asked = f"{PAGE}?policy_a={known.told}&policy_b={known.told}&scene=3500000000"
+    asked = f"{PAGE}?policy=study_room/told&second=study_room/told&scene=3500000000"
     refused = analyst.get(asked)
     assert refused.status_code == 422
     assert "the same policy" in refused.text
     assert 'name="a_farther"' in refused.text
     drawn = analyst.get(f"{asked}&b_farther=1&b_smoother=0.5")
     assert drawn.status_code == 200
-    assert f"{known.told} {known.told}@farther=1,smoother=0.5 --scene" in drawn.text, "it was not shipped"
+    assert b"second=study_room/told@farther=1,smoother=0.5" in drawn.url.query
     assert re.search(r'name="b_farther"[^>]*value="1"', drawn.text)
-    gaps = [line.split(",")[4] for line in analyst.get(sources(drawn.text)["difference.csv"]).text.splitlines()[1:]]
+    figure = part(analyst, drawn.text)
+    assert f"{known.told} {known.told}@farther=1,smoother=0.5 --scene" in figure, "it was not shipped"
+    gaps = [line.split(",")[4] for line in analyst.get(sources(figure)["difference.csv"]).text.splitlines()[1:]]
     assert max(abs(float(gap)) for gap in gaps if gap) > 0.01
     opposites = analyst.get(f"{asked}&b_farther=1&b_closer=1")
     assert opposites.status_code == 422
@@ -166,7 +177,8 @@ def test_figures_of_quarantined_policies_are_not_handed_out_and_strangers_see_no
         s.get_one(Artefact, known.lost).quarantined_at = utc_now()
     assert analyst.get(f"{PAGE}/flow_field.png{asked}").status_code == 410
     assert analyst.get(f"{PAGE}{asked}").status_code == 410
-    assert known.lost not in analyst.get(PAGE).text
+    assert ">study_room/ensemble/0<" not in analyst.get(PAGE).text
+    assert ">study_room/ensemble/1<" in analyst.get(PAGE).text
     with TestClient(create_application(services), follow_redirects=False) as stranger:
         for address in (PAGE, f"{PAGE}/flow_field.png?policy_a={known.base}"):
             assert stranger.get(address).headers["location"].startswith("/lab/sign-in")
