@@ -140,6 +140,27 @@ function waitingForms() {
   });
 }
 
+/** Links with data-png save the SVG that they lead to as a PNG, drawn here at twice its size. */
+function pictures() {
+  document.addEventListener("click", async (event) => {
+    const link = /** @type {HTMLElement} */ (event.target).closest("a[data-png]");
+    if (!(link instanceof HTMLAnchorElement)) return;
+    event.preventDefault();
+    const drawn = await (await fetch(link.href)).blob();
+    const picture = new Image();
+    picture.src = URL.createObjectURL(new Blob([drawn], { type: "image/svg+xml" }));
+    await picture.decode();
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [picture.naturalWidth * 2, picture.naturalHeight * 2];
+    canvas.getContext("2d")?.drawImage(picture, 0, 0, canvas.width, canvas.height);
+    const saved = document.createElement("a");
+    saved.href = canvas.toDataURL("image/png");
+    saved.download = (new URL(link.href).pathname.split("/").pop() ?? "figure").replace(/\.svg$/, ".png");
+    saved.click();
+    URL.revokeObjectURL(picture.src);
+  });
+}
+
 localTimes(document);
 timeZone();
 unsavedForms();
@@ -148,3 +169,4 @@ dialogs();
 typedConfirmations();
 waitingForms();
 liveParts();
+pictures();

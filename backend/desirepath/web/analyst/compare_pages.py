@@ -1,6 +1,7 @@
-"""The analysts' page that compares two policies: numbers with intervals, paired differences, trajectories side by side.
+"""The analysts' pages that compare policies: many at once; two with numbers and intervals, paired differences,
+trajectories side by side.
 
-Measuring is the job `compare`; here its evaluation is shown. The 3D replay goes through `replay_stages.py`.
+Measuring is a job's; here its evaluation is shown. The 3D replay goes through `replay_stages.py`.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore, lineage
 from desirepath.store.database import Database
 from desirepath.store.models import Artefact, Job
-from desirepath.store.shipped_policies import find_artefact
+from desirepath.store.shipped_policies import find_artefact, shipped_name
 from desirepath.web.analyst.artefact_pages import is_comparison, without_archived
+from desirepath.web.analyst.chosen_policies import query_of
 from desirepath.web.analyst.compared_scenes import (
     SIDES,
     bins_of,
@@ -31,12 +33,20 @@ from desirepath.web.analyst.compared_scenes import (
     rollouts_in,
 )
 from desirepath.web.analyst.job_forms import form_fields
+from desirepath.web.analyst.many_policies import (
+    FIRST_SORT,
+    MAIN,
+    RATES,
+    SameScenes,
+    draw_together,
+    find_measured_together,
+)
 from desirepath.web.core import svg_figures
 from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
-from desirepath.web.core.media import csv_response
+from desirepath.web.core.media import answers_with, csv_response, figure_file
 from desirepath.web.core.permits import seen_artefacts
 from desirepath.web.lab.study_rows import slice_page
 from desirepath.web.stage.camera_views import camera_views
@@ -44,7 +54,6 @@ from desirepath.web.stage.replay_stages import Replay
 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 
-RATES = ("success_rate", "collision_rate", "timeout_rate")
 MEASURES = {  # name in results -> digits that are shown
     "min_human_distance_m": 2,
     "path_length_m": 2,
@@ -62,6 +71,9 @@ MEASURES = {  # name in results -> digits that are shown
     "path_irregularity_rad_m": 3,
     "spl": 3,
 }
+
+
+_DIGITS = dict.fromkeys(RATES, 1) | MEASURES
 
 
 @dataclass(frozen=True)
@@ -86,19 +98,25 @@ class Row:
 def compare(
     request: Request,
     database: Db,
+    files: Files,
     policy_a: str = "",
     policy_b: str = "",
     weights_a: str = "",
     weights_b: str = "",
     archived: bool = False,
+    sort: str = "",
 ) -> Response:
-    """Choose two policies, conditioned ones with their weights, and the comparisons there are."""
+    """All that were measured in the same scenes; two to compare in new ones, and the comparisons there are."""
     chosen = {"policy_a": policy_a, "policy_b": policy_b, "weights_a": weights_a, "weights_b": weights_b}
     with database.session() as s:
         for name in ("policy_a", "policy_b"):
             called, _, weights = chosen[name].partition("@")
             if (artefact := find_artefact(s, called)) is not None:
                 chosen |= {name: artefact.id, f"weights_{name[-1]}": chosen[f"weights_{name[-1]}"] or weights}
+        groups, together, sort, measures = _together(request, s, files)
+        if together is not None and not policy_a and not policy_b:  # two of them, the product's own first
+            ids = sorted((one.policy.id for one in together.ordered(sort)), key=lambda one: shipped_name(one) is None)
+            chosen |= dict(zip(("policy_a", "policy_b"), ids, strict=False))
         given = {name: value for name, value in chosen.items() if value}
         rights = rights_in(request)
         evaluated = select(Artefact).where(Artefact.kind == "evaluation", seen_artefacts(rights))
@@ -108,14 +126,80 @@ def compare(
             if is_comparison(evaluation)
         ]
         shown, archived_count = without_archived(evaluations, archived)
+        drawn = None
+        if together is not None:
+            here = f"/lab/compare?{_asked_of(request)}&sort="
+            drawn = Markup(draw_together(_t(request), together, measures, _DIGITS, sort, here))  # noqa: S704 - escaped
         return lab_page(
             request,
             "analyst/compare_new.html",
+            groups=groups,
+            together=together,
+            drawn=drawn,
+            sort=sort,
+            query=_asked_of(request, sort=sort),
+            every="measures" in request.query_params,
             fields=form_fields(s, KINDS["compare"], given, rights),
             comparisons=shown,
             archived=archived,
             archived_count=archived_count,
         )
+
+
+@router.get("/lab/compare/policies.svg", response_class=Response, responses=answers_with("svg"))
+def together_svg(request: Request, database: Db, files: Files) -> Response:
+    with database.session() as s:
+        _, together, sort, measures = _together(request, s, files)
+        if together is None:
+            raise LabRefusal(404, "no_figure")
+        drawn = draw_together(_t(request), together, measures, _DIGITS, sort, None)
+    return figure_file(request, "policies.svg", drawn.encode(), shown=("svg",))
+
+
+@router.get("/lab/compare/policies.csv", response_class=Response, responses=answers_with("csv"))
+def together_csv(request: Request, database: Db, files: Files) -> Response:
+    """Every measure of every policy, with the bounds of its interval."""
+    with database.session() as s:
+        _, together, sort, _ = _together(request, s, files)
+        if together is None:
+            raise LabRefusal(404, "no_figure")
+        header = ["policy", "id", "simulated", "setup", "scenes", "seed"]
+        header += [f"{measure}{end}" for measure in together.measures for end in ("", "_low", "_high")]
+        about = (together.setup, together.scenes, together.seed)
+        rows = [
+            [one.name, one.policy.id, int(one.policy.simulated), *about]
+            + [value for measure in together.measures for value in one.values[measure]]
+            for one in together.ordered(sort)
+        ]
+    return csv_response(header, rows, "policies.csv")
+
+
+def _together(
+    request: Request, s: DatabaseSession, files: ArtefactStore
+) -> tuple[list[SameScenes], SameScenes | None, str, list[str]]:
+    """All groups, the one that the address asks for or the largest, by what it is sorted, what is drawn of it. Raises
+    LabRefusal for what there is not."""
+    given = request.query_params
+    groups = find_measured_together(s, files, rights_in(request), [*RATES, *MEASURES])
+    together = next((one for one in groups if one.key == given.get("of")), None)
+    if together is None and given.get("of"):
+        raise LabRefusal(404, "no_figure")
+    together = together or next(iter(groups), None)
+    if together is None:
+        return [], None, "", []
+    known = together.measures
+    sort = given.get("sort") or (FIRST_SORT if FIRST_SORT.lstrip("-") in known else f"-{known[0]}")
+    if sort.removeprefix("-") not in known:
+        raise LabRefusal(404, "no_figure")
+    main = [measure for measure in MAIN if measure in known]
+    return groups, together, sort, known if "measures" in given or not main else main
+
+
+def _asked_of(request: Request, **more: str) -> str:
+    """What of the address says which policies and measures are drawn."""
+    given = request.query_params
+    kept = {"of": given.get("of"), "measures": "all" if "measures" in given else None, **more}
+    return query_of(**kept)
 
 
 @router.get("/lab/compare/{artefact_id}")

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from html import escape
+from textwrap import wrap
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -208,6 +209,80 @@ def intervals(rows: Sequence[Interval], *, title: str, x_label: str, chance: flo
         drawing.line(at(row.low), y, at(row.high), y, stroke=MAIN, css="line-0", width=2)
         drawing.circle(at(row.value), y, 4.5, fill=MAIN, css="fill-0")
         drawing.text(width - right + 12, y + 4, row.in_words, fill=INK, css="ink")
+    return drawing.svg()
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One measure of `small_multiples`. link: where its name leads, and what that does; sorted: the rows are by it."""
+
+    name: str
+    number: Number
+    link: tuple[str, str] | None = None
+    sorted: bool = False
+
+
+@dataclass(frozen=True)
+class PanelRow:
+    """One row across all panels. values: (value, low, high) for each; words: all about it; link: where it leads;
+    hollow: its dots are."""
+
+    name: str
+    words: str
+    values: Sequence[tuple[float, float, float]]
+    link: str | None = None
+    hollow: bool = False
+
+
+def small_multiples(rows: Sequence[PanelRow], panels: Sequence[Panel], *, title: str, across: int = 6) -> str:
+    """Values with their intervals, a row across all panels, so that one thing is followed from measure to measure;
+    `across` panels beside each other, then further ones below."""
+    left, wide, gap, row_height, foot = 208, 94, 18, 26, 28
+    bands = [range(first, min(first + across, len(panels))) for first in range(0, len(panels), across)]
+    named = [wrap(panel.name, 14) for panel in panels]
+    heads = [14 * max(len(named[k]) for k in band) + 8 for band in bands]
+    height = sum(head + row_height * len(rows) + foot for head in heads)
+    linked = any(panel.link for panel in panels) or any(row.link for row in rows)
+    drawing = _Drawing(left + (wide + gap) * min(across, len(panels)), height, title, group=linked)
+    top = 0.0
+    for band, head in zip(bands, heads, strict=True):
+        lows = [min(row.values[k][1] for row in rows) for k in band]
+        highs = [max(row.values[k][2] for row in rows) for k in band]
+        spare = [(high - low) * 0.06 or abs(high) * 0.05 or 0.5 for low, high in zip(lows, highs, strict=True)]
+        bottom = top + head + row_height * len(rows)
+
+        def at(place: int, x: float, lows: Sequence[float] = lows, highs: Sequence[float] = highs) -> float:
+            low, high = lows[place] - spare[place], highs[place] + spare[place]  # noqa: B023 - called in this band
+            return left + (wide + gap) * place + (x - low) / (high - low) * wide
+
+        for place, k in enumerate(band):
+            panel, x = panels[k], left + (wide + gap) * place
+            with drawing.link_to(*panel.link) if panel.link else nullcontext():
+                if panel.link:
+                    drawing.rect(x, top, wide, head - 4, fill="none", css="hit")
+                fill, css = (INK, "ink strong") if panel.sorted else (SOFT, "soft")
+                for line, words in enumerate(named[k]):
+                    drawing.text(x, top + 14 * (line + 1), words, fill=fill, css=css)
+            for tick in ticks(lows[place], highs[place], 3)[-3:]:
+                drawing.line(at(place, tick), top + head, at(place, tick), bottom, stroke=LINE, css="grid")
+                drawing.text(at(place, tick), bottom + 14, panel.number(tick), anchor="middle")
+        for k, row in enumerate(rows):
+            y = top + head + row_height * (k + 0.5)
+            with drawing.link_to(row.link, row.words) if row.link else nullcontext():
+                if row.link:
+                    drawing.rect(
+                        0, y - row_height / 2, left + (wide + gap) * len(band), row_height, fill="none", css="hit"
+                    )
+                shortened = row.name if len(row.name) <= 33 else f"{row.name[:32]}…"
+                drawing.text(6, y + 4, shortened, fill=INK, css="ink")
+                for place, one in enumerate(band):
+                    value, low, high = row.values[one]
+                    drawing.line(at(place, low), y, at(place, high), y, stroke=MAIN, css="line-0", width=2)
+                    if row.hollow:
+                        drawing.circle(at(place, value), y, 4, fill=PAPER, css="paper line-0", stroke=MAIN)
+                    else:
+                        drawing.circle(at(place, value), y, 4.5, fill=MAIN, css="fill-0")
+        top = bottom + foot
     return drawing.svg()
 
 
