@@ -43,8 +43,10 @@ def policy(lab_services: Services) -> str:
 
 @pytest.fixture
 def analyst(lab_services: Services) -> Iterator[TestClient]:
-    with TestClient(create_application(lab_services)) as client:
-        yield sign_in(client)
+    with TestClient(create_application(lab_services), follow_redirects=False) as client:
+        found = sign_in(client)
+        found.follow_redirects = True  # addresses of before lead on to those of now
+        yield found
 
 
 def shown_on(services: Services, page: str) -> Replay:

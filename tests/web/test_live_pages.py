@@ -41,8 +41,10 @@ def services(fresh_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Iter
 
 @pytest.fixture
 def analyst(services: Services) -> Iterator[TestClient]:
-    with TestClient(create_application(services)) as client:
-        yield sign_in(client)
+    with TestClient(create_application(services), follow_redirects=False) as client:
+        found = sign_in(client)
+        found.follow_redirects = True  # addresses of before lead on to those of now
+        yield found
 
 
 def shipped(services: Services, name: str) -> str:
@@ -78,7 +80,6 @@ def test_three_can_be_weighed_in_a_triangle(analyst, services):
         refused = analyst.get(address, headers=german)
         assert (refused.status_code, says in refused.text) == (422, True), corners
         assert not {*corners} & set(re.findall(r"[a-z_]+", refused.text.partition('role="alert"')[2][:300]))
-        assert "von oben" in refused.text
 
 
 def test_the_way_follows_the_weights_and_goes_on_from_where_the_robot_is(analyst, services):

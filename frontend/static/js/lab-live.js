@@ -12,6 +12,7 @@ class LabLive extends LivePanel {
   /** @param {string} _objective */
   moved(_objective) {
     this.carry();
+    this.rename();
     super.moved(_objective);
   }
 
@@ -24,16 +25,21 @@ class LabLive extends LivePanel {
     return Object.entries(this.controls.weights).map(([name, weight]) => `${name}=${weight}`).join(",");
   }
 
-  /** The address, the links and the command line's name of what stands there now. */
+  /** The address and the links to it, once somebody has moved something. */
+  rename() {
+    const { policy = "" } = this.root.dataset;
+    const named = this.words ? `${policy}@${this.words}` : policy;
+    history.replaceState(null, "", renamed(location.href, named));
+    for (const link of /** @type {NodeListOf<HTMLAnchorElement>} */ (document.querySelectorAll("[data-tab], [data-same]"))) {
+      link.href = renamed(link.href, named);
+    }
+  }
+
+  /** The link to the comparison and the command line's name of what stands there now. */
   carry() {
     const { policy = "", reference = "" } = this.root.dataset;
     const words = this.words;
     this.text("#live-reference", words ? `${reference}@${words}` : reference);
-    const named = words ? `${policy}@${words}` : policy;
-    if (words || new URL(location.href).searchParams.has("policy")) history.replaceState(null, "", renamed(location.href, named));
-    for (const link of /** @type {NodeListOf<HTMLAnchorElement>} */ (document.querySelectorAll("[data-tab], [data-same]"))) {
-      link.href = renamed(link.href, named);
-    }
     const compare = /** @type {HTMLAnchorElement} */ (this.root.querySelector("[data-carries-to-compare]"));
     compare.href = `/lab/compare?policy_b=${encodeURIComponent(policy)}&weights_b=${encodeURIComponent(words)}`;
   }
