@@ -321,6 +321,22 @@ def test_5_analyst_aligns_again_and_compares(installation: Installation, open_pa
     expect(stage.locator("canvas").first).to_be_visible()
     page.wait_for_timeout(1000)  # for the picture only: let both robots drive
     screenshots(page, "analyst_replay")
+    # Nothing is chosen first, and what is chosen is kept from tab to tab.
+    page.goto(f"{installation.url}/lab/flow-field")
+    expect(stage.locator("canvas").first).to_be_visible()
+    page.get_by_role("link", name="Next scene").click()
+    page.get_by_role("link", name="immersive").click()
+    page.get_by_role("link", name="Interactive weights").click()
+    expect(page.get_by_text("study_room/base has no preference weights to move")).to_be_visible()
+    expect(stage.locator("canvas").first).to_be_visible()
+    page.get_by_role("link", name="Explanation").click()
+    expect(stage.locator("canvas").first).to_be_visible()
+    assert page.url.endswith("/lab/explain?policy=study_room/base&scene=3500000001&view=immersive")
+    screenshots(page, "analyst_workspace")
+    page.goto(f"{installation.url}/lab/compare")
+    with page.expect_download() as picture:
+        page.get_by_role("link", name="PNG").click()
+    assert picture.value.suggested_filename == "policies.png"
 
 
 def _finished(page: Page, installation: Installation, job: str) -> dict:

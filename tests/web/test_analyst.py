@@ -314,6 +314,28 @@ def test_comparison_numbers_are_the_scenes_numbers(analyst, known):
     assert analyst.get(f"{here}/scene-30.svg").status_code == 404
 
 
+def test_comparisons_open_with_all_policies_measured_in_the_same_scenes(analyst):
+    def table(query: str = "") -> list[dict[str, str]]:
+        return list(csv.DictReader(io.StringIO(analyst.get(f"/lab/compare/policies.csv{query}").text)))
+
+    page = analyst.get("/lab/compare").text
+    assert 'aria-label="5 policies in the same scenes of study_room"' in page
+    assert "study_room: 30 scenes, seed 0 (2 policies)" in page
+    rows = table()
+    assert {row["policy"] for row in rows} == {"study_room/base", *(f"study_room/ensemble/{k}" for k in range(4))}
+    distances = [float(row["min_human_distance_m"]) for row in rows]
+    assert distances == sorted(distances, reverse=True)
+    assert all(float(row["time_s_low"]) <= float(row["time_s"]) <= float(row["time_s_high"]) for row in rows)
+    quickest = table("?of=study_room/30/0&sort=time_s")
+    assert [row["scenes"] for row in quickest] == ["30", "30"]
+    assert float(quickest[0]["time_s"]) <= float(quickest[1]["time_s"])
+    drawn = analyst.get("/lab/compare/policies.svg?of=study_room/30/0&measures=all", headers={"Accept-Language": "de"})
+    assert "95 %" in drawn.text or "100 %" in drawn.text
+    assert "<a " not in drawn.text, "a file leads nowhere"
+    assert analyst.get("/lab/compare?sort=beauty").status_code == 404
+    assert analyst.get("/lab/compare/policies.svg?of=study_room/31/0").status_code == 404
+
+
 SOCIAL = ("personal_space_violations", "personal_space_time_s", "min_time_to_collision_s", "stalled_time_s")
 
 

@@ -29,7 +29,7 @@ from desirepath.web.core.roles import Rights
 RATES = ("success_rate", "collision_rate", "timeout_rate")
 MAIN = ("success_rate", "min_human_distance_m", "path_length_m", "time_s", "mean_speed_m_s", "min_obstacle_distance_m")
 """Measures that are drawn at first, ours: what people ask of a robot beside them."""
-FIRST_SORT = "-min_human_distance_m"
+FIRST_SETUP, FIRST_SORT = "study_room", "-min_human_distance_m"
 MOST_COMPARISONS = 100  # newest ones, whose files are read
 
 Value = tuple[float, float, float]
@@ -84,7 +84,7 @@ def find_measured_together(
             rows = groups.setdefault((policy.setup, int(numbers["n"]), seed), {})
             rows.setdefault((policy.id, name), Measured(policy, name, found))  # type: ignore[arg-type]  # three each
     together = [SameScenes(*key, tuple(rows.values())) for key, rows in groups.items()]
-    return sorted(together, key=lambda one: -len(one.policies))
+    return sorted(together, key=lambda one: (-len(one.policies), one.setup != FIRST_SETUP))
 
 
 def _measurements(
@@ -137,7 +137,9 @@ def draw_together(
     names = [artefact_name(one.name, t) for one in ordered]
 
     def write(measure: str) -> svg_figures.Number:
-        return t.percent if measure in RATES else svg_figures.exact(t.number)
+        if measure not in RATES:
+            return svg_figures.exact(t.number)
+        return lambda share: t.percent(share, 0 if abs(share * 100 - round(share * 100)) < 1e-6 else 1)
 
     def tell(measure: str, values: Value) -> str:
         value, low, high = (t.percent(one, 1) if measure in RATES else t.number(one, digits[measure]) for one in values)

@@ -237,7 +237,7 @@ class PanelRow:
 def small_multiples(rows: Sequence[PanelRow], panels: Sequence[Panel], *, title: str, across: int = 6) -> str:
     """Values with their intervals, a row across all panels, so that one thing is followed from measure to measure;
     `across` panels beside each other, then further ones below."""
-    left, wide, gap, row_height, foot = 208, 94, 18, 26, 28
+    left, wide, gap, row_height, foot = 220, 92, 18, 26, 28
     bands = [range(first, min(first + across, len(panels))) for first in range(0, len(panels), across)]
     named = [wrap(panel.name, 14) for panel in panels]
     heads = [14 * max(len(named[k]) for k in band) + 8 for band in bands]
@@ -263,7 +263,10 @@ def small_multiples(rows: Sequence[PanelRow], panels: Sequence[Panel], *, title:
                 fill, css = (INK, "ink strong") if panel.sorted else (SOFT, "soft")
                 for line, words in enumerate(named[k]):
                     drawing.text(x, top + 14 * (line + 1), words, fill=fill, css=css)
-            for tick in ticks(lows[place], highs[place], 3)[-3:]:
+            marked = ticks(lows[place], highs[place], 3)
+            if len(marked) > 2 and 8 * sum(len(panel.number(tick)) for tick in marked) > wide:
+                marked = marked[:: len(marked) - 1]
+            for tick in marked:
                 drawing.line(at(place, tick), top + head, at(place, tick), bottom, stroke=LINE, css="grid")
                 drawing.text(at(place, tick), bottom + 14, panel.number(tick), anchor="middle")
         for k, row in enumerate(rows):
