@@ -239,7 +239,7 @@ def small_multiples(rows: Sequence[PanelRow], panels: Sequence[Panel], *, title:
     `across` panels beside each other, then further ones below."""
     left, wide, gap, row_height, foot = 220, 92, 18, 26, 28
     bands = [range(first, min(first + across, len(panels))) for first in range(0, len(panels), across)]
-    named = [wrap(panel.name, 14) for panel in panels]
+    named = [wrap(panel.name, 12, break_long_words=False) for panel in panels]
     heads = [14 * max(len(named[k]) for k in band) + 8 for band in bands]
     height = sum(head + row_height * len(rows) + foot for head in heads)
     linked = any(panel.link for panel in panels) or any(row.link for row in rows)
