@@ -131,6 +131,7 @@ STEPS: dict[str, dict[str, Any]] = {
         "question": None,
         "start": {"farther": 0.5, "smoother": 0.25},
     },
+    "think_aloud": {"title": "Your thoughts", "text": "What did you look at?", "minutes": 3},
     "robot_drive": {
         "setup": "study_room",
         "view": "top_down",

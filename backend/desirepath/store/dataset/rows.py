@@ -53,7 +53,7 @@ class Content:
 
     def __init__(self, s: Session, study: Study, *, pilots: bool, open_data: bool = False) -> None:
         """pilots: with the pilot participants. open_data: without the answers of who did not consent to publishing."""
-        self.s, self.study = s, study
+        self.s, self.study, self.open_data = s, study, open_data
         everyone = list(
             s.scalars(select(Participant).where(Participant.study_id == study.id).order_by(Participant.code))
         )

@@ -138,7 +138,7 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
         STROKES: list(stroke_rows(strokes, content.of_session)),
     }
     write_demonstrations(files, strokes, out)
-    write_recordings(s, files, list(content.by_id), out)
+    write_recordings(s, files, list(content.by_id), out, voices=not content.open_data)
     written = write_trajectories(files, [stored[name] for name in shown], out)
     tables[TRAJECTORIES], tables[METRICS] = written.rows, written.metrics
     may = content.learned_from()

@@ -187,6 +187,7 @@ SHOWING: dict[str, Rule] = {
     "/lab/studies/{study_id}/analysis/{who}/{name:path}.csv": Rule(Right.TAKE, "report_taken"),
     "/lab/studies/{study_id}/analysis/{who}/{name:path}.json": Rule(Right.TAKE, "report_taken"),
     "/lab/studies/{study_id}/robot-runs/{run_id}.mcap": Rule(Right.TAKE, "recording_taken"),
+    "/lab/studies/{study_id}/voices/{response_id}.webm": Rule(Right.TAKE, "voice_heard"),
     "/lab/studies/{study_id}/people/{code}/learnt.csv": Rule(Right.TAKE),
     "/lab/studies/{study_id}/paths/{environment}-{pair}.csv": Rule(Right.TAKE),
     "/lab/studies/{study_id}/coding/{item}": Rule(Right.CODE),

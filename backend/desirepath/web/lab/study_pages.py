@@ -54,6 +54,7 @@ from desirepath.web.lab import (
     settings_pages,
     study_rows,
     team_pages,
+    voice_pages,
 )
 from desirepath.web.lab.answer_rows import AnswerFilter, answers_page
 from desirepath.web.lab.first_pair import draw_first_pair
@@ -66,6 +67,7 @@ EXAMPLE_EVERY_S = 3  # ours: how often the list looks for it while it is on its 
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["experimenter"])
 router.include_router(analysis_pages.router)
 router.include_router(answer_replay.router)
+router.include_router(voice_pages.router)
 router.include_router(audit_pages.router)
 router.include_router(coding_pages.router)
 router.include_router(guide_pages.router)

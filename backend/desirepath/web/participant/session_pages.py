@@ -38,6 +38,7 @@ from desirepath.web.participant import (
     stream,
     stroke_requests,
     trials,
+    voice_requests,
 )
 from desirepath.web.participant.replies import Answered, SessionState
 from desirepath.web.participant.requests import not_too_often, too_many
@@ -70,6 +71,8 @@ def session_page(token: str, request: Request) -> Response:
     response = page(request, "participant/session.html", language=session.language, **context)
     response.set_cookie(name, value, path="/stage", httponly=True, samesite="lax", secure=request.url.scheme == "https")
     response.headers["X-Step-Key"] = context["step"].key
+    if context["speaks"]:
+        response.headers["Permissions-Policy"] = "camera=(), microphone=(self), geolocation=()"
     return response
 
 
@@ -224,5 +227,6 @@ def _change(
     return reply_of(SessionState, reply)
 
 
-for part in (recruiting, device_check, trials, shown_videos, stroke_requests, live_requests, robot_requests, stream):
+_DRIVEN = (stroke_requests, live_requests, robot_requests)
+for part in (recruiting, device_check, trials, shown_videos, *_DRIVEN, voice_requests, stream):
     router.include_router(part.router)

@@ -14,6 +14,7 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Participant, Session, utc_now
 from desirepath.store.sides import SIDES, Side
 from desirepath.study.kind import KINDS, kind_of, read_plan
+from desirepath.study.kinds.think_aloud import ThinkAloudStep
 from desirepath.study.refusals import Refused, log_refusal
 from desirepath.study.session import machine
 from desirepath.study.session.finding import acting, find_session
@@ -42,6 +43,7 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "payment": local(frozen.protocol.payment, session.language) if frozen.protocol.payment else None,
         "longest_problem": LONGEST_PROBLEM,
         "code": s.get_one(Participant, session.participant_id).code,
+        "speaks": any(isinstance(step, ThinkAloudStep) for step in plan),
         "looks_around": any(step.view not in (None, "top_down") for step in plan),
         "step": view,
         "next_kind": next_kind(plan, session.position),
