@@ -105,12 +105,11 @@ class Prolific:
     def send(self, call: Call) -> Any:
         """What is answered, as JSON. Raises ProlificError."""
         headers = {"Authorization": f"Token {self._token}", "Accept": "application/json"}
-        sent = {} if call.body is None else {"json": call.body}
         where = f"{call.method} {call.path.partition('?')[0]}"
         try:
             with (
                 httpx.Client(timeout=PATIENCE_S, follow_redirects=False, trust_env=False) as client,
-                client.stream(call.method, f"{self.base}{call.path}", headers=headers, **sent) as answer,
+                client.stream(call.method, f"{self.base}{call.path}", headers=headers, json=call.body) as answer,
             ):
                 body = b""
                 for part in answer.iter_bytes():
