@@ -3,6 +3,7 @@ another file of ours. Read from the source of every file, imported or not.
 """
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -23,11 +24,17 @@ def twice(x):
 
 
 def our_modules(root: Path) -> dict[str, ast.Module]:
+    """Those that import Numba, and those that name one of them."""
+    texts = {
+        file: file.read_text() for folder in ("backend", "app", "experiments") for file in (root / folder).rglob("*.py")
+    }
+    numba = {file for file, text in texts.items() if re.search(r"^\s*(import|from) numba\b", text, re.MULTILINE)}
+    named = {file.parent.name if file.stem == "__init__" else file.stem for file in numba}
     found = {}
-    for folder in ("backend", "app", "experiments"):
-        for file in (root / folder).rglob("*.py"):
-            parts = file.relative_to(root / folder).with_suffix("").parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = ast.parse(file.read_text())
+    for file, text in texts.items():
+        if file in numba or any(name in text for name in named):
+            parts = file.relative_to(root).with_suffix("").parts[1:]
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = ast.parse(text)
     return found
 
 
