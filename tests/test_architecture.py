@@ -168,27 +168,3 @@ def test_compose_file_holds_the_four_services_and_no_secret():
         for name, value in service.get("environment", {}).items():
             if "password" in f"{name}={value}".lower():
                 assert value == "/run/secrets/database_password", f"{name}: where it is, never what it is"
-
-
-def test_a_server_starts_without_what_takes_seconds_to_load(tmp_path):
-    """Pages are there within three seconds of a restart; statistics and splines are loaded where they are used."""
-    code = """
-import sys
-for name in ("authlib", "joserfc", "s3fs", "pybullet"):
-    sys.modules[name] = None  # what a wheel without extras does not have
-import desirepath.cli.main, desirepath.web.server
-from desirepath.web.application import build_services, create_application
-from desirepath.settings import Settings
-from desirepath.store.shipped_policies import register_shipped
-import pathlib
-services = build_services(Settings(data=pathlib.Path(sys.argv[1]), _env_file=None))
-with services.database.transaction() as s:
-    register_shipped(s, services.files)
-create_application(services)
-slow = ("torch", "scipy.stats", "scipy.interpolate", "matplotlib", "alembic", "mako", "PIL.Image")
-print([name for name in slow if name in sys.modules])
-"""
-    command = [sys.executable, "-c", code, str(tmp_path / "data")]
-    subprocess.run(command, capture_output=True, check=True, cwd=ROOT)  # the first start makes tables and artefacts
-    told = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
-    assert told.stdout.splitlines()[-1] == "[]"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -99,3 +101,27 @@ def test_another_address_is_printed_by_a_command_and_stops_the_one_before(
     CliRunner().invoke(app, ["password", "--data", str(tmp_path)])
     ended = CliRunner().invoke(app, ["link", "--data", str(tmp_path)])
     assert (ended.exit_code, "desirepath password" in ended.stderr) == (1, True)
+
+
+def test_a_server_starts_without_what_takes_seconds_to_load(tmp_path):
+    """Pages are there within three seconds of a restart; statistics and splines are loaded where they are used."""
+    code = """
+import sys
+for name in ("authlib", "joserfc", "s3fs", "pybullet"):
+    sys.modules[name] = None  # what a wheel without extras does not have
+import desirepath.cli.main, desirepath.web.server
+from desirepath.web.application import build_services, create_application
+from desirepath.settings import Settings
+from desirepath.store.shipped_policies import register_shipped
+import pathlib
+services = build_services(Settings(data=pathlib.Path(sys.argv[1]), _env_file=None))
+with services.database.transaction() as s:
+    register_shipped(s, services.files)
+create_application(services)
+slow = ("torch", "scipy.stats", "scipy.interpolate", "matplotlib", "alembic", "mako", "PIL.Image")
+print([name for name in slow if name in sys.modules])
+"""
+    command = [sys.executable, "-c", code, str(tmp_path / "data")]
+    subprocess.run(command, capture_output=True, check=True)  # the first start makes tables and artefacts
+    told = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert told.stdout.splitlines()[-1] == "[]"
