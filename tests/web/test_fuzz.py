@@ -295,6 +295,11 @@ NOT_THERE = {
     "/lab/studies/{study_id}/coding/{item}/codings.csv",
     # nobody asked for these figures and ways, no session stands at a trial
     "/api/session/{token}/trial-data",
+    "/lab/attention/outcome",
+    "/lab/compare/policies.csv",
+    "/lab/compare/policies.svg",
+    "/lab/explain/figures",
+    "/lab/flow-field/figure",
     "/lab/flow-field/{name}",
     "/lab/explain/{letter}/{name}",
     "/lab/live/paths",
