@@ -429,7 +429,7 @@ class Supervisor:
         """(n, 2) x, y in the robot's frame of who it was told of, metres."""
         away = np.array([(person.x - where.x, person.y - where.y) for person in self._people or ()]).reshape(-1, 2)
         c, s = math.cos(where.yaw), math.sin(where.yaw)
-        return away @ np.array([[c, -s], [s, c]])
+        return np.asarray(away @ np.array([[c, -s], [s, c]]))
 
     def _too_near(self, people: Points) -> str | None:
         """Whether somebody is within the keep-out distance, on whichever side and however the robot moves."""
