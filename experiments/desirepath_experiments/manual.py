@@ -175,8 +175,8 @@ its own copy of every word.
 - Not here, for the same reason: MDMT, HRIES and Körber's TiA.
 - The **colour vision** check is ours and no diagnostic. Ishihara's plates are not in it.
 
-What follows is written from the files in `study_protocols/instruments` (`desirepath studies instruments --json`); n is the
-number of items.
+What follows is written from the files in `study_protocols/instruments`
+(`desirepath studies instruments --json`); n is the number of items.
 """
 
 

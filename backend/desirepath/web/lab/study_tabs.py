@@ -44,7 +44,7 @@ def study_tab(
         for entry in study.protocol.get("stages", [])
     )
     written = any(name.startswith("questionnaires/") and OPEN.search(text) for name, text in study.files.items())
-    driven = tab == "robots" or any("robot_drive" in entry for entry in study.protocol.get("stages", []))
+    driven = tab == "robots" or any(entry.get("robot_drive") for entry in study.protocol.get("stages", []))
     beside = [name for name, there in (("robots", driven), ("paths", drawn), ("coding", written)) if there]
     tabs = (*TABS[:2], *beside, *TABS[2:])
     shown = template or f"lab/study_{tab}.html"
