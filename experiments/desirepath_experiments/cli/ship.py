@@ -18,7 +18,7 @@ What = Literal[
     "base", "ensemble", "conditioned", "added",
     "queries", "varied-queries", "manner-queries", "triples", "ranking-set",
     "stand-ins", "population-priors", "step-basis", "policy-library", "path-weights",
-    "adaptable", "attention", "depth", "depth-perception", "words-veto", "example-study",
+    "adaptable", "attention", "depth", "depth-perception", "words-veto", "example-study", "sketches",
 ]  # fmt: skip
 MODULES = {
     "policies": ("base", "ensemble", "conditioned", "added"),
@@ -34,9 +34,11 @@ MODULES = {
     "depth": ("depth", "depth-perception"),
     "second_reader": ("words-veto",),
     "example_study": ("example-study",),
+    "sketches": ("sketches",),
 }
 """Of `shipping`, with what each makes by `ship_WHAT(request)`."""
 OF_THE_PRODUCT = ("query_sets",)
+OF_NO_SETUP = ("words-veto", "sketches")
 ONLY_OF = {
     "adaptable": "adaptable",
     "attention": "crowd_corridor",
@@ -49,7 +51,7 @@ ONLY_OF = {
 @in_data_folder
 def ship(
     what: Annotated[What, typer.Argument(help="What is made.")],
-    setup: Annotated[str, typer.Argument(help="Which setup it is made for; words-veto needs none.")] = "",
+    setup: Annotated[str, typer.Argument(help="Which setup it is made for; words-veto and sketches need none.")] = "",
     seed: int = 0,
     count: Annotated[int, typer.Option(min=1, help="Of queries, or scenes of triples.")] = 200,
     out: Annotated[Path, typer.Option(help="Folder that the setup's folder lies in.")] = DATASETS,
@@ -60,7 +62,7 @@ def ship(
     from desirepath.learning.shipping.storing import Request
     from desirepath.simulation.setups import SETUPS
 
-    if setup not in SETUPS and what != "words-veto":
+    if setup not in SETUPS and what not in OF_NO_SETUP:
         raise typer.BadParameter(f"setup = {setup}: one of {', '.join(SETUPS)}")
     if setup != ONLY_OF.get(what, setup):
         raise typer.BadParameter(f"setup = {setup}: {what} is made for {ONLY_OF[what]}")

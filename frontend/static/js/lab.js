@@ -18,6 +18,33 @@ export function localTimes(root) {
   }
 }
 
+const ROLES = { table: "table", thead: "rowgroup", tbody: "rowgroup", tr: "row", td: "cell" };
+
+/**
+ * Write the name of its column into every cell of a table that lab.css stacks on a phone, and what each part is, which
+ * a browser forgets as soon as it is no longer laid out as a table.
+ * @param {ParentNode} root
+ */
+export function nameColumns(root) {
+  for (const table of root.querySelectorAll("table.stacks")) {
+    if (!(table instanceof HTMLTableElement)) continue;
+    const names = [...(table.tHead?.rows[0]?.cells ?? [])].map((head) => head.textContent?.trim() ?? "");
+    for (const [tag, role] of Object.entries(ROLES)) {
+      for (const part of [table, ...table.querySelectorAll(tag)]) if (part.matches(tag)) part.setAttribute("role", role);
+    }
+    for (const head of table.querySelectorAll("th")) {
+      head.setAttribute("role", head.scope === "row" ? "rowheader" : "columnheader");
+    }
+    for (const row of table.tBodies[0]?.rows ?? []) {
+      [...row.cells].forEach((cell, column) => {
+        cell.dataset.column = names[column] ?? "";
+        cell.toggleAttribute("data-none", cell.textContent?.trim() === "–");
+      });
+    }
+    table.dataset.named = "";
+  }
+}
+
 /** A form with data-unsaved asks before the page is left with edits that were not sent. */
 function unsavedForms() {
   for (const form of document.querySelectorAll("form[data-unsaved]")) {
@@ -112,6 +139,7 @@ function liveParts() {
         if (fresh !== known && !busy) {
           part.innerHTML = fresh;
           localTimes(part);
+          nameColumns(part);
           known = fresh;
         }
       } catch {
@@ -162,6 +190,7 @@ function pictures() {
 }
 
 localTimes(document);
+nameColumns(document);
 timeZone();
 unsavedForms();
 copyButtons();

@@ -17,6 +17,7 @@ from starlette.datastructures import FormData
 from starlette.responses import RedirectResponse, Response
 
 from desirepath.deploy.manifest import BundleError
+from desirepath.explain.sketches import SKETCHED, Scheme
 from desirepath.jobs.kinds import ANY_POLICY
 from desirepath.learning.cards import SOCIAL
 from desirepath.learning.errors import LearningError
@@ -27,20 +28,24 @@ from desirepath.store.events import log_event
 from desirepath.store.models import Artefact, ArtefactParent, Job, Participant, Study
 from desirepath.store.models import Response as Answered
 from desirepath.store.models import Session as SessionRow
+from desirepath.store.shipped_policies import find_artefact
 from desirepath.store.snapshots import Snapshot, SnapshotError, TooFewAnswers, check_whose, take_snapshot
 from desirepath.store.who_counts import Whose
 from desirepath.web.analyst.job_pages import read_form, studies_to_keep_in
+from desirepath.web.analyst.policy_rows import GROUPINGS, SORTS, find_measured, policy_groups
 from desirepath.web.core import svg_figures
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.contract import form_of
 from desirepath.web.core.dependencies import Db, Files, TheServices, services_of
+from desirepath.web.core.figure_process import FigureError
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page, rights_in
-from desirepath.web.core.media import answers_with, csv_response, media_of
+from desirepath.web.core.media import answers_with, csv_response, figure_file, media_of
 from desirepath.web.core.permits import in_studies, may_with, seen_artefacts
 from desirepath.web.core.roles import Right
 
 DRIVING = ANY_POLICY.split("|")
+MODELS = ("reward_model", "query_set", "ranking_set")
 router = APIRouter(dependencies=[Depends(check_csrf)], tags=["analyst"])
 LINK_S = 300  # ours: how long a signed link to the store of files is good for
 
@@ -133,28 +138,50 @@ def answer(request: Request, artefact_id: str, response_id: str, database: Db, f
 
 
 @router.get("/lab/policies")
-def policies(request: Request, database: Db, archived: bool = False) -> Response:
+def policies(
+    request: Request, database: Db, archived: bool = False, group: str = GROUPINGS[0], sort: str = ""
+) -> Response:
     with database.session() as s:
-        policies = ("policy", "conditioned_policy", "adaptable_policy", "attention_policy", "depth_controller")
-        kinds = (*policies, "reward_model", "query_set", "ranking_set")
+        kinds = (*DRIVING, *MODELS)
         seen = seen_artefacts(rights_in(request))
         chosen = select(Artefact).where(Artefact.kind.in_(kinds), seen).order_by(Artefact.created_at.desc())
-        found: dict[str, list[Artefact]] = {kind: [] for kind in kinds}
-        listed_here, archived_count = without_archived(s.scalars(chosen), archived)
-        for artefact in listed_here:
-            found[artefact.kind].append(artefact)
-        for listed in found.values():  # one's own first, newest first; then what came with the product, by name
-            listed.sort(key=lambda one: "" if one.job_id or one.card.get("imported") else one.name)
+        listed, archived_count = without_archived(s.scalars(chosen), archived)
+        driving = [one for one in listed if one.kind in DRIVING]
+        models: dict[str, list[Artefact]] = {kind: [one for one in listed if one.kind == kind] for kind in MODELS}
+        for found in models.values():  # one's own first, newest first; then what came with the product, by name
+            found.sort(key=lambda one: "" if one.job_id or one.card.get("imported") else one.name)
+        group = group if group in GROUPINGS else GROUPINGS[0]
         return lab_page(
             request,
             "analyst/policies.html",
-            found=found,
-            find_measured=find_measured,
+            groups=policy_groups(s, driving, group, sort),
+            groupings=GROUPINGS,
+            group=group,
+            sort=sort if sort.removeprefix("-") in SORTS else "",
+            models=models,
             archived=archived,
             archived_count=archived_count,
             setups=list(setup_folders()),
             keep_in=studies_to_keep_in(s, rights_in(request)),
         )
+
+
+@router.get("/lab/policies/{artefact_id}/sketch.svg", response_class=Response, responses=answers_with("svg"))
+def sketch(request: Request, artefact_id: str, database: Db, files: Files, scheme: str = "light") -> Response:
+    """Five rollouts of a policy from above, in the colours of a scheme. 503: others are being drawn; ask again."""
+    with database.session() as s:
+        found = _usable(s, artefact_id)
+    if found.kind not in DRIVING:
+        raise LabRefusal(404, "no_figure")
+    try:
+        drawn = services_of(request).figures.sketch(found.id, lambda: files.get(found.id))
+    except FigureError as problem:
+        if problem.busy:
+            return Response(status_code=503, headers={"Retry-After": "2"})
+        raise LabRefusal(404, "no_figure") from None
+    chosen: Scheme = "dark" if scheme == "dark" else "light"
+    mark = f"{found.id[:16]}-{chosen}-{SKETCHED}"
+    return figure_file(request, "sketch.svg", drawn.svg(chosen).encode(), shown=("svg",), mark=mark)
 
 
 @router.get("/lab/policies/{artefact_id}")
@@ -255,6 +282,16 @@ def held_out_csv(artefact_id: str, database: Db) -> Response:
     return csv_response(columns, [[row.get(name, "") for name in columns] for row in rows], "held_out_accuracy.csv")
 
 
+@router.get("/lab/policies/{setup}/{name:path}", include_in_schema=False)
+def policy_by_name(request: Request, setup: str, name: str, database: Db) -> Response:
+    """A policy that was shipped, by its name: `/lab/policies/study_room/base`."""
+    with database.session() as s:
+        found = find_artefact(s, f"{setup}/{name}")
+        if found is None or not may_with(s, rights_in(request), Right.LOOK, found):
+            raise LabRefusal(404, "no_artefact")
+        return RedirectResponse(artefact_href(found), status_code=303)
+
+
 def artefact_href(artefact: Artefact) -> str:
     """Where an artefact's page is."""
     if artefact.kind == "policy":
@@ -274,15 +311,6 @@ def without_archived(found: Iterable[Artefact], wanted: bool) -> tuple[list[Arte
 def is_comparison(artefact: Artefact) -> bool:
     """Whether an evaluation is one of two policies."""
     return artefact.kind == "evaluation" and "paired" in artefact.card.get("results", {})
-
-
-def find_measured(artefact: Artefact) -> dict[str, Any] | None:
-    """The numbers on an artefact's card that an evaluation measured: its own results, or on shipped cards the first."""
-    results: dict[str, Any] = artefact.card.get("results", {})
-    for numbers in (results, results.get("first", {})):
-        if "success_rate" in numbers:
-            return numbers
-    return None
 
 
 def _card(request: Request, s: DatabaseSession, artefact: Artefact) -> Response:

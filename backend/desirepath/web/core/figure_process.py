@@ -17,17 +17,21 @@ import subprocess
 import sys
 import threading
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
+
+from desirepath.explain.sketches import Sketch, shipped_sketches
 
 if TYPE_CHECKING:
     from desirepath.explain.flow_files import FigureFiles
 
 MOST_KEPT = 24  # figures; about one MB each
+MOST_SKETCHES = 1000  # some kB each
 IDLE_S = 300.0  # after that the process gives its memory back (about 300 MB)
 LONGEST_S = 120.0  # a figure takes about three; longer than this and something is wrong
 MOST_WAITING = 4
+MOST_SKETCHES_WAITING = 8  # a browser asks for six at a time
 NICENESS = 5  # an analyst waits for it, so before analysts' trainings, but after everything of participants
 
 
@@ -75,13 +79,25 @@ class ExplanationOrder:
         return json.dumps(asked, sort_keys=True).encode() + b"\n"
 
 
+@dataclass(frozen=True)
+class SketchOrder:
+    """A policy at a glance. policy: its file."""
+
+    policy: bytes
+
+    def as_line(self) -> bytes:
+        return json.dumps({"sketches": True, "policy": base64.b64encode(self.policy).decode()}).encode() + b"\n"
+
+
 class FigureProcess:
     """Draws figures on order and keeps the latest. Methods may be called from any thread and wait for the figure."""
 
     def __init__(self) -> None:
         self._turn = threading.Lock()
         self._waiting = threading.BoundedSemaphore(MOST_WAITING)
+        self._sketches_waiting = threading.BoundedSemaphore(MOST_SKETCHES_WAITING)
         self._kept: OrderedDict[str, FigureFiles] = OrderedDict()
+        self._sketches: OrderedDict[str, Sketch] = OrderedDict()
         self.child: subprocess.Popen[bytes] | None = None
         self._idle: threading.Timer | None = None
 
@@ -103,6 +119,25 @@ class FigureProcess:
         finally:
             self._waiting.release()
         return mark, found
+
+    def sketch(self, artefact_id: str, read: Callable[[], bytes]) -> Sketch:
+        """A policy at a glance, drawn once; read: gives its file, where it has to be. Raises FigureError."""
+        found = shipped_sketches().get(artefact_id) or self._sketches.get(artefact_id)
+        if found is not None:
+            return found
+        if not self._sketches_waiting.acquire(blocking=False):
+            raise FigureError(f"{MOST_SKETCHES_WAITING} sketches are being drawn already", busy=True)
+        try:
+            with self._turn:
+                found = self._sketches.get(artefact_id)
+                if found is None:
+                    found = Sketch.from_json(self._drawn(SketchOrder(read()).as_line()).files["sketch.json"])
+                self._sketches[artefact_id] = found
+                while len(self._sketches) > MOST_SKETCHES:
+                    self._sketches.popitem(last=False)
+        finally:
+            self._sketches_waiting.release()
+        return found
 
     def close(self) -> None:
         """End the process; the next figure starts another."""
@@ -162,7 +197,7 @@ class FigureProcess:
 
 def _draw(asked: dict[str, Any]) -> dict[str, Any]:
     """One order carried out, in the process."""
-    made = _explained(asked) if asked.get("explains") else _flow(asked)
+    made = _explained(asked) if asked.get("explains") else _sketched(asked) if asked.get("sketches") else _flow(asked)
     files = {name: base64.b64encode(content).decode() for name, content in made.files.items()}
     return {"files": files, "numbers": dict(made.numbers)}
 
@@ -183,6 +218,15 @@ def _flow(asked: dict[str, Any]) -> FigureFiles:
         cell_m=asked["cell_m"],
         words=Words(**asked["words"]),
     )
+
+
+def _sketched(asked: dict[str, Any]) -> FigureFiles:
+    from desirepath.explain.flow_files import FigureFiles
+    from desirepath.explain.sketches import draw_sketch
+    from desirepath.learning.policies.policy import read_policy
+
+    drawn = draw_sketch(read_policy(base64.b64decode(asked["policy"])).driving())
+    return FigureFiles({"sketch.json": drawn.as_json().encode()}, {})
 
 
 def _explained(asked: dict[str, Any]) -> FigureFiles:

@@ -11,8 +11,7 @@ from starlette.responses import RedirectResponse, Response
 
 from desirepath.grammar.editing import set_value
 from desirepath.store.query_sets import query_sets_here
-from desirepath.study.protocol.freezing import ProtocolError, find_shipped_protocols, freeze
-from desirepath.study.protocol.outline import estimate_minutes
+from desirepath.study.protocol.freezing import ProtocolError
 from desirepath.study.studies import StudyError, create_study
 from desirepath.web.core.auditing import audit_details
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
@@ -21,6 +20,7 @@ from desirepath.web.core.lab_frame import LANGUAGES, LabRefusal, lab_language, l
 from desirepath.web.lab import drafts
 from desirepath.web.lab.draft_view import draft_view
 from desirepath.web.lab.drafts import Draft, DraftError, decode_upload
+from desirepath.web.lab.protocol_cards import QUESTIONS, find_card, protocol_cards
 
 LONGEST_NAME = 200
 EMPTY = """\
@@ -54,11 +54,12 @@ def choose(request: Request) -> Response:
 
 
 def _choose_page(request: Request, *, status: int = 200, problem: DraftError | None = None, yaml: str = "") -> Response:
-    shipped = []
-    for file in find_shipped_protocols():
-        frozen = freeze(file)
-        shipped.append((file.stem, frozen, estimate_minutes(frozen.protocol)))
-    return lab_page(request, "lab/new_choose.html", status=status, shipped=shipped, problem=problem, yaml=yaml)
+    """The cards; the one that answers the three questions of the address stands out."""
+    cards = protocol_cards()
+    fits = find_card(request.query_params, cards)
+    cards = tuple(sorted(cards, key=lambda card: card is not fits))
+    shown = {"cards": cards, "fits": fits, "questions": QUESTIONS, "asked": request.query_params}
+    return lab_page(request, "lab/new_choose.html", status=status, problem=problem, yaml=yaml, **shown)
 
 
 @router.post("")
