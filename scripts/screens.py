@@ -122,6 +122,10 @@ class Camera:
         self._folder, self._widths = folder, widths
         self.taken = 0
 
+    def has(self, name: str, language: str, scheme: str) -> bool:
+        """Whether an earlier run that was cut off took them."""
+        return all((self._folder / f"{language}-{scheme}-{width}" / f"{name}.webp").exists() for width in self._widths)
+
     def look(self, page: Any, name: str, language: str, scheme: str) -> None:
         for width in self._widths:
             page.set_viewport_size({"width": width, "height": HEIGHTS[width]})
@@ -148,6 +152,8 @@ def show_lab(browser: Any, demo: Demo, camera: Camera, pages: Mapping[str, str],
             page = context.new_page()
             page.goto(f"{demo.url}/lab/language/{language}?next=/lab/studies")
             for name, path in pages.items():
+                if camera.has(name, language, scheme):
+                    continue
                 page.set_viewport_size({"width": 1440, "height": HEIGHTS[1440]})
                 try:
                     page.goto(f"{demo.url}{path}")
@@ -231,6 +237,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", nargs="*", default=[], help="pages whose name holds one of these; 'steps': all steps")
+    parser.add_argument("--lab", action="store_true", help="the lab's pages alone")
     parser.add_argument("--languages", nargs="*", default=LANGUAGES)
     parser.add_argument("--widths", nargs="*", type=int, default=list(HEIGHTS))
     asked = parser.parse_args()
@@ -238,7 +245,7 @@ def main() -> None:
         camera = Camera(asked.folder, asked.widths)
         pages = find_pages(demo)
         print(f"{len(pages)} pages: {' '.join(pages)}", file=sys.stderr, flush=True)
-        if not asked.only or "steps" in asked.only:
+        if "steps" in asked.only or (not asked.only and not asked.lab):
             show_steps(browser, demo, camera, asked.languages)
         wanted = {n: p for n, p in pages.items() if not asked.only or any(part in n for part in asked.only)}
         show_lab(browser, demo, camera, wanted, asked.languages)

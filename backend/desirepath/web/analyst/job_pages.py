@@ -5,7 +5,7 @@ What a kind of job may be asked stands in `jobs/kinds.py`; the forms are made fr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from itertools import chain
 from typing import Annotated, Any
 
@@ -17,7 +17,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 
 from desirepath.jobs.curves import Points, curves_of
 from desirepath.jobs.kept_artefacts import command_of, find_artefact
-from desirepath.jobs.kinds import ALIGNMENTS, CONDITIONED, KINDS, WEIGHED, JobParamsError, Kind, get_kind
+from desirepath.jobs.kinds import ALIGNMENTS, ANY_POLICY, CONDITIONED, KINDS, WEIGHED, JobParamsError, Kind, get_kind
 from desirepath.jobs.leases import attempts_at, kept_log
 from desirepath.jobs.params import Params
 from desirepath.jobs.process import FINAL_STATES, read_log
@@ -25,6 +25,7 @@ from desirepath.store.artefacts import ArtefactError
 from desirepath.store.job_results import JobResult
 from desirepath.store.models import Artefact, Job, JobAttempt, Study, utc_now
 from desirepath.store.outbox import cancel_job, enqueue_job
+from desirepath.store.shipped_policies import find_artefact as find_by_name
 from desirepath.web.analyst.job_curves import draw_curves, seconds_to_go
 from desirepath.web.analyst.job_forms import form_fields, read_values
 from desirepath.web.analyst.job_rows import line_of, of_participant, order_jobs, params_of
@@ -213,6 +214,18 @@ def find_made(s: DatabaseSession, job: Job) -> list[Artefact]:
     return [found for found in (s.get(Artefact, artefact_id) for artefact_id in ids) if found is not None]
 
 
+def _policies(found: Iterable[Artefact]) -> list[Artefact]:
+    """Those that drive, which a picture can be drawn of."""
+    return [one for one in found if one.kind in ANY_POLICY.split("|") and one.quarantined_at is None]
+
+
+def _named_by(request: Request, s: DatabaseSession, job: Job) -> list[Artefact]:
+    """The artefacts that a job works on, as far as one may look at them."""
+    named = [value for value in job.params.values() if isinstance(value, str)]
+    found = [artefact for value in named if (artefact := find_by_name(s, value)) is not None]
+    return [one for one in found if may_with(s, rights_in(request), Right.LOOK, one)]
+
+
 def _together(lines: Mapping[str, Points]) -> list[list[float]]:
     """All points of a curve in order; of a step with raw and averaged weights the raw one's first."""
     return [list(point) for point in sorted(chain.from_iterable(lines.values()), key=lambda point: point[0])]
@@ -365,12 +378,13 @@ def _live(request: Request, s: DatabaseSession, job: Job) -> dict[str, Any]:
     if job.state == "queued":
         earlier = select(func.count()).select_from(Job).where(Job.state == "queued", Job.created_at < job.created_at)
         waiting_before = s.scalar(earlier) or 0
-    attempts = attempts_at(s, job.id)
+    attempts, made = attempts_at(s, job.id), find_made(s, job)
     settings = services_of(request).settings
     return {
         "line": line_of(s, job),
         "job": job,
-        "made": find_made(s, job),
+        "made": made,
+        "drawn": _policies(made) or _policies(_named_by(request, s, job)),
         "curves": draw_curves(t, s, job),
         "to_go": seconds_to_go(job, utc_now()),
         "attempts": [_attempt(attempt) for attempt in attempts],

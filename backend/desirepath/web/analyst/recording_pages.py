@@ -32,6 +32,8 @@ from desirepath.store.imported_answers import ImportedAnswer, save_imported_answ
 from desirepath.store.models import Artefact
 from desirepath.store.query_sets import save_query_set
 from desirepath.web.analyst.artefact_pages import artefact_href
+from desirepath.web.analyst.example_recording import NAME as EXAMPLE
+from desirepath.web.analyst.example_recording import example_recording
 from desirepath.web.analyst.job_pages import read_form, studies_to_keep_in, study_of_new
 from desirepath.web.analyst.recording_drafts import (
     MOST_BYTES,
@@ -99,7 +101,7 @@ TheDraft = Annotated[RecordingDraft, Depends(_draft)]
 
 
 @router.get("/lab/recordings")
-def recordings(request: Request, database: Db, services: TheServices) -> Response:
+def recordings(request: Request, database: Db, files: Files, services: TheServices) -> Response:
     """What was imported, with where it is from; uploads that were not kept yet; the door for new ones."""
     with database.session() as s:
         foreign = or_(Artefact.card["imported"].is_not(None), Artefact.card["recorded"].is_not(None))
@@ -116,7 +118,20 @@ def recordings(request: Request, database: Db, services: TheServices) -> Respons
             found=found,
             drafts=[(one, one.read("sent"), one.files()) for one in drafts if _sees(request, one)],
             most_mb=MOST_BYTES // 2**20,
+            example=not found and example_recording(s, files) is not None,
         )
+
+
+@router.post("/lab/recordings/example")
+def try_example(database: Db, files: Files, services: TheServices, user: CheckedCsrf) -> Response:
+    """Two runs of a simulated robot as an upload of one's own, to see what becomes of recordings."""
+    with database.session() as s:
+        table = example_recording(s, files)
+    if table is None:
+        raise LabRefusal(404, "no_recording_draft")
+    draft = new_recording_draft(services.settings.data, user.name)
+    (draft.recordings / EXAMPLE).write_text(table, encoding="utf-8")
+    return RedirectResponse(f"/lab/recordings/{draft.id}", status_code=303)
 
 
 @router.post("/api/lab/recordings/files", response_model=Taken)
