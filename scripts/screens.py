@@ -3,6 +3,8 @@
 The lab's pages are found by following their links, one of every kind; a simulated participant walks the demo study over
 HTTP and every new kind of step is looked at on the way. Contact sheets put all pages of a combination side by side.
 .venv/bin/python scripts/screens.py FOLDER [--only PART ...] [--languages en de] [--widths 1440 1024 390]
+
+With --manual in place of a folder it makes the pictures that the manual shows, in docs/images.
 """
 
 from __future__ import annotations
@@ -45,6 +47,17 @@ LINK = re.compile(r'href="([^"#]+)')
 PASSED_BY = ("/lab/sign-out", "/lab/language", "/lab/sign-in/", "/preview/", "/revise")
 ALIKE = ("guides", "new")  # folders of whose pages one is enough
 EXAMPLE_S = 120.0
+MANUAL = Path(__file__).resolve().parents[1] / "docs/images"
+MANUAL_WINDOW, MANUAL_SIZE, MANUAL_QUALITY = (1280, 800), (800, 500), 42  # what fits into 25 kB each
+MANUAL_PAGES = {  # of the lab: by name, the address below /lab; EXAMPLE stands for the example study's
+    "studies": "studies",
+    "new-study": "new",
+    "monitor": "studies/EXAMPLE/now",
+    "report": "studies/EXAMPLE/report",
+    "policies": "policies",
+    "comparison": "compare/COMPARED",
+}
+MANUAL_STEPS = ("trial", "meet_your_robot")
 
 
 @dataclass(frozen=True)
@@ -165,6 +178,47 @@ def show_lab(browser: Any, demo: Demo, camera: Camera, pages: Mapping[str, str],
             print(f"lab {language} {scheme}: {camera.taken} pictures", file=sys.stderr, flush=True)
 
 
+def take_manual(browser: Any, demo: Demo, pages: Mapping[str, str]) -> None:
+    """The manual's pictures, in both schemes."""
+    compared = pages["compare_ID"].rpartition("/")[2]
+
+    def take(page: Any, name: str, scheme: str) -> None:
+        shot = Image.open(io.BytesIO(page.screenshot())).convert("RGB").resize(MANUAL_SIZE, Image.Resampling.LANCZOS)
+        out = MANUAL / f"{name}-{scheme}.webp"
+        shot.save(out, quality=MANUAL_QUALITY, method=6)
+        print(f"{out}: {out.stat().st_size:,} bytes", file=sys.stderr, flush=True)
+
+    def opened(scheme: str, path: str, cookies: Mapping[str, str]) -> Any:
+        width, height = MANUAL_WINDOW
+        context = browser.new_context(
+            color_scheme=scheme, locale="en", viewport={"width": width, "height": height}, timezone_id="Europe/Berlin"
+        )
+        context.add_cookies([{"name": key, "value": value, "url": demo.url} for key, value in cookies.items()])
+        page = context.new_page()
+        page.goto(f"{demo.url}{path}")
+        settle(page)
+        page.wait_for_timeout(1000 * STAGE_S)
+        return page
+
+    for scheme in SCHEMES:
+        for name, path in MANUAL_PAGES.items():
+            page = opened(
+                scheme, f"/lab/{path.replace('EXAMPLE', demo.example).replace('COMPARED', compared)}", demo.cookies
+            )
+            take(page, name, scheme)
+            page.context.close()
+
+    def look(name: str, path: str) -> None:
+        kind = name.split("-", 2)[2]
+        for scheme in SCHEMES if kind in MANUAL_STEPS else ():
+            page = opened(scheme, path, {})
+            take(page, kind.replace("_", "-"), scheme)
+            page.context.close()
+
+    with httpx.Client(base_url=demo.url, timeout=120) as client:
+        walk_all([LookedAtClient(client, demo.join, "en", look)], Character())
+
+
 class LookedAtClient(HttpSessionClient):
     """A simulated participant over HTTP; the first step of every kind is shown to `look` before it is answered."""
 
@@ -235,16 +289,22 @@ def write_sheets(folder: Path) -> list[Path]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=Path, nargs="?", default=MANUAL)
+    parser.add_argument("--manual", action="store_true", help="the manual's pictures alone")
     parser.add_argument("--only", nargs="*", default=[], help="pages whose name holds one of these; 'steps': all steps")
     parser.add_argument("--lab", action="store_true", help="the lab's pages alone")
     parser.add_argument("--languages", nargs="*", default=LANGUAGES)
     parser.add_argument("--widths", nargs="*", type=int, default=list(HEIGHTS))
     asked = parser.parse_args()
+    if asked.manual == (asked.folder != MANUAL):
+        parser.error("either a folder or --manual")
     with tempfile.TemporaryDirectory() as data, running_demo(Path(data)) as demo, chromium() as browser:
         camera = Camera(asked.folder, asked.widths)
         pages = find_pages(demo)
         print(f"{len(pages)} pages: {' '.join(pages)}", file=sys.stderr, flush=True)
+        if asked.manual:
+            take_manual(browser, demo, pages)
+            return
         if "steps" in asked.only or (not asked.only and not asked.lab):
             show_steps(browser, demo, camera, asked.languages)
         wanted = {n: p for n, p in pages.items() if not asked.only or any(part in n for part in asked.only)}

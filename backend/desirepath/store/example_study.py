@@ -117,6 +117,13 @@ def _read(source: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
     return about, trajectories
 
 
+def packed_policies(source: Path = FILE) -> dict[str, bytes]:
+    """The policies in the file by their ids, which are the same wherever they arrive."""
+    about, _ = _read(source)
+    ids = [row["id"] for row in about["rows"]["artefact"] if row["kind"] == "policy"]
+    return {sha: _rebuilt(sha, about["files"][sha]) for sha in ids}
+
+
 def renamed(rows: Rows, contents: Mapping[str, bytes], ids: Mapping[str, str]) -> tuple[Rows, dict[str, bytes]]:
     """Rows and artefacts in which every id is written as `ids` has it. Texts among the artefacts that name some get
     names of their own; they stand in the order in which they were made of each other."""

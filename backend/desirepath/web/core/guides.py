@@ -1,7 +1,7 @@
 """Markdown as safe HTML: a study's texts, and the manual of `docs/` as pages of the lab with what fits which page.
 
 Its order is `mkdocs.yml`'s, by which `make docs` builds the same pages as a site. Raw HTML in a text is shown as text,
-images are not fetched. The guides' routes are `lab/guide_pages.py`'s.
+images are not fetched, but the manual's own are shown. The guides' routes are `lab/guide_pages.py`'s.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from functools import lru_cache
 import yaml
 from markdown_it import MarkdownIt
 from markdown_it.token import Token
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from desirepath.installed import DOCS, ROOT
 
@@ -74,6 +74,10 @@ FITTING = {
 }
 """Route, and all that begin with it -> the part of a guide that says most about it; the longest one counts."""
 _MARKDOWN = MarkdownIt("commonmark", {"html": False, "typographer": True}).enable("table").disable("image")
+_MANUAL = MarkdownIt("commonmark", {"html": False, "typographer": True}).enable("table")
+PICTURE = re.compile(r"images/([\w-]+)-light\.webp#gh-light-mode-only")
+"""Of a page, in the light scheme; beside it stands the dark one, as sites and GitHub choose between the two."""
+PICTURE_SIZE = (800, 500)  # scripts/screens.py makes them
 
 
 def prose(text: str, shift: int | None = None) -> Markup:
@@ -142,12 +146,32 @@ def guide(name: str) -> Guide:
     """Raises KeyError for a guide that there is not."""
     if name not in GUIDES:
         raise KeyError(name)
-    tokens = _MARKDOWN.parse((DOCS / f"{name}.md").read_text(encoding="utf-8"))
+    tokens = _MANUAL.parse((DOCS / f"{name}.md").read_text(encoding="utf-8"))
+    for token in tokens:
+        token.children = [child for child in map(_shown, token.children) if child] if token.children else token.children
     passages = tuple(_passages(tokens))
     for token in tokens:
         _lead_on(token.children or ())
     # Markup: the renderer escapes everything that came from the text (html=False).
-    return Guide(name, Markup(_MARKDOWN.renderer.render(tokens, _MARKDOWN.options, {})), passages)  # noqa: S704
+    return Guide(name, Markup(_MANUAL.renderer.render(tokens, _MANUAL.options, {})), passages)  # noqa: S704
+
+
+def _shown(token: Token) -> Token | None:
+    """A picture as the browser's scheme wants it, in place of the two that stand in the text; other images are not
+    fetched."""
+    if token.type != "image":
+        return token
+    found = PICTURE.fullmatch(str(token.attrGet("src")))
+    if found is None:
+        return None
+    (width, height), of = PICTURE_SIZE, f"{HERE}/images/{found[1]}"
+    picture = Token("html_inline", "", 0)
+    picture.content = (
+        f'<picture><source media="(prefers-color-scheme: dark)" srcset="{of}-dark.webp">'
+        f'<img src="{of}-light.webp" alt="{escape(token.content)}" width="{width}" height="{height}" loading="lazy">'
+        "</picture>"
+    )
+    return picture
 
 
 def find(words: str) -> list[Found]:
@@ -176,7 +200,9 @@ def _passages(tokens: list[Token]) -> Iterator[Passage]:
 
 def _plain(token: Token) -> str:
     """Its words without marks: of a paragraph, of a table's cell, of code."""
-    return token.content if token.children is None else "".join(child.content or " " for child in token.children)
+    if token.children is None:
+        return token.content
+    return "".join(child.content or " " for child in token.children if child.type != "html_inline")
 
 
 def anchor_of(words: str) -> str:

@@ -23,6 +23,7 @@ MEDIA = {
     "png": "image/png",
     "svg": "image/svg+xml",
     "txt": "text/plain",
+    "webp": "image/webp",
     "yaml": "application/yaml",
     "zip": "application/zip",
 }
