@@ -21,13 +21,15 @@ from sqlalchemy import select
 from stable_baselines3 import TD3
 
 from desirepath.deploy.controller import Controller
-from desirepath.learning.policies.policy import Policy
+from desirepath.explain.sketches import INKS, ROLLOUTS, draw_sketch, shipped_sketches
+from desirepath.learning.policies.policy import Policy, read_policy
 from desirepath.settings import Settings
 from desirepath.simulation.fast import make_engine
 from desirepath.simulation.setups import get_setup
 from desirepath.store.artefacts import ArtefactStore
+from desirepath.store.example_study import packed_policies
 from desirepath.store.models import Artefact, Job, Response, Study, utc_now
-from desirepath.store.shipped_policies import policy_artefact
+from desirepath.store.shipped_policies import REGISTERED, came_with_product, policy_artefact
 from desirepath.web.analyst.compared_scenes import rollouts_in
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
@@ -101,6 +103,35 @@ def test_every_page_says_what_it_should_in_both_languages(analyst, known, langua
         assert shown.status_code == 200, address
         assert telling in shown.text, address
         assert f'<html lang="{language}">' in shown.text
+
+
+def test_policies_stand_in_groups_that_sort_and_each_has_a_drawing(analyst, worked, known):
+    page = analyst.get("/lab/policies?sort=-success").text
+    room = page[page.index('id="setup-study_room"') :].partition("</details>")[0]
+    shares = [float(share) for share in re.findall(r'<td class="number">([\d.]+)%', room)]
+    assert len(shares) >= 6
+    assert shares == sorted(shares, reverse=True)
+    assert room.count('aria-sort="descending"') == 1
+    assert f'src="/lab/policies/{known.base}/sketch.svg"' in room
+    assert analyst.get("/lab/policies/study_room/base").headers["location"] == f"/lab/policies/{known.base}"
+    drawn = {scheme: analyst.get(f"/lab/policies/{known.base}/sketch.svg?scheme={scheme}") for scheme in INKS}
+    for scheme, ink in INKS.items():
+        assert ink["path"] in drawn[scheme].text
+        assert drawn[scheme].text.count("<polyline") == ROLLOUTS
+    mark = drawn["dark"].headers["etag"]
+    again = analyst.get(f"/lab/policies/{known.base}/sketch.svg?scheme=dark", headers={"If-None-Match": mark})
+    assert again.status_code == 304
+    assert analyst.get(f"/lab/policies/{known.snapshot}/sketch.svg").status_code == 404
+    assert worked.figures.child is None, "no process was needed for what is shipped"
+
+
+def test_shipped_sketches_are_of_all_shipped_policies_and_what_these_drive(worked, known):
+    with worked.database.session() as s:
+        shipped = set(s.scalars(select(Artefact.id).where(Artefact.kind.in_(REGISTERED), Artefact.study_id.is_(None))))
+        shipped = {one for one in shipped if came_with_product(one)}
+    assert set(shipped_sketches()) == shipped | set(packed_policies())
+    base = read_policy(worked.files.get(known.base)).driving()
+    assert draw_sketch(base) == shipped_sketches()[known.base]
 
 
 def test_pages_are_accessible_in_both_schemes(worked, known, chromium):

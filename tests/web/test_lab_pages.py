@@ -27,6 +27,7 @@ from desirepath.web.application import create_application
 from desirepath.web.core.dependencies import Services
 from desirepath.web.lab import drafts, monitoring
 from desirepath.web.lab.preview import preview_steps
+from desirepath.web.lab.protocol_cards import find_card, protocol_cards
 from desirepath.web.lab.study_rows import study_lines
 from tests.study.small_protocol import small_protocol
 from tests.web.lab_services import NAME, QUICK, Walked, csrf, sign_in
@@ -78,6 +79,18 @@ def test_the_studies_list_counts_people_and_shows_simulated_ones_apart(lab_servi
         bot = s.scalars(select(Participant).where(Participant.code == walked.bot)).one()
         s.execute(update(Session).where(Session.participant_id == bot.id).values(state="completed"))
     assert counted() == (1, 1)
+
+
+def test_three_questions_lead_to_one_card_and_every_card_is_led_to(lab):
+    cards = protocol_cards()
+    assert {find_card(card.answers, cards) for card in cards} == set(cards)
+    assert all("<polyline" in card.picture and len(card.picture) < 4_000 for card in cards)
+    walked = {"does": "rank", "moves": "people", "minutes": "30"}
+    page = lab.get("/lab/new", params=walked).text
+    first = page[page.index('class="card"') :].partition("</label>")[0]
+    assert "data-fits" in first
+    assert 'value="shipped:crowd_explanation_study" checked' in first
+    assert "data-fits" not in lab.get("/lab/new", params={"does": "rank"}).text
 
 
 def test_shipped_protocol_becomes_a_study_in_three_steps(lab, lab_services):

@@ -7,16 +7,21 @@ import re
 import pytest
 from sqlalchemy import select
 
+from desirepath.recordings.csv_tables import read_csv
 from desirepath.recordings.importing import import_recordings
+from desirepath.recordings.mapping import Mapping
 from desirepath.store.imported_answers import ImportedAnswer, save_imported_answers
 from desirepath.store.models import Artefact, Response, Session
 from desirepath.store.query_sets import save_query_set
+from desirepath.study.protocol.freezing import freeze
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.simulated.participant import Character
 from desirepath.study.studies import create_study
+from desirepath.web.analyst.recording_drafts import find_recording_draft
 from tests.recordings.films import mp4, webm
 from tests.recordings.walks import csv_of, robot_at, times
 from tests.study.small_protocol import small_protocol
+from tests.web.lab_services import QUICK, csrf
 
 
 @pytest.fixture
@@ -81,3 +86,17 @@ def test_recordings_and_answers_from_elsewhere_have_pages_and_say_so(lab, lab_se
     assert shown.status_code == 200
     assert "<svg" in shown.text
     assert lab.get("/lab/snapshots").status_code == 200
+
+
+def test_the_example_is_two_runs_that_can_be_read(lab, lab_services):
+    page = "/lab/recordings"
+    assert "/recordings/example" not in lab.get(page).text, "there is no query set that came with the product yet"
+    with lab_services.database.transaction() as s:
+        create_study(s, lab_services.files, freeze(QUICK), name="Pairs", created_by=None)
+    assert "/recordings/example" in lab.get(page).text
+    made = lab.post("/lab/recordings/example", data={"csrf": csrf(lab, page)}, follow_redirects=False)
+    draft = find_recording_draft(lab_services.settings.data, made.headers["location"].rpartition("/")[2])
+    (file,) = draft.recordings.iterdir()
+    runs = read_csv(file, Mapping())
+    assert [one.run for one in runs] == ["first", "second"]
+    assert all(one.goal and one.things for one in runs)

@@ -37,7 +37,7 @@ ASIDE_M = (
 )  # ours: starts beside the scene's own, as there is room
 WIDTH, HEIGHT, MARGIN = 256, 168, 6  # pixels, of a picture that is shown at half the size
 APART_PX = 6  # ours: points of a path that lie nearer to the last one drawn are left out
-SPARE_M, WALL_M = 0.9, 0.2  # ours: floor that is shown around everything, and of a room's walls
+SPARE_M, WALL_M = 1.8, 0.2  # ours: floor that is shown around everything, and of a room's walls
 PERSON_M = 0.3  # radius
 
 Scheme = Literal["light", "dark"]

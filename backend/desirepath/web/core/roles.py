@@ -149,6 +149,7 @@ CHANGING: dict[str, Rule] = {
     "/lab/snapshots": Rule(Right.ANALYSE, "snapshot_taken"),
     "/lab/reward-files": Rule(Right.ANALYSE, "reward_taken_in"),
     "/api/lab/recordings/files": Rule(Right.ANALYSE),
+    "/lab/recordings/example": Rule(Right.ANALYSE),
     "/lab/recordings/{draft_id}": Rule(Right.ANALYSE),
     "/lab/recordings/{draft_id}/keep": Rule(Right.ANALYSE, "recordings_imported"),
     "/lab/recordings/{draft_id}/discard": Rule(Right.ANALYSE, "recordings_discarded"),
@@ -165,6 +166,7 @@ CHANGING: dict[str, Rule] = {
 SHOWING: dict[str, Rule] = {
     "/lab/guides": SIGNED_IN,
     "/lab/guides/{name}": SIGNED_IN,
+    "/lab/guides/images/{name}": SIGNED_IN,
     "/lab/studies": SIGNED_IN,  # lists those that may be looked at
     "/lab/password": SIGNED_IN,
     "/lab/account": SIGNED_IN,

@@ -28,7 +28,7 @@ USUAL_ROOM = "study_room"
 CLEAR_PX = 8  # badges keep so far from the picture's edge
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Card:
     """One shipped protocol. answers: what it is, by question; kinds: its stages', in order."""
 
@@ -126,7 +126,7 @@ def _picture(protocol: Protocol, answers: Mapping[str, str]) -> Markup:
         spots = [(x, y) for x, y, _ in room.people] if answers["moves"] == "people" else spots
         clear = [spot for k, spot in enumerate(spots) if all(math.dist(spot, one) > 26 for one in spots[:k])]
         parts += [_badge(x, y, str(number)) for number, (x, y) in enumerate(clear[:3], start=1)]
-    views = len({view for entry in protocol.stages for view in getattr(entry.stage, "each", None) or ()})
+    views = max(len((getattr(entry.stage, "each", None) or {}).get("view", ())) for entry in protocol.stages)
     if views > 1:
         parts += [_frame(number, views) for number in range(views)]
     return Markup(  # noqa: S704  numbers and letters of ours alone
