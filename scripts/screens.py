@@ -26,11 +26,11 @@ import httpx
 from PIL import Image, ImageDraw
 from sqlalchemy import select
 
-from desirepath.cli.loopback import loopback_server
+from desirepath.cli import loopback
 from desirepath.settings import Settings
 from desirepath.store.database import Database
 from desirepath.store.example_study import example_id
-from desirepath.store.models import Study
+from desirepath.store.models import Artefact, Study
 from desirepath.study.simulated.http import HttpSessionClient
 from desirepath.study.simulated.participant import Character, walk_all
 from desirepath.web.core.opening_link import link_path
@@ -46,35 +46,41 @@ FILE = re.compile(r"\.\w{2,5}$|/content$")
 LINK = re.compile(r'href="([^"#]+)')
 PASSED_BY = ("/lab/sign-out", "/lab/language", "/lab/sign-in/", "/preview/", "/revise")
 ALIKE = ("guides", "new")  # folders of whose pages one is enough
-EXAMPLE_S = 120.0
+EXAMPLE_S = 300.0
+loopback.START_PATIENCE_S = EXAMPLE_S  # pictures can wait, on a busy machine too
 MANUAL = Path(__file__).resolve().parents[1] / "docs/images"
 MANUAL_WINDOW, MANUAL_SIZE, MANUAL_QUALITY = (1280, 800), (800, 500), 42  # what fits into 25 kB each
-MANUAL_PAGES = {  # of the lab: by name, the address below /lab; EXAMPLE stands for the example study's
+MANUAL_PAGES = {  # of the lab: by name, the address below /lab
     "studies": "studies",
     "new-study": "new",
-    "monitor": "studies/EXAMPLE/now",
-    "report": "studies/EXAMPLE/report",
+    "monitor": "studies/{example}/now",
+    "report": "studies/{example}/report",
     "policies": "policies",
-    "comparison": "compare/COMPARED",
+    "comparison": "compare/{compared}",
 }
 MANUAL_STEPS = ("trial", "meet_your_robot")
 
 
 @dataclass(frozen=True)
 class Demo:
-    """A running demo. cookies: of a browser that is signed in; join: the demo study's link; example: the study's id."""
+    """A running demo. cookies: of a browser that is signed in; join: the demo study's link; example, compared: ids
+    of the study and its comparison."""
 
     url: str
     cookies: Mapping[str, str]
     join: str
     example: str
+    compared: str
 
 
 @contextmanager
 def running_demo(data: Path) -> Iterator[Demo]:
     """`desirepath serve --demo` in a new folder, once the example study is there."""
     settings = Settings(data=data, _env_file=None)
-    with loopback_server(settings, arguments=("--demo",)) as (url, _), httpx.Client(base_url=url, timeout=60) as client:
+    with (
+        loopback.loopback_server(settings, arguments=("--demo",)) as (url, _),
+        httpx.Client(base_url=url, timeout=60) as client,
+    ):
         database, deadline = Database(settings.database), time.monotonic() + EXAMPLE_S
         while True:
             with database.session() as s:
@@ -87,9 +93,11 @@ def running_demo(data: Path) -> Iterator[Demo]:
         with database.transaction() as s:
             once = link_path(s, settings)
             recruiting = s.scalars(select(Study.recruiting_token).where(Study.id != example)).one()
+            evaluations = s.scalars(select(Artefact).where(Artefact.kind == "evaluation"))
+            compared = next(one.id for one in evaluations if "paired" in one.card["results"])
         database.close()
         client.get(str(once))
-        yield Demo(url, dict(client.cookies), recruiting, example)
+        yield Demo(url, dict(client.cookies), recruiting, example, compared)
 
 
 def find_pages(demo: Demo) -> dict[str, str]:
@@ -178,9 +186,8 @@ def show_lab(browser: Any, demo: Demo, camera: Camera, pages: Mapping[str, str],
             print(f"lab {language} {scheme}: {camera.taken} pictures", file=sys.stderr, flush=True)
 
 
-def take_manual(browser: Any, demo: Demo, pages: Mapping[str, str]) -> None:
+def take_manual(browser: Any, demo: Demo) -> None:
     """The manual's pictures, in both schemes."""
-    compared = pages["compare_ID"].rpartition("/")[2]
 
     def take(page: Any, name: str, scheme: str) -> None:
         shot = Image.open(io.BytesIO(page.screenshot())).convert("RGB").resize(MANUAL_SIZE, Image.Resampling.LANCZOS)
@@ -202,9 +209,7 @@ def take_manual(browser: Any, demo: Demo, pages: Mapping[str, str]) -> None:
 
     for scheme in SCHEMES:
         for name, path in MANUAL_PAGES.items():
-            page = opened(
-                scheme, f"/lab/{path.replace('EXAMPLE', demo.example).replace('COMPARED', compared)}", demo.cookies
-            )
+            page = opened(scheme, f"/lab/{path.format(example=demo.example, compared=demo.compared)}", demo.cookies)
             take(page, name, scheme)
             page.context.close()
 
@@ -300,11 +305,11 @@ def main() -> None:
         parser.error("either a folder or --manual")
     with tempfile.TemporaryDirectory() as data, running_demo(Path(data)) as demo, chromium() as browser:
         camera = Camera(asked.folder, asked.widths)
+        if asked.manual:
+            take_manual(browser, demo)
+            return
         pages = find_pages(demo)
         print(f"{len(pages)} pages: {' '.join(pages)}", file=sys.stderr, flush=True)
-        if asked.manual:
-            take_manual(browser, demo, pages)
-            return
         if "steps" in asked.only or (not asked.only and not asked.lab):
             show_steps(browser, demo, camera, asked.languages)
         wanted = {n: p for n, p in pages.items() if not asked.only or any(part in n for part in asked.only)}
