@@ -30,7 +30,7 @@ from desirepath.cli import loopback
 from desirepath.settings import Settings
 from desirepath.store.database import Database
 from desirepath.store.example_study import example_id
-from desirepath.store.models import Artefact, Study
+from desirepath.store.models import Study
 from desirepath.study.simulated.http import HttpSessionClient
 from desirepath.study.simulated.participant import Character, walk_all
 from desirepath.web.core.opening_link import link_path
@@ -57,21 +57,18 @@ MANUAL_PAGES = {  # of the lab: by name, the address below /lab
     "monitor": "studies/{example}/now",
     "report": "studies/{example}/report",
     "policies": "policies",
-    "comparison": "compare/{compared}",
 }
 MANUAL_STEPS = ("trial", "meet_your_robot")
 
 
 @dataclass(frozen=True)
 class Demo:
-    """A running demo. cookies: of a browser that is signed in; join: the demo study's link; example, compared: ids
-    of the study and its comparison."""
+    """A running demo. cookies: of a browser that is signed in; join: the demo study's link; example: the study's id."""
 
     url: str
     cookies: Mapping[str, str]
     join: str
     example: str
-    compared: str
 
 
 @contextmanager
@@ -94,11 +91,9 @@ def running_demo(data: Path) -> Iterator[Demo]:
         with database.transaction() as s:
             once = link_path(s, settings)
             recruiting = s.scalars(select(Study.recruiting_token).where(Study.id != example)).one()
-            evaluations = s.scalars(select(Artefact).where(Artefact.kind == "evaluation"))
-            compared = next(one.id for one in evaluations if "paired" in one.card["results"])
         database.close()
         client.get(str(once))
-        yield Demo(url, dict(client.cookies), recruiting, example, compared)
+        yield Demo(url, dict(client.cookies), recruiting, example)
 
 
 def find_pages(demo: Demo) -> dict[str, str]:
@@ -187,8 +182,8 @@ def show_lab(browser: Any, demo: Demo, camera: Camera, pages: Mapping[str, str],
             print(f"lab {language} {scheme}: {camera.taken} pictures", file=sys.stderr, flush=True)
 
 
-def take_manual(browser: Any, demo: Demo) -> None:
-    """The manual's pictures, in both schemes."""
+def take_manual(browser: Any, demo: Demo, only: Sequence[str]) -> None:
+    """The manual's pictures, in both schemes; of those named alone, where some are."""
 
     def take(page: Any, name: str, scheme: str) -> None:
         shot = Image.open(io.BytesIO(page.screenshot())).convert("RGB").resize(MANUAL_SIZE, Image.Resampling.LANCZOS)
@@ -213,14 +208,19 @@ def take_manual(browser: Any, demo: Demo) -> None:
 
     for scheme in SCHEMES:
         for name, path in MANUAL_PAGES.items():
-            page = opened(scheme, f"/lab/{path.format(example=demo.example, compared=demo.compared)}", demo.cookies)
+            if only and name not in only:
+                continue
+            page = opened(scheme, f"/lab/{path.format(example=demo.example)}", demo.cookies)
             take(page, name, scheme)
             page.context.close()
 
     def look(name: str, path: str) -> None:
         kind = name.split("-", 2)[2]
-        for scheme in SCHEMES if kind in MANUAL_STEPS else ():
+        for scheme in SCHEMES if kind in MANUAL_STEPS and (not only or kind in only) else ():
             page = opened(scheme, path, {})
+            if kind == "trial":
+                page.locator("#start[aria-disabled=false]").wait_for(timeout=1000 * EXAMPLE_S)
+                page.wait_for_timeout(1000 * STAGE_S)
             take(page, kind.replace("_", "-"), scheme)
             page.context.close()
 
@@ -310,7 +310,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as data, running_demo(Path(data)) as demo, chromium() as browser:
         camera = Camera(asked.folder, asked.widths)
         if asked.manual:
-            take_manual(browser, demo)
+            take_manual(browser, demo, asked.only)
             return
         pages = find_pages(demo)
         print(f"{len(pages)} pages: {' '.join(pages)}", file=sys.stderr, flush=True)

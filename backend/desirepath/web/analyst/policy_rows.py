@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Any
 
 from sqlalchemy import select
@@ -32,10 +31,10 @@ class PolicyRow:
     time: float | None
     of: str
 
-    def key(self, sort: str) -> str | float | datetime | None:
+    def key(self, sort: str) -> Any:
         """What a column is sorted by; None comes last."""
         artefact = self.artefact
-        found: dict[str, str | float | datetime | None] = {
+        found = {
             "name": artefact.name.casefold(),
             "success": self.success,
             "distance": self.distance,
