@@ -19,7 +19,8 @@ from desirepath.store.artefact_upkeep import is_offered
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Artefact
 from desirepath.store.shipped_policies import find_artefact
-from desirepath.web.analyst.artefact_pages import artefact_href, find_measured, is_comparison
+from desirepath.web.analyst.artefact_pages import artefact_href, is_comparison
+from desirepath.web.analyst.policy_rows import find_measured
 from desirepath.web.core import svg_figures
 from desirepath.web.core.artefact_names import artefact_name
 from desirepath.web.core.catalogues import Catalogue
