@@ -30,6 +30,7 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.example_study import packed_policies
 from desirepath.store.models import Artefact, Job, Response, Study, utc_now
 from desirepath.store.shipped_policies import REGISTERED, came_with_product, policy_artefact
+from desirepath.study.personalising.live_rollouts import scenes_of
 from desirepath.web.analyst.compared_scenes import rollouts_in
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
@@ -131,7 +132,8 @@ def test_shipped_sketches_are_of_all_shipped_policies_and_what_these_drive(worke
         shipped = {one for one in shipped if came_with_product(one)}
     assert set(shipped_sketches()) == shipped | set(packed_policies())
     base = read_policy(worked.files.get(known.base)).driving()
-    assert draw_sketch(base).svg("light") == shipped_sketches()[known.base].svg("light")
+    drawn = draw_sketch(base.rollout_policy, scenes_of("study_room")[0])
+    assert drawn.svg("light") == shipped_sketches()[known.base].svg("light")
 
 
 def test_pages_are_accessible_in_both_schemes(worked, known, chromium):

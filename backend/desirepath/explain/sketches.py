@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal
 from desirepath.installed import DATASETS
 
 if TYPE_CHECKING:  # the simulator comes with these; whoever only shows what is drawn already need not wait for it
-    from desirepath.learning.policies.policy import DrivingPolicy
+    from desirepath.simulation.acting import ActFunction, EpisodicPolicy
     from desirepath.simulation.scene import Pose, Scene
 
 SHIPPED = DATASETS / "sketches.json"
@@ -103,28 +103,17 @@ def shipped_sketches() -> dict[str, Sketch]:
     return {sha: Sketch(**drawn) for sha, drawn in json.loads(SHIPPED.read_text(encoding="utf-8")).items()}
 
 
-def draw_sketch(policy: DrivingPolicy) -> Sketch:
-    """Roll it out and draw that. Raises SceneError for a setup that gives no scene."""
+def draw_sketch(act: ActFunction | EpisodicPolicy, scene: Scene) -> Sketch:
+    """Roll out in the scene, from its start and from places beside it, and draw that. Raises SceneError."""
     from desirepath.simulation.fast import rollout
     from desirepath.simulation.setups import get_setup
     from desirepath.simulation.trajectory import Outcome
 
-    scene = _scene(policy.setup)
     starts = [replace(scene, start=start) for start in _starts(scene)]
-    driven = rollout(get_setup(policy.setup), policy.rollout_policy, starts)
+    driven = rollout(get_setup(scene.setup), act, starts)
     paths = [[(float(x), float(y)) for x, y, _ in one.poses] for one in driven]
     arrived = [one.outcome == Outcome.SUCCESS for one in driven]
     return _fit(scene, paths, arrived)
-
-
-def _scene(setup: str) -> Scene:
-    """The first of the figures' scenes that the setup's file names for people who look, else of all."""
-    from desirepath.learning.scene_sets import Purpose, first_seed
-    from desirepath.simulation.scenes import draw_scene
-    from desirepath.simulation.setups import get_setup
-
-    place = next(iter(get_setup(setup).preferences.places or ()), 0)
-    return draw_scene(setup, first_seed(Purpose.FIGURE, 0) + place)
 
 
 def _starts(scene: Scene) -> list[Pose]:

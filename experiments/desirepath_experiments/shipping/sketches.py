@@ -12,13 +12,15 @@ from desirepath.learning.shipped_files import load_card, resolve, shipped_names
 from desirepath.learning.shipping.storing import Request
 from desirepath.store.example_study import packed_policies
 from desirepath.store.shipped_policies import REGISTERED
+from desirepath.study.personalising.live_rollouts import scenes_of
 
 
 def ship_sketches(request: Request) -> None:
     """Draw them anew; a line for each, by the sha256 of its file."""
     lines = []
     for sha, content in _policies():
-        drawn = draw_sketch(read_policy(content).driving())
+        policy = read_policy(content).driving()
+        drawn = draw_sketch(policy.rollout_policy, scenes_of(policy.setup)[0])
         lines.append(f'"{sha}":{json.dumps(asdict(drawn), separators=(",", ":"))}')
     (request.folder / SHIPPED.name).write_text("{" + ",\n".join(lines) + "}\n", encoding="utf-8")
 

@@ -224,8 +224,10 @@ def _sketched(asked: dict[str, Any]) -> FigureFiles:
     from desirepath.explain.flow_files import FigureFiles
     from desirepath.explain.sketches import draw_sketch
     from desirepath.learning.policies.policy import read_policy
+    from desirepath.study.personalising.live_rollouts import scenes_of
 
-    drawn = draw_sketch(read_policy(base64.b64decode(asked["policy"])).driving())
+    policy = read_policy(base64.b64decode(asked["policy"])).driving()
+    drawn = draw_sketch(policy.rollout_policy, scenes_of(policy.setup)[0])
     return FigureFiles({"sketch.json": drawn.as_json().encode()}, {})
 
 
