@@ -6,6 +6,8 @@ BIN := $(VENV)/bin
 # Whole files go to a process, long ones first: a browser draws in software, so that more processes than cores hinder each other.
 TEST_PROCESSES ?= $(shell nproc)
 EXTRAS := postgres s3 reference openid recordings docs dev
+# Tests start hundreds of Pythons, each of which would compile the product's modules anew.
+unexport PYTHONDONTWRITEBYTECODE
 SIDE_BY_SIDE = -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
 
 .PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test compiled lint lock secrets docs results clean
