@@ -141,7 +141,8 @@ def rankings_section(findings: Findings) -> Section:
 
 def scales_section(findings: Findings) -> Section:
     """Scores over people, per condition where a scale was asked after blocks."""
-    sentences, rows = [], []
+    sentences: list[str] = []
+    rows = []
     for result in findings.scales:
         scale = result.scale
         source = f"Source: {scale.source}."
