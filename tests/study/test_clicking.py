@@ -34,9 +34,9 @@ def test_a_slight_lean_is_no_bias_however_many_answers_there_are():
     assert not position_bias("a" * 120 + "b" * 80).is_found
 
 
-def answered(walk, choose, *, thinks_s: float = 2.0):
+def answered(walk, choose, *, thinks_s: float = 2.0, train=TRAIN, compare=COMPARISON):
     """At the page after eight pairs, simulated by hand."""
-    walker = walk(EIGHT, TRAIN, COMPARISON, MEET)
+    walker = walk(EIGHT, train, compare, MEET)
     for number in range(8):
         key = walker.view.key
         walker.watch(key)
@@ -59,6 +59,14 @@ def test_always_the_same_letter_teaches_nothing_and_is_said_kindly(walk, letter)
 
 def test_who_never_takes_the_time_to_compare_teaches_nothing(walk):
     walker = answered(walk, lambda number: "ab"[number % 2], thinks_s=0.2)
+    assert (session_row(walker).personalisation, walker.view.kind) == ("too_fast", "debriefing")
+
+
+def test_nobody_guesses_about_a_comparison_that_was_not_shown(walk):
+    """Where further pairs might have been asked, too."""
+    asking_on = {"train": {**TRAIN["train"], "ask_on": {"at_most": 4, "each": 2}}}
+    guessing = {"comparison": {**COMPARISON["comparison"], "guess": True}}
+    walker = answered(walk, lambda number: "ab"[number % 2], thinks_s=0.2, train=asking_on, compare=guessing)
     assert (session_row(walker).personalisation, walker.view.kind) == ("too_fast", "debriefing")
 
 

@@ -9,7 +9,7 @@ from sqlalchemy import select
 
 from desirepath.store.models import Trial
 from desirepath.store.sides import Side
-from desirepath.study.kind import Acting, Kind, Page, Simulated
+from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated
 from desirepath.study.steps import Step
 from desirepath.study.wire import ChoiceAnswer
 
@@ -25,6 +25,13 @@ class Guess(Kind[GuessStep, ChoiceAnswer]):
     step = GuessStep
     answers = ChoiceAnswer
     stored = {"choice": "a or b", "about": "step of the comparison", "right": "whether it came from the own answers"}
+
+    def is_asked(self, step: GuessStep, moment: Moment) -> bool:
+        """Where a comparison was shown: without one there is nothing to guess."""
+        return moment.session.personalisation == "shown"
+
+    def may_come(self, step: GuessStep, moment: Moment) -> bool:
+        return moment.session.personalisation in (None, "shown")
 
     def payload(self, step: GuessStep, page: Page) -> dict[str, Any]:
         return {"learns_from": page.frozen.learns_from}
