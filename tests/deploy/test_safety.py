@@ -323,6 +323,53 @@ def test_somebody_whom_the_lidar_does_not_see_is_not_driven_into():
     assert 3.0 - x > 0.18 + 0.3
 
 
+def test_whoever_is_told_of_between_two_scans_is_in_the_stop_zone_at_once():
+    rig = Rig(rules=Rules(keep_out_m=0)).drive()
+    rig.scan_off = True
+    rig.supervisor.people([Person(0.55, 0.0)], lasting=True)
+    rig.pass_time(0.02)
+    assert rig.supervisor.tick().v < 0.5 or rig.stopped.startswith("somebody 0.55 m away")
+    rig.supervisor.people([Person(0.05, 0.0)], lasting=True)
+    assert rig.stopped.startswith("somebody 0.05 m away at 0 degrees touches the robot")
+    rig.scan_off = False
+    with pytest.raises(Refused, match="touches the robot"):
+        rig.drive()
+
+
+def test_a_thin_outline_does_not_pass_between_people():
+    """Tines 3 cm wide at 1 m/s, straight at somebody: they never touch the circle of 0.3 m."""
+    tines = Robot("fork", 0.5, ((-0.5, -0.015), (0.5, -0.015), (0.5, 0.015), (-0.5, 0.015)))
+    rig = Rig(robot=tines, rules=Rules(keep_out_m=0))
+    rig.controller.wanted = Command(1.0, 0.0)
+    rig.drive()
+    rig.supervisor.people([Person(0.85, 0.02)], lasting=True)
+    rig.pass_time(0.05)
+    assert rig.supervisor.tick().v < 1.0 or "somebody" in rig.stopped
+
+
+@pytest.mark.parametrize("slows", [1.5, None])
+def test_a_long_robot_that_turns_on_the_spot_sweeps_nobody(slows):
+    """Told of somebody beside it, it stops turning so early that it stands before its corner touches their circle."""
+    body = ((-0.6, -0.2), (0.6, -0.2), (0.6, 0.2), (-0.6, 0.2))
+    limits = Limits(v_min=0.0, v_max=1.0, w_max=1.5, v_change=None, w_change=slows)
+    rig = Rig(limits, Robot("long", 0.63, body), Rules(keep_out_m=0, slowed_s=2.0))
+    rig.supervisor.people([Person(0.0, 0.65)], lasting=True)
+    rig.controller.wanted = Command(0.0, 1.5)
+    rig.drive()
+    yaw = w = 0.0
+    corners = np.array(body)
+    for _ in range(100):
+        for told in [command.w for _, command in rig.told[-5:]]:
+            w += min(max(told - w, -0.015), 0.015)
+            yaw += w * 0.01
+        rig.odometry.update(yaw=yaw, w=w)
+        rig.pass_time(0.05)
+        c, s = math.cos(yaw), math.sin(yaw)
+        swept = corners @ np.array([[c, s], [-s, c]])
+        assert np.hypot(swept[:, 0], swept[:, 1] - 0.65).min() > 0.3
+    assert w == pytest.approx(0.0, abs=0.02)
+
+
 @pytest.mark.parametrize("place", [(math.nan, 0.0), (0.0, -math.inf), (1e7, 0.0)])
 def test_nobody_is_nowhere(place):
     with pytest.raises(InputError, match="person field"):
@@ -350,6 +397,15 @@ def test_a_clock_that_goes_back_or_says_nothing_stops_it(now):
     rig.t = now
     assert rig.supervisor.tick() == STANDING
     assert "the clock went from" in rig.stopped
+
+
+def test_news_of_people_from_before_the_clock_went_back_is_none():
+    rig = Rig().drive()
+    rig.supervisor.people([Person(3.0, 0.0)])
+    rig.t = 10.0
+    assert "the clock went from" in rig.stopped
+    with pytest.raises(Refused, match="no news of people"):
+        rig.drive()
 
 
 def test_stamps_too_huge_to_count_in_do_not_keep_a_silent_lidar_fresh():

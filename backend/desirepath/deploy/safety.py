@@ -30,8 +30,6 @@ SLOWEST = 0.1  # m/s: a robot so slow may turn alone out of what is in its way
 CREEPING = 0.02  # m/s: a command so slow is turning alone
 PERSON_M = 0.3  # of the circle around somebody's centre, by which every engine counts collisions
 APART_M = 0.02  # at least, between that circle and the outline: what 0.5 m between centres leaves a TurtleBot 2
-_TURN = np.linspace(0.0, math.tau, 36, endpoint=False)
-CIRCLE = PERSON_M * np.column_stack([np.cos(_TURN), np.sin(_TURN)])
 STANDING = Command(0.0, 0.0)
 
 
@@ -275,7 +273,7 @@ class Supervisor:
             return self._scans.refuse(f"{invalid} of {len(scan.ranges)} ranges are NaN")
         if self._fresh(self._scans, scan.stamp_s, now):
             self._scan, self._shape, self._due, self._new = scan, shape, True, True
-            self._points = np.concatenate([_seen(scan, self.controller.laser), self._bodies()])
+            self._points = _seen(scan, self.controller.laser)
 
     def odometry(self, odometry: Odometry) -> None:
         """Where the robot is, and how it moves."""
@@ -392,6 +390,7 @@ class Supervisor:
         if now < self._now:
             self._scans.forget()
             self._odometry.forget()
+            self._people_at = None if self._people_at is None else -math.inf
             self.stop(f"the clock went from {self._now:.3f} to {now:.3f}")
         self._now = now
         return now
@@ -465,27 +464,27 @@ class Supervisor:
 
     def _ahead(self, now: float, command: Command) -> str | None:
         """What is in the stop zone of this command: on its way until the robot reacts, and while it brakes from what it
-        drives now."""
+        drives or, where it hardly drives, turns now."""
         if not self.rules.collision_s:
             return None
         react_s = self._react_s(now - self._scans.fresh_at)
-        v = abs(command.v)
-        fastest = max(v, abs(self._where.v) if self._where is not None else 0.0)
-        longer = 1 + fastest**2 / (2 * self.rules.braking) / (v * react_s) if v > CREEPING else 1.0
-        hit = self._body.first_touch(self._points, Command(longer * command.v, longer * command.w), react_s)
+        v, w, where = abs(command.v), abs(command.w), self._where
+        longer, braking = 1.0, self.rules.braking
+        if v > CREEPING:
+            fastest = max(v, abs(where.v) if where is not None else 0.0)
+            longer = 1 + fastest**2 / (2 * braking) / (v * react_s)
+        if v < SLOWEST and w > 0:
+            fastest = max(w, abs(where.w) if where is not None else 0.0)
+            slows = self._least(self.controller.limits.w_change, self.rules.w_change) or braking / self._body.around_m
+            longer = max(longer, 1 + fastest**2 / (2 * slows) / (w * react_s))
+        along = Command(longer * command.v, longer * command.w)
+        people = self._people_around(where) if where is not None else np.zeros((0, 2))
+        hit = self._body.first_touch(self._points, along, react_s, people)
         if hit is None:
             return None
-        when, (x, y) = hit
-        where = f"{math.hypot(x, y):.2f} m away at {math.degrees(math.atan2(y, x)):.0f} degrees"
-        return f"something {where} touches the robot{f' in {longer * when:.2f} s' if when else ''}"
-
-    def _bodies(self) -> Points:
-        """(n, 2) of the circles around people near enough, in the robot's frame: of them a lidar may see nothing."""
-        if self._where is None:
-            return CIRCLE[:0]
-        people = self._people_around(self._where)
-        near = people[np.hypot(*people.T) <= 2 * self._zone_m() + PERSON_M]  # twice: an old scan, a fast robot
-        return np.asarray((near[:, None] + CIRCLE).reshape(-1, 2))
+        when, (x, y), who = hit
+        at = f"{math.hypot(x, y):.2f} m away at {math.degrees(math.atan2(y, x)):.0f} degrees"
+        return f"{who} {at} touches the robot{f' in {longer * when:.2f} s' if when else ''}"
 
     def _step(self, now: float) -> str | None:
         """Ask the controller; why the robot must stop instead."""
@@ -593,11 +592,15 @@ class _Outline:
             self._sides = np.stack([a, np.roll(a, -1, axis=0)], axis=1)
             self.around_m = float(np.hypot(*a.T).max())
 
-    def first_touch(self, points: Points, command: Command, within_s: float) -> tuple[float, Points] | None:
-        """(when, s; which point) the outline first holds one of (n, 2) points, where the robot keeps to a command."""
+    def first_touch(
+        self, points: Points, command: Command, within_s: float, people: Points
+    ) -> tuple[float, Points, str] | None:
+        """(when, s; which point; what that is) the outline first holds one of (n, 2) points, or touches the circle
+        around one of (n, 2) people, where the robot keeps to a command."""
         far = self.around_m + abs(command.v) * within_s
         points = points[np.hypot(points[:, 0], points[:, 1]) <= far]
-        if not len(points):
+        people = people[np.hypot(people[:, 0], people[:, 1]) <= far + PERSON_M]
+        if not len(points) and not len(people):
             return None
         looks = 1 + math.ceil((abs(command.v) + abs(command.w) * self.around_m) * within_s / FINEST_M)
         for t in np.linspace(0.0, within_s, looks):
@@ -608,10 +611,13 @@ class _Outline:
             else:
                 x, y = command.v * t, 0.0
             c, s = math.cos(turned), math.sin(turned)
-            there = (points - (x, y)) @ np.array([[c, -s], [s, c]])
-            inside = self._holds(there)
+            there = np.array([[c, -s], [s, c]])
+            inside = self._holds((points - (x, y)) @ there)
             if inside.any():
-                return float(t), points[int(inside.argmax())]
+                return float(t), points[int(inside.argmax())], "something"
+            touched = self.distances((people - (x, y)) @ there) < PERSON_M
+            if touched.any():
+                return float(t), people[int(touched.argmax())], "somebody"
         return None
 
     def distances(self, points: Points) -> NDArray[np.float64]:

@@ -32,7 +32,7 @@ HELP = "arm, start, stop (or only Enter), off, quit"
 WORLD, GOAL = Path(__file__).with_name("world.yaml"), (-0.6, 4.2)
 RULES = {
     "people_stale_s": "stand where people come by messages and there were none for so long, s",
-    "keep_out_m": "stand where somebody's centre is so near to the robot's, m; 0: never",
+    "keep_out_m": "stand where somebody's centre is so near to the robot's, m; 0: by the stop zone alone",
     "collision_s": "slow down, or stand, where it would touch something so soon, s; 0: never",
     "braking": "how hard it brakes, m/s^2, for that",
     "slowed_s": "stand after it was slowed down for so long, s",
