@@ -279,6 +279,18 @@ def test_a_lost_stage_is_greyed_and_the_pair_starts_over(visit: Visit) -> None:
     assert visit.events("trial_interrupted")[0]["reason"] == "connection"
 
 
+def test_who_presses_start_before_the_room_stands_is_started_as_soon_as_it_does(visit: Visit) -> None:
+    page = visit.page
+    page.keyboard.press("Enter")
+    expect(page.locator("#playing-letter")).to_have_text("A")
+    visit.room_says("connection-lost")
+    expect(page.locator("#start")).to_have_attribute("aria-disabled", "true")
+    page.locator("#start").dispatch_event("click")
+    visit.room_says("connected")
+    visit.room_says("ready")
+    expect(page.locator("[data-phase=playing]")).to_be_visible()
+
+
 def test_nobody_waits_for_a_room_that_does_not_begin(running: Running, chromium: Browser) -> None:
     """The order to play was lost on its way: the picture is loaded anew, and the pair starts over."""
     context = chromium.new_context(viewport={"width": 1024, "height": 640}, reduced_motion="reduce")

@@ -164,8 +164,9 @@ def personalised_section(findings: Findings) -> Section:
     beside = "; ".join(
         f"against {ARMS[comparison.against]} {comparison.beside.numbers()}" for comparison in findings.personalised
     )
+    declared = ", as declared" if findings.declared_hash else ""
     paragraphs.append(
-        f"{first} over people, as declared, {findings.personalised[0].test.correction} over the comparisons: a person "
+        f"{first} over people{declared}, {findings.personalised[0].test.correction} over the comparisons: a person "
         f"counts once, answers of one person depend on each other. For reading only, {second}: {beside}."
     )
     return Section("Does it personalise?", paragraphs)

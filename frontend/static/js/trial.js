@@ -30,6 +30,8 @@ export class Trial extends StageBar {
       early: "earlyChoice" in root.dataset,
       limitS: Number(root.dataset.choiceLimit ?? 0),
     };
+    /** Whether Start was pressed before the stage stood: then it counts as soon as it does. */
+    this.pressedEarly = false;
     /** Whether trajectory B has begun to move. */
     this.sawB = false;
     this.again = /** @type {HTMLButtonElement | null} */ (root.querySelector("#again"));
@@ -84,9 +86,11 @@ export class Trial extends StageBar {
   async startTrajectories() {
     if (this.busy || this.state.phase !== "ready") return;
     if (!this.stageReady) {
+      this.pressedEarly = true;
       this.needs.announce(this.needs.say("preparing"));
       return;
     }
+    this.pressedEarly = false;
     await this.work(() => this.needs.post("start", { request_id: newRequestId() }));
   }
 
@@ -179,6 +183,7 @@ export class Trial extends StageBar {
         this.hint("preparing");
       }
       if (changed || document.activeElement === document.body) this.start.focus({ preventScroll: true });
+      if (this.stageReady && this.pressedEarly) void this.startTrajectories();
     } else if (phase === "playing_a" || phase === "playing_b") {
       const letter = phase === "playing_a" ? "A" : "B";
       this.part("playing");
