@@ -140,9 +140,9 @@ def test_what_was_learned_from_another_study_is_looked_at_and_not_taken_away(col
     for link in (f"/lab/artefacts/{theirs}/content", f"/lab/policies/{theirs}/policy.zip"):
         assert link not in shown.text
         assert one.get(link).status_code == 403
-    assert f"policy={theirs}" not in shown.text, "no evaluation of it is offered, which would be refused"
+    assert f"evaluate?policy={theirs}" not in shown.text, "no evaluation of it is offered, which would be refused"
     assert one.get(f"/lab/artefacts/{ours}/content").status_code == 200
-    assert f"policy={ours}" in one.get(f"/lab/policies/{ours}").text
+    assert f"evaluate?policy={ours}" in one.get(f"/lab/policies/{ours}").text
 
 
 def test_a_job_that_works_on_both_studies_is_hidden_before_it_has_made_anything(colleague, two_studies, lab_services):
