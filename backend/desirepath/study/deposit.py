@@ -5,7 +5,6 @@ What the data set holds is `store/dataset/writing.py`'s: here always what may be
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shutil
@@ -23,8 +22,8 @@ from desirepath.report.tidy_tables import read_folder
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.dataset.columns import CHECKSUMS_FILE
-from desirepath.store.dataset.descriptions import CITATION, LICENCE, LICENCES, NOT_STATED
-from desirepath.store.dataset.writing import ExportError, export_study
+from desirepath.store.dataset.descriptions import CITATION, LICENCE, NOT_STATED, find_licence
+from desirepath.store.dataset.writing import ExportError, export_study, write_checksums
 from desirepath.store.models import Response, Study, utc_now
 from desirepath.store.models import Session as SessionRow
 from desirepath.study.preregistration import preregistration
@@ -76,7 +75,7 @@ def write_deposit(
         partial.mkdir(parents=True)
         export_study(db, files, study_id, partial / DATA, open_data=True)
         told = _describe(db, study_id, partial, authors, who)
-        listed = _checksums(partial)
+        listed = len(write_checksums(partial)) + 1
         if to.exists():
             to.rmdir()
         partial.rename(to)
@@ -139,7 +138,7 @@ def _description(marked: str) -> str:
 
 def zenodo(title: str, marked: str, licence: str | None, authors: list[Author]) -> dict[str, Any]:
     """Metadata of a Zenodo deposition, as its legacy REST interface names them."""
-    known = LICENCES.get("-".join((licence or "").upper().split()))
+    known = find_licence(licence)
     creators = [
         {"name": author.name}
         | ({"affiliation": author.affiliation} if author.affiliation else {})
@@ -160,7 +159,7 @@ def zenodo(title: str, marked: str, licence: str | None, authors: list[Author]) 
 
 def datacite(title: str, marked: str, licence: str | None, authors: list[Author]) -> dict[str, Any]:
     """The same in DataCite's schema 4, without an identifier, which whoever takes the deposit gives."""
-    known = LICENCES.get("-".join((licence or "").upper().split()))
+    known = find_licence(licence)
     creators = [
         {"name": author.name, "nameType": "Personal"}
         | ({"affiliation": [{"name": author.affiliation}]} if author.affiliation else {})
@@ -220,16 +219,6 @@ def readme(title: str, marked: str, report: str, missing: list[str]) -> str:
         f"- Written by desirepath {version('desirepath')}; nothing was sent anywhere.",
     ]
     return "\n".join(told) + "\n"
-
-
-def _checksums(folder: Path) -> int:
-    """Write the checksums of everything there; returns how many files there are, that one included."""
-    paths = sorted(path for path in folder.rglob("*") if path.is_file())
-    lines = [
-        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(folder).as_posix()}\n" for path in paths
-    ]
-    (folder / CHECKSUMS_FILE).write_text("".join(lines), encoding="utf-8", newline="")
-    return len(paths) + 1
 
 
 def _write_json(path: Path, data: Any) -> None:

@@ -52,6 +52,11 @@ LICENCES = {
 }
 
 
+def find_licence(licence: str | None) -> Licence | None:
+    """The one that a protocol names, however it writes it; None: not stated, or none of these."""
+    return LICENCES.get("-".join((licence or "").upper().split()))
+
+
 @dataclass(frozen=True)
 class About:
     """What the descriptions say of a study. created_at: ISO time. licence: as the protocol has it, None: not stated."""
@@ -65,7 +70,7 @@ class About:
 
     @property
     def known_licence(self) -> Licence | None:
-        return LICENCES.get("-".join((self.licence or "").upper().split()))
+        return find_licence(self.licence)
 
     @property
     def description(self) -> str:

@@ -263,11 +263,15 @@ def _write_json(path: Path, data: Any) -> None:
 
 def _checksums(folder: Path, rows: dict[str, int]) -> list[dict[str, Any]]:
     """Write the checksums file; returns what lies in the data set, that file included."""
-    listed = []
-    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
-        name = path.relative_to(folder).as_posix()
-        listed.append({"path": name, "rows": rows.get(name), "sha256": hashlib.sha256(path.read_bytes()).hexdigest()})
-    text = "".join(f"{file['sha256']}  {file['path']}\n" for file in listed)
+    found = write_checksums(folder)
+    found[CHECKSUMS_FILE] = hashlib.sha256((folder / CHECKSUMS_FILE).read_bytes()).hexdigest()
+    return [{"path": name, "rows": rows.get(name), "sha256": sha} for name, sha in found.items()]
+
+
+def write_checksums(folder: Path) -> dict[str, str]:
+    """Write the checksums of everything there, as `sha256sum` reads them; returns them by name."""
+    paths = sorted(path for path in folder.rglob("*") if path.is_file())
+    found = {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+    text = "".join(f"{sha}  {name}\n" for name, sha in found.items())
     (folder / CHECKSUMS_FILE).write_text(text, encoding="utf-8", newline="")
-    listed.append({"path": CHECKSUMS_FILE, "rows": None, "sha256": hashlib.sha256(text.encode()).hexdigest()})
-    return listed
+    return found
