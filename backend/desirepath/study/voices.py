@@ -102,9 +102,9 @@ def forget(s: DatabaseSession, files: ArtefactStore, session: Session, step_key:
 
 def _is_used(s: DatabaseSession, session: Session, sha: str) -> bool:
     """Whether a file of these bytes is anybody else's, too."""
-    others = select(Event.data).where(Event.kind == VOICE_EVENT, Event.session_id != session.id)
     kept = s.get(Artefact, sha) is not None or s.get(TrajectoryRow, sha) is not None
-    return kept or any(told.get("recording") == sha for told in s.scalars(others))
+    others = select(Event.id).where(Event.kind == VOICE_EVENT, Event.session_id != session.id)
+    return kept or s.scalar(others.where(Event.data["recording"].as_string() == sha).limit(1)) is not None
 
 
 def is_webm_opus(content: bytes) -> bool:
