@@ -24,17 +24,7 @@ SHIPPED = DATASETS / "sketches.json"
 SKETCHED = 1
 """Goes up when policies are drawn another way, so that browsers ask for new ones."""
 ROLLOUTS = 5
-ASIDE_M = (
-    0.0,
-    0.35,
-    -0.35,
-    0.7,
-    -0.7,
-    1.05,
-    -1.05,
-    0.18,
-    -0.18,
-)  # ours: starts beside the scene's own, as there is room
+ASIDE_M = (0.35, -0.35, 0.7, -0.7, 1.05, -1.05, 0.18, -0.18)  # ours: starts beside the scene's own, as there is room
 WIDTH, HEIGHT, MARGIN = 256, 168, 6  # pixels, of a picture that is shown at half the size
 APART_PX = 6  # ours: points of a path that lie nearer to the last one drawn are left out
 SPARE_M, WALL_M = 1.8, 0.2  # ours: floor that is shown around everything, and of a room's walls
@@ -123,7 +113,7 @@ def _starts(scene: Scene) -> list[Pose]:
 
     start, found = scene.start, [scene.start]
     across = math.atan2(scene.goal.y - start.y, scene.goal.x - start.x) + math.pi / 2
-    for aside in ASIDE_M[1:]:
+    for aside in ASIDE_M:
         pose = replace(start, x=start.x + aside * math.cos(across), y=start.y + aside * math.sin(across))
         try:
             check_scene(replace(scene, start=pose))

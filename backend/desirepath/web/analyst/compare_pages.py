@@ -149,9 +149,7 @@ def compare(
 @router.get("/lab/compare/policies.svg", response_class=Response, responses=answers_with("svg"))
 def together_svg(request: Request, database: Db, files: Files) -> Response:
     with database.session() as s:
-        _, together, sort, measures = _together(request, s, files)
-        if together is None:
-            raise LabRefusal(404, "no_figure")
+        together, sort, measures = _drawn_together(request, s, files)
         drawn = draw_together(_t(request), together, measures, _DIGITS, sort, None)
     return figure_file(request, "policies.svg", drawn.encode(), shown=("svg",))
 
@@ -160,9 +158,7 @@ def together_svg(request: Request, database: Db, files: Files) -> Response:
 def together_csv(request: Request, database: Db, files: Files) -> Response:
     """Every measure of every policy, with the bounds of its interval."""
     with database.session() as s:
-        _, together, sort, _ = _together(request, s, files)
-        if together is None:
-            raise LabRefusal(404, "no_figure")
+        together, sort, _ = _drawn_together(request, s, files)
         header = ["policy", "id", "simulated", "setup", "scenes", "seed"]
         header += [f"{measure}{end}" for measure in together.measures for end in ("", "_low", "_high")]
         about = (together.setup, together.scenes, together.seed)
@@ -193,6 +189,14 @@ def _together(
         raise LabRefusal(404, "no_figure")
     main = [measure for measure in MAIN if measure in known]
     return groups, together, sort, known if "measures" in given or not main else main
+
+
+def _drawn_together(request: Request, s: DatabaseSession, files: ArtefactStore) -> tuple[SameScenes, str, list[str]]:
+    """The same for a file of the figure. Raises LabRefusal where there is none."""
+    _, together, sort, measures = _together(request, s, files)
+    if together is None:
+        raise LabRefusal(404, "no_figure")
+    return together, sort, measures
 
 
 def _asked_of(request: Request, **more: str) -> str:

@@ -19,12 +19,14 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from desirepath.explain.sketches import Sketch, shipped_sketches
 
 if TYPE_CHECKING:
     from desirepath.explain.flow_files import FigureFiles
+
+Made = TypeVar("Made")
 
 MOST_KEPT = 24  # figures; about one MB each
 MOST_SKETCHES = 1000  # some kB each
@@ -89,15 +91,41 @@ class SketchOrder:
         return json.dumps({"sketches": True, "policy": base64.b64encode(self.policy).decode()}).encode() + b"\n"
 
 
+class _Kept(Generic[Made]):
+    """The latest of what was drawn, by a mark; one is drawn after the other, and few wait for it."""
+
+    def __init__(self, noun: str, most: int, most_waiting: int, turn: threading.Lock) -> None:
+        self._noun, self._most, self._most_waiting, self._turn = noun, most, most_waiting, turn
+        self._waiting = threading.BoundedSemaphore(most_waiting)
+        self._found: OrderedDict[str, Made] = OrderedDict()
+
+    def find(self, mark: str) -> Made | None:
+        return self._found.get(mark)
+
+    def make(self, mark: str, draw: Callable[[], Made]) -> Made:
+        """Drawn in its turn, unless somebody before had it drawn. Raises FigureError."""
+        if not self._waiting.acquire(blocking=False):
+            raise FigureError(f"{self._most_waiting} {self._noun} are being drawn already", busy=True)
+        try:
+            with self._turn:
+                found = self._found.get(mark)
+                if found is None:
+                    found = draw()
+                self._found[mark] = found
+                while len(self._found) > self._most:
+                    self._found.popitem(last=False)
+        finally:
+            self._waiting.release()
+        return found
+
+
 class FigureProcess:
     """Draws figures on order and keeps the latest. Methods may be called from any thread and wait for the figure."""
 
     def __init__(self) -> None:
         self._turn = threading.Lock()
-        self._waiting = threading.BoundedSemaphore(MOST_WAITING)
-        self._sketches_waiting = threading.BoundedSemaphore(MOST_SKETCHES_WAITING)
-        self._kept: OrderedDict[str, FigureFiles] = OrderedDict()
-        self._sketches: OrderedDict[str, Sketch] = OrderedDict()
+        self._figures: _Kept[FigureFiles] = _Kept("figures", MOST_KEPT, MOST_WAITING, self._turn)
+        self._sketches: _Kept[Sketch] = _Kept("sketches", MOST_SKETCHES, MOST_SKETCHES_WAITING, self._turn)
         self.child: subprocess.Popen[bytes] | None = None
         self._idle: threading.Timer | None = None
 
@@ -105,39 +133,16 @@ class FigureProcess:
         """The figure's files and their mark (changes with their content). Raises FigureError."""
         line = order.as_line()
         mark = hashlib.sha256(line).hexdigest()
-        found = self._kept.get(mark)
-        if found is not None:
-            return mark, found
-        if not self._waiting.acquire(blocking=False):
-            raise FigureError(f"{MOST_WAITING} figures are being drawn already", busy=True)
-        try:
-            with self._turn:
-                found = self._kept.get(mark) or self._drawn(line)
-                self._kept[mark] = found
-                while len(self._kept) > MOST_KEPT:
-                    self._kept.popitem(last=False)
-        finally:
-            self._waiting.release()
-        return mark, found
+        return mark, self._figures.find(mark) or self._figures.make(mark, lambda: self._drawn(line))
 
     def sketch(self, artefact_id: str, read: Callable[[], bytes]) -> Sketch:
         """A policy at a glance, drawn once; read: gives its file, where it has to be. Raises FigureError."""
-        found = shipped_sketches().get(artefact_id) or self._sketches.get(artefact_id)
-        if found is not None:
-            return found
-        if not self._sketches_waiting.acquire(blocking=False):
-            raise FigureError(f"{MOST_SKETCHES_WAITING} sketches are being drawn already", busy=True)
-        try:
-            with self._turn:
-                found = self._sketches.get(artefact_id)
-                if found is None:
-                    found = Sketch.from_json(self._drawn(SketchOrder(read()).as_line()).files["sketch.json"])
-                self._sketches[artefact_id] = found
-                while len(self._sketches) > MOST_SKETCHES:
-                    self._sketches.popitem(last=False)
-        finally:
-            self._sketches_waiting.release()
-        return found
+
+        def draw() -> Sketch:
+            return Sketch.from_json(self._drawn(SketchOrder(read()).as_line()).files["sketch.json"])
+
+        found = shipped_sketches().get(artefact_id) or self._sketches.find(artefact_id)
+        return found or self._sketches.make(artefact_id, draw)
 
     def close(self) -> None:
         """End the process; the next figure starts another."""
