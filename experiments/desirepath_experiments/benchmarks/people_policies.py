@@ -97,7 +97,8 @@ class _Room:
     @cached_property
     def candidates(self) -> SceneCandidates:
         """The whole library in the fresh scenes."""
-        return SceneCandidates.of(self.robot, self.usual, FreeConfig().posterior.left_right_symmetry)
+        own = [self.in_fresh_scenes(place) for place in range(len(self.robot.library))]
+        return SceneCandidates.of(self.robot, self.usual, own, FreeConfig().posterior.left_right_symmetry)
 
     @classmethod
     def open(cls, seed: int, config: PeoplePoliciesConfig, robot: RobotOfLibrary) -> _Room:

@@ -17,7 +17,7 @@ from desirepath.learning.preferences.free_posterior import FreePosterior
 from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.learning.rewards.step_weights import step_differences
 from desirepath.simulation.trajectory import Trajectory
-from desirepath_experiments.benchmarks.people import RobotOfLibrary, arrived, roll_out
+from desirepath_experiments.benchmarks.people import RobotOfLibrary, arrived
 
 CAUTION = 0.4
 """Standard deviations that are taken off what a rollout is expected to gain. Chosen on tuning families: of 24 people
@@ -36,10 +36,10 @@ class SceneCandidates:
     pairs: PairDifferences
 
     @classmethod
-    def of(cls, robot: RobotOfLibrary, usual: list[Trajectory], symmetry: bool) -> SceneCandidates:
-        """Of the whole library, in the scenes of these rollouts of the base policy."""
-        scenes = [trajectory.scene for trajectory in usual]
-        own = [roll_out(robot.policy(place), scenes) for place in range(len(robot.library))]
+    def of(
+        cls, robot: RobotOfLibrary, usual: list[Trajectory], own: list[list[Trajectory]], symmetry: bool
+    ) -> SceneCandidates:
+        """usual, own: rollouts of the base policy and of the whole library, in the same scenes."""
         usable = np.array([arrived(trajectories) for trajectories in own]) & arrived(usual)
         usable &= robot.library.allowed[:, None]
         together = [(mine, other) for trajectories in own for mine, other in zip(trajectories, usual, strict=True)]

@@ -23,8 +23,10 @@ def some() -> SceneCandidates:
         mixes=robot.library.mixes[:0],
         measures=robot.library.measures[rows],
     )
-    usual = roll_out(robot.base, scene_set("open_field", 8, purpose=Purpose.ALIGN_SELECT, seed=3))
-    return SceneCandidates.of(replace(robot, library=library), usual, True)
+    robot = replace(robot, library=library)
+    scenes = scene_set("open_field", 8, purpose=Purpose.ALIGN_SELECT, seed=3)
+    own = [roll_out(robot.policy(place), scenes) for place in range(len(library))]
+    return SceneCandidates.of(robot, roll_out(robot.base, scenes), own, True)
 
 
 def _expecting_more_distance(some: SceneCandidates, answers: int) -> tuple[FreePosterior, StepPosterior]:
