@@ -282,7 +282,7 @@ def held_out_csv(artefact_id: str, database: Db) -> Response:
     return csv_response(columns, [[row.get(name, "") for name in columns] for row in rows], "held_out_accuracy.csv")
 
 
-@router.get("/lab/policies/{setup}/{name:path}", include_in_schema=False)
+@router.get("/lab/policies/{setup}/{name:path}")
 def policy_by_name(request: Request, setup: str, name: str, database: Db) -> Response:
     """A policy that was shipped, by its name: `/lab/policies/study_room/base`."""
     with database.session() as s:

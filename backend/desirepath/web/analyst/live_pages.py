@@ -31,8 +31,10 @@ from desirepath.web.analyst.workspace import (
 )
 from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
+from desirepath.web.core.contract import reply_of
 from desirepath.web.core.dependencies import Db, Files, services_of
 from desirepath.web.core.lab_frame import lab_language
+from desirepath.web.participant.replies import LivePaths
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.adaptable import AdaptablePolicy
@@ -99,7 +101,7 @@ def _live_scene(files: ArtefactStore, side: Side, asked: Asked) -> LiveScene:
     return LiveScene(scene, asked.view, _beside(conditioned, scene))
 
 
-@router.get("/lab/live/paths")
+@router.get("/lab/live/paths", response_model=LivePaths)
 def paths(
     request: Request,
     database: Db,
@@ -124,7 +126,7 @@ def paths(
         return JSONResponse({"error": {"code": "pose", "message": "no robot can go on from there"}}, 422)
     except NOT_DRAWN as wrong:
         return JSONResponse({"error": {"code": "weights", "message": words_of(request, wrong)}}, 422)
-    return JSONResponse({"place": 0, "paths": [{"track": found.track, "arrives": found.arrives}]})
+    return reply_of(LivePaths, {"place": 0, "paths": [{"track": found.track, "arrives": found.arrives}]})
 
 
 def _corners(request: Request, t: Catalogue) -> list[str] | None:
