@@ -34,7 +34,7 @@ from desirepath_experiments.benchmarks.results import Progress
 
 Doubles = NDArray[np.float64]
 Room = TypeVar("Room")
-FAMILY = "Families of the card, comma-separated, or nine; tuning, held_out or all; none with --reward."
+FAMILY = "Families of the card, comma-separated, or nine; tuning, held_out, all (both), unseen; none with --reward."
 REWARD = "A fitted reward as a person: a manifest (.json) or a reward model of the store (.npz)."
 
 
@@ -105,7 +105,8 @@ def benchmark_people(config: PeopleOptions, progress: Progress) -> dict[str, Any
 def read_families(names: str) -> tuple[str, ...]:
     """Families by name, or all of a group."""
     card = people_card()
-    groups = {"tuning": card.tuning, "held_out": card.held_out, "all": tuple(card.families), "none": ()}
+    everybody = tuple(name for name in card.families if name not in card.unseen)
+    groups = {"tuning": card.tuning, "held_out": card.held_out, "unseen": card.unseen, "all": everybody, "none": ()}
     return groups.get(names) or tuple(name for name in names.split(",") if name and name not in groups)
 
 

@@ -45,13 +45,13 @@ from desirepath_experiments.benchmarks.people import (
     roll_out,
 )
 from desirepath_experiments.benchmarks.results import Progress
-from desirepath_experiments.benchmarks.scene_choice import SceneCandidates
+from desirepath_experiments.benchmarks.scene_choice import BASE, SceneCandidates
 
 NOTHING = 0.01  # typical differences: a mean gain within this is none
 TRUE_SCENES = 30  # in which the library's best by somebody's true score is looked for
 SELECT_SEED = 7_500  # of these, of no card
 SHOWN = ("at_once", "refined")
-IN_EACH_SCENE = ("each_scene", "best_in_each")
+IN_EACH_SCENE = ("each_scene", "best_in_each", "direct_before", "direct_after")
 
 
 @pydantic.dataclasses.dataclass(frozen=True)
@@ -69,6 +69,9 @@ class PeoplePoliciesConfig:
     reward: Annotated[Path | None, Field(description=REWARD)] = None
     at_once: Annotated[bool, Field(description="Without the search behind the choice.")] = False
     each_scene: Annotated[bool, Field(description="Also a choice per scene among all rollouts.")] = False
+    direct: Annotated[
+        int, Field(ge=0, description="So many of the answers, the last, compare the choice per scene with the base.")
+    ] = 0
     pretraining: Annotated[
         str,
         Field(description="A folder with SETUP/base.npz, conditioned.npz and policy_library.npz; default shipped."),
@@ -99,6 +102,13 @@ class _Room:
         """The whole library in the fresh scenes."""
         own = [self.in_fresh_scenes(place) for place in range(len(self.robot.library))]
         return SceneCandidates.of(self.robot, self.usual, own, FreeConfig().posterior.left_right_symmetry)
+
+    @cached_property
+    def asked_directly(self) -> SceneCandidates:
+        """The same in scenes that are shown and report nothing."""
+        n = TRUE_SCENES
+        by_policy = [self.by_policy[first : first + n] for first in range(0, len(self.by_policy), n)]
+        return SceneCandidates.of(self.robot, by_policy[0], by_policy[1:], FreeConfig().posterior.left_right_symmetry)
 
     @classmethod
     def open(cls, seed: int, config: PeoplePoliciesConfig, robot: RobotOfLibrary) -> _Room:
@@ -213,8 +223,12 @@ def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) ->
     if config.each_scene:
         some = room.candidates
         every = [*some.usual, *(trajectory for own in some.trajectories for trajectory in own)]
-        did["each_scene"] = some.choose(believed, posterior)
-        did["best_in_each"] = some.true_best(true_scores(person, every))
+        did["each_scene"] = some.driven(some.places(believed, posterior))
+        did["best_in_each"] = some.driven(some.true_best(true_scores(person, every)))
+    if config.direct:
+        judged = _ask_directly(person, room, config)
+        result["direct_wins"], result["direct_asked"] = judged.wins, judged.asked
+        did |= {when: room.candidates.driven(room.candidates.places(*known)) for when, known in judged.known.items()}
     for when, trajectories in did.items():
         result |= {f"{key}_{when}": value for key, value in _compare(person, trajectories, room.usual).items()}
     for when, policy in policies.items():
@@ -243,6 +257,38 @@ def _ask(better: NDArray[np.bool_], room: _Room, answers: int) -> tuple[StepPost
         answered.append(int(left.pop(int(posterior.information_bits(room.seen[left]).argmax()))))
         posterior = StepPosterior.from_answers(room.seen[answered], better[answered])
     return posterior, answered
+
+
+@dataclass(frozen=True)
+class _Directly:
+    """asked, wins: comparisons of the choice per scene with the base policy, and in how many it was chosen. known: what
+    is believed before them ("before") and with them ("after")."""
+
+    asked: int
+    wins: int
+    known: dict[str, tuple[FreePosterior, StepPosterior]]
+
+
+def _ask_directly(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) -> _Directly:
+    """The last answers are about what would be shown: by what the first ones tell, in scenes of their own, drawn by lot
+    among those in which it drives otherwise."""
+    better = room.pairs.better(person.scores(room.pairs.in_turn)) > 0
+    steps, answered = _ask(better, room, config.answers - config.direct)
+    before = FreePosterior.from_answers(room.pairs.differences[answered], better[answered]), steps
+    some = room.asked_directly
+    places = some.places(*before)
+    otherwise = np.random.default_rng([room.seed, 67]).permutation(np.flatnonzero(places != BASE))[: config.direct]
+    own, usual = some.driven(places), some.usual
+    asked = [trajectory for k in otherwise for trajectory in (own[k], usual[k])]
+    scores = person.scores(asked) if asked else np.zeros(0)
+    chosen = scores[0::2] > scores[1::2]
+    rows = some.rows(places, otherwise)
+    all_chosen = np.concatenate([better[answered], chosen])
+    after = (
+        FreePosterior.from_answers(room.pairs.differences[answered].joined(some.pairs[rows]), all_chosen),
+        StepPosterior.from_answers(np.concatenate([room.seen[answered], some.steps[rows]]), all_chosen),
+    )
+    return _Directly(len(otherwise), int(chosen.sum()), {"direct_before": before, "direct_after": after})
 
 
 def _compare(person: FamilyMember, own: Sequence[Trajectory], usual: Sequence[Trajectory]) -> dict[str, float]:
@@ -285,7 +331,7 @@ def _summarise(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
             f"harmed_{when}_interval": [harmed.low, harmed.high],
             f"seconds_{when}": float(np.median([person[f"seconds_{when}"] for person in persons])),
         }
-    for when in IN_EACH_SCENE if f"gain_{IN_EACH_SCENE[0]}" in persons[0] else ():
+    for when in (one for one in IN_EACH_SCENE if f"gain_{one}" in persons[0]):
         gains = [person[f"gain_{when}"] for person in persons]
         harmed = wilson(sum(gain < -NOTHING for gain in gains), len(gains))
         summary |= {

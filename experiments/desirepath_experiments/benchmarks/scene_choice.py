@@ -24,6 +24,10 @@ CAUTION = 0.4
 none was harmed by more than 0.00 with it, and it gained nearly as much as 0.1."""
 
 
+BASE = -1
+"""Instead of a place in the library: the base policy drives."""
+
+
 @dataclass(frozen=True)
 class SceneCandidates:
     """What each of n policies does in the same scenes. trajectories: policy by policy, scene by scene; usable (n,
@@ -49,22 +53,31 @@ class SceneCandidates:
         pairs = PairDifferences.between(robot.setup, together, of_own, (of_usual[0][again], of_usual[1][again]))
         return cls(usual, own, usable, step_differences(robot.basis, together), pairs)
 
-    def choose(self, believed: FreePosterior, steps: StepPosterior, caution: float = CAUTION) -> list[Trajectory]:
-        """What drives in each scene: the rollout from which both posteriors together expect most, each in the largest
-        that it expects of any; the base policy's where they expect nothing of all."""
+    def places(self, believed: FreePosterior, steps: StepPosterior, caution: float = CAUTION) -> NDArray[np.int64]:
+        """(scenes,) which policy drives in each: that from whose rollout both posteriors together expect most, each in
+        the largest that it expects of any; BASE where they expect nothing of all."""
         expected = np.zeros(self.usable.size)
         for mean, deviation in (believed.advantages(self.pairs), steps.advantages(self.steps)):
             expected += (mean - caution * deviation) / max(float(np.abs(mean).max()), 1e-9)
         return self._best(expected.reshape(self.usable.shape))
 
-    def true_best(self, scores: Doubles) -> list[Trajectory]:
+    def true_best(self, scores: Doubles) -> NDArray[np.int64]:
         """The yardstick: the best rollout of each scene by scores ((n + 1) * scenes,), of the base policy first."""
         by_policy = scores.reshape(-1, len(self.usual))
         return self._best(by_policy[1:] - by_policy[0])
 
-    def _best(self, gains: Doubles) -> list[Trajectory]:
-        gains = np.where(self.usable, gains, -np.inf)
+    def driven(self, places: NDArray[np.int64]) -> list[Trajectory]:
+        """What the policies of these places do, scene by scene."""
         return [
-            self.trajectories[place][scene] if gains[place, scene] > 0 else self.usual[scene]
-            for scene, place in enumerate(gains.argmax(0))
+            self.usual[scene] if place == BASE else self.trajectories[place][scene]
+            for scene, place in enumerate(places)
         ]
+
+    def rows(self, places: NDArray[np.int64], scenes: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Where the differences of these scenes' policies from the base policy stand in `steps` and `pairs`."""
+        found: NDArray[np.int64] = places[scenes] * len(self.usual) + scenes
+        return found
+
+    def _best(self, gains: Doubles) -> NDArray[np.int64]:
+        gains = np.where(self.usable, gains, -np.inf)
+        return np.where(gains.max(0) > 0, gains.argmax(0), BASE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.steps import SeenSteps, reference
 from desirepath.learning.people.card import FAMILIES, member, members, parse_person, people_card, response_models
 from desirepath.learning.people.families.changing import ChangingMember
+from desirepath.learning.people.families.look import looks
 from desirepath.learning.people.families.network import NetworkMember
 from desirepath.learning.people.families.thresholds import ThresholdsMember
 from desirepath.learning.preferences.oracles import make_oracle
@@ -24,11 +26,46 @@ def some(study_queries: QuerySet) -> tuple[Query, ...]:
     return study_queries.queries[:80]
 
 
-def test_two_families_are_held_out_by_name() -> None:
+def test_five_families_are_kept_from_all_tuning_by_name() -> None:
     card = people_card()
     assert set(card.held_out) == {"deep_network", "context"}
+    assert set(card.unseen) == {"saturated", "look", "last_third"}
     assert set(card.families) == set(FAMILIES)
-    assert set(card.tuning) | set(card.held_out) == set(FAMILIES)
+    assert set(card.tuning) == set(FAMILIES) - set(card.held_out) - set(card.unseen)
+
+
+def test_to_the_saturated_nearly_every_step_is_wholly_good_or_wholly_bad() -> None:
+    steps = reference("study_room").steps
+    sides = []
+    for drawn in members("saturated", 6, "study_room").values():
+        scores = drawn.step_scores(steps)  # type: ignore[attr-defined]
+        assert np.mean(np.abs(scores) > 0.9) > 0.7
+        sides.append(np.mean(scores > 0))
+    assert min(sides) < 0.25
+    assert max(sides) > 0.75
+
+
+def test_a_look_is_of_the_path_alone() -> None:
+    straight, detour = np.zeros((21, 3), dtype=np.float32), np.zeros((21, 3), dtype=np.float32)
+    straight[:, 0] = detour[:, 0] = np.linspace(0, 4, 21)
+    detour[:, 1] = np.where(detour[:, 0] < 2, np.sin(detour[:, 0] * np.pi / 2), 0)
+    first = reference("study_room").trajectories[0]
+    drawn = looks([replace(first, poses=straight), replace(first, poses=detour), replace(first, poses=detour[::-1])])
+    assert drawn[0] == pytest.approx(np.zeros(4), abs=1e-6)
+    assert (drawn[1] > 0.1).all()
+    assert drawn[1] == pytest.approx(drawn[2], rel=0.05)  # to and fro it looks the same
+
+
+def test_what_comes_before_the_last_third_counts_nothing() -> None:
+    drive, other = reference("study_room").trajectories[:2]
+    from_here = math.ceil((len(drive.actions) - 1) * 2 / 3)
+    mixed = {
+        name: np.concatenate([getattr(other, name)[:1].repeat(from_here, 0), getattr(drive, name)[from_here:]])
+        for name in ("observations", "next_observations")
+    }
+    drawn = member("last_third:0", "study_room")
+    assert drawn.score(replace(drive, **mixed)) == pytest.approx(drawn.score(drive))
+    assert drawn.whole.score(replace(drive, **mixed)) != pytest.approx(drawn.whole.score(drive))  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -19,9 +19,12 @@ from desirepath.learning.people.families.base import Family, FamilyMember, StepF
 from desirepath.learning.people.families.changing import ChangingFamily
 from desirepath.learning.people.families.context import ContextFamily
 from desirepath.learning.people.families.deep_network import DeepNetworkFamily, DeepNetworkMember
+from desirepath.learning.people.families.last_third import LastThirdFamily
 from desirepath.learning.people.families.lexicographic import LexicographicFamily
+from desirepath.learning.people.families.look import LookFamily
 from desirepath.learning.people.families.mixture import MixtureFamily
 from desirepath.learning.people.families.network import NetworkFamily, NetworkMember
+from desirepath.learning.people.families.saturated import SaturatedFamily
 from desirepath.learning.people.families.thresholds import ThresholdsFamily
 
 CARD = Path(__file__).parent / "card.yaml"
@@ -33,9 +36,12 @@ FAMILIES: dict[str, type[Family]] = {
     "context": ContextFamily,
     "mixture": MixtureFamily,
     "changing": ChangingFamily,
+    "saturated": SaturatedFamily,
+    "look": LookFamily,
+    "last_third": LastThirdFamily,
 }
 MOST_MEMBERS = 10_000
-WITH_NETWORK = ("mixture", "changing")
+WITH_NETWORK = ("mixture", "changing", "last_third")
 
 
 class NoSingleInput(BaseModel):
@@ -50,12 +56,13 @@ class NoSingleInput(BaseModel):
 
 
 class Card(BaseModel):
-    """The card as it is read. families: by name."""
+    """The card as it is read. families: by name; held_out, unseen: those that nothing may be chosen on."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     version: int
     held_out: tuple[str, ...]
+    unseen: tuple[str, ...]
     families: dict[str, Any]
     no_single_input: NoSingleInput
     response_models: dict[str, dict[str, Any]]
@@ -70,7 +77,7 @@ class Card(BaseModel):
     @property
     def tuning(self) -> tuple[str, ...]:
         """Families that something may be chosen on."""
-        return tuple(name for name in self.families if name not in self.held_out)
+        return tuple(name for name in self.families if name not in (*self.held_out, *self.unseen))
 
 
 @lru_cache(maxsize=1)
@@ -82,9 +89,9 @@ def people_card() -> Card:
             card.family(name)
     except (ValidationError, KeyError) as problem:
         raise LearningError(f"{CARD.name}: {problem}") from None
-    unknown = [name for name in card.held_out if name not in card.families]
+    unknown = [name for name in (*card.held_out, *card.unseen) if name not in card.families]
     if unknown:
-        raise LearningError(f"{CARD.name}: held_out {unknown[0]!r} is no family; families are {list(card.families)}")
+        raise LearningError(f"{CARD.name}: {unknown[0]!r} is no family; families are {list(card.families)}")
     return card
 
 
