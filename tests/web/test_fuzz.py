@@ -198,7 +198,16 @@ def known_words(services: Services, walked: Walked, people: TestClient) -> dict[
         "code": [walked.finished, walked.half_way, walked.fresh, walked.bot],
         "who": ["people", "simulated"],
         "number": ["0", "3"],
-        "name": ["experimenter", "transitions", "experimenters-guide", "report.html", "first_seed=1.svg"],
+        "setup": ["study_room"],
+        "name": [
+            "base",
+            "policies-light.webp",
+            "experimenter",
+            "transitions",
+            "experimenters-guide",
+            "report.html",
+            "first_seed=1.svg",
+        ],
         "kind_name": ["train", "align", "compare", "evaluate"],
         "job_id": jobs,
         "artefact_id": artefacts,
@@ -289,7 +298,8 @@ NOT_THERE = {
     "/lab/sign-in/openid",
     "/lab/sign-in/openid/return",
     "/lab/account/identity/begin",
-    # the study asks nothing in one's own words
+    # the study asks nothing in one's own words, and nobody thinks aloud
+    "/lab/studies/{study_id}/voices/{response_id}.webm",
     "/lab/studies/{study_id}/coding/{item}",
     "/lab/studies/{study_id}/coding/{item}/differences",
     "/lab/studies/{study_id}/coding/{item}/codings.csv",
@@ -346,10 +356,10 @@ def test_every_page_and_file_is_answered_as_published(busy_data: Path, walked: W
     assert {one.path for one in every_route(application.routes) if not one.include_in_schema} == UNLISTED
     for (method, path), operation in operations(document):
         sent = operation.get("requestBody", {}).get("content", {})
-        assert set(sent) <= {*FORMS, "application/json", "application/octet-stream"}, (method, path)
+        assert set(sent) <= {*FORMS, "application/json", "application/octet-stream", "audio/webm"}, (method, path)
         for status, told in operation["responses"].items():
             content = told.get("content", {})
-            assert set(content) <= {*MEDIA.values(), "text/event-stream", "video/mp4", "video/webm"}, (
+            assert set(content) <= {*MEDIA.values(), "text/event-stream", "video/mp4", "video/webm", "audio/webm"}, (
                 method,
                 path,
                 status,
