@@ -74,6 +74,7 @@ def main(bundle: str, world: str) -> dict[str, Any]:
     simulated = [sys.executable, "-m", "desirepath.deploy.ros.simulated", world]
     robot = subprocess.Popen(simulated)
     driving = [sys.executable, "-m", "desirepath.deploy.ros", bundle, "--goal", "-0.6,4.2"]
+    driving += ["--ros-args", "-p", "slowed_s:=10", "-p", "people_stale_s:=1"]  # ROS takes them for ints
     node = subprocess.Popen(driving)
     try:
         one.wait("the node", lambda: bool(one.states))

@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from desirepath.cli.main import app
 from desirepath.deploy.inputs import Command, InputError, Odometry, Scan
 from desirepath.deploy.ros.__main__ import RULES, main, parser
-from desirepath.deploy.ros.messages import moved
+from desirepath.deploy.ros.messages import moved, number_of, numbers_of
 from desirepath.deploy.safety import Rules
 from desirepath.installed import ROOT
 from desirepath.learning.policies.bundles import bundle_files
@@ -74,6 +74,14 @@ def test_it_stands_whatever_is_killed_and_says_why(bundle, ros):
     assert saw["node killed"].startswith("driving"), (
         "it had no time to say anything; the robot's own watchdog stopped it"
     )
+
+
+@needs_ros
+def test_a_parameter_that_is_no_number_is_named(bundle, ros):
+    command = [str(PYTHON), "-m", "desirepath.deploy.ros", str(bundle), "--ros-args", "-p"]
+    ran = subprocess.run([*command, "keep_out_m:=near"], env=ros, capture_output=True, text=True, timeout=60)
+    assert ran.returncode == 1
+    assert "error: parameter keep_out_m = 'near': must be a number" in ran.stderr
 
 
 @needs_ros
@@ -216,6 +224,24 @@ def test_the_loop_of_the_page_drives_a_robot_of_ones_own(bundle):
 
 def test_places_of_another_frame_come_into_the_odometrys():
     assert moved((1.0, 0.0), (2.0, 3.0, math.pi / 2)) == pytest.approx((2.0, 4.0))
+
+
+def test_parameters_may_be_told_without_a_decimal_point():
+    assert number_of("keep_out_m", 0) == 0.0
+    assert numbers_of("goal", np.array([3, 1]), (0, 2)) == (3.0, 1.0)
+    assert numbers_of("goal", [], (0, 2)) == ()
+
+
+@pytest.mark.parametrize("value", ["near", True, None, [1.0], b"1"])
+def test_parameters_that_are_no_number_are_named(value):
+    with pytest.raises(InputError, match=r"parameter keep_out_m = .*: must be a number"):
+        number_of("keep_out_m", value)
+
+
+@pytest.mark.parametrize("value", ["here", 3.0, [1.0], [1.0, "2"], [True, 2.0], [1.0, math.nan], None])
+def test_places_that_are_none_are_named(value):
+    with pytest.raises(InputError, match="parameter goal"):
+        numbers_of("goal", value, (0, 2))
 
 
 def test_a_robot_yaml_needs_the_whole_of_desire_path(bundle, monkeypatch):

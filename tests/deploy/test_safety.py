@@ -47,6 +47,7 @@ class Rig:
         self.supervisor.goal((9.0, 0.0))
         self.scans, self.odometry, self.told = {}, {}, []
         self.scan_off = self.odometry_off = False
+        self.each = lambda: None  # what else happens every 10 ms
 
     def scan(self, **values):
         ranges = np.full(360, 5.0)
@@ -64,6 +65,7 @@ class Rig:
     def pass_time(self, seconds):
         for k in range(1, round(seconds / 0.01) + 1):
             self.t += 0.01
+            self.each()
             if k % 10 == 0 and not self.scan_off:
                 self.scan(**self.scans)
             if k % 5 == 0 and not self.odometry_off:
@@ -318,9 +320,13 @@ def test_somebody_whom_the_lidar_does_not_see_is_not_driven_into():
         fastest = max(fastest, v)
         rig.odometry.update(x=x, v=v)
         rig.pass_time(0.1)
-    assert "touches" in rig.stopped or rig.stopped.endswith("the keep-out distance is 0.5 m")
+    assert rig.stopped.startswith("somebody 0.5")
+    assert "touches" in rig.stopped, "slowed down to it, it does not creep to where it must stand"
     assert (fastest, v) == (pytest.approx(1.0), 0.0)
-    assert 3.0 - x > 0.18 + 0.3
+    assert 0.5 < 3.0 - x < 0.55
+    rig.controller.wanted = Command(0.5, 1.0)
+    rig.drive()
+    assert rig.supervisor.tick() == Command(0.0, 1.0), "started again it turns away, though they stay"
 
 
 def test_whoever_is_told_of_between_two_scans_is_in_the_stop_zone_at_once():
@@ -370,17 +376,152 @@ def test_a_long_robot_that_turns_on_the_spot_sweeps_nobody(slows):
     assert w == pytest.approx(0.0, abs=0.02)
 
 
-@pytest.mark.parametrize("place", [(math.nan, 0.0), (0.0, -math.inf), (1e7, 0.0)])
-def test_nobody_is_nowhere(place):
+class Walker:
+    """Somebody who walks, straight at the robot wherever it goes or as `velocity` says; the robot brakes by 2.5 m/s^2
+    and is told of them 10 times a second, `late` s after they were seen."""
+
+    def __init__(self, rig, at, speed=0.0, late=0.0, velocity=None):
+        self.rig, self.speed, self.late, self.velocity, self.steps = rig, speed, late, velocity, 0
+        self.at, self.x, self.v, self.contact, self.seen = np.array(at), 0.0, rig.supervisor.command.v, None, []
+        self.least, self.speeds = math.inf, []
+        rig.each = self.step
+
+    def step(self):
+        self.steps += 1
+        self.v += min(max(self.rig.supervisor.command.v - self.v, -0.025), 0.025)
+        self.x += self.v * 0.01
+        towards = np.array([self.x, 0.0]) - self.at
+        walking = self.speed * towards / np.hypot(*towards) if self.velocity is None else np.array(self.velocity)
+        self.at = self.at + walking * 0.01
+        self.rig.odometry.update(x=self.x, v=self.v)
+        self.seen.append((self.rig.t, Person(*map(float, (*self.at, *walking)))))
+        late = round(self.late / 0.01)
+        if self.steps % 10 == 0 and len(self.seen) > late:
+            stamp, person = self.seen[-1 - late]
+            self.rig.supervisor.people([person], stamp_s=stamp)
+        self.speeds.append(self.v)
+        self.least = min(self.least, self.gap)
+        if self.contact is None and self.gap <= 0:
+            self.contact = self.v, round(self.v * (self.gap - self.gap_from(self.x + 1e-3)) / 1e-3, 3)
+
+    @property
+    def gap(self):
+        return self.gap_from(self.x)
+
+    def gap_from(self, x):
+        """Metres from the robot's outline, were it there, to the circle around them."""
+        return float(self.rig.supervisor._body.distances(self.at - (x, 0.0))) - 0.3
+
+    def meet(self):
+        """How fast the robot drives when they touch, and how fast towards them, m/s; None: they never met."""
+        while self.contact is None and self.steps < 600:
+            self.rig.pass_time(0.1)
+        return self.contact
+
+
+DISC = Robot("turtlebot2", 0.18, None)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.1])
+@pytest.mark.parametrize("speed", [0.7, 1.0, 1.6])
+@pytest.mark.parametrize(("robot", "drives"), [(DISC, 0.65), (WAFFLE, 0.26), (HUSKY, 1.0)])
+@pytest.mark.parametrize("degrees", [0, 40, -90])
+def test_it_stands_when_somebody_walks_into_it(robot, drives, degrees, speed, late):
+    """They would meet after 2 s if it went on."""
+    rig = Rig(robot=robot)
+    rig.controller.wanted = Command(drives, 0.0)
+    towards = 2 * speed * np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+    at = towards[0] + 2 * drives, towards[1]
+    met = Walker(rig.drive(), at, speed, late).meet()
+    assert met is not None or degrees
+    assert met is None or met[0] == 0 or met[1] < 0, "it stands or moves away"
+
+
+def test_it_waits_for_somebody_to_pass_and_goes_on():
+    """They cross its way; nobody starts it again."""
+    rig = Rig(robot=DISC)
+    rig.controller.wanted = Command(0.65, 0.0)
+    passer = Walker(rig.drive(), (1.7, -2.3), velocity=(0.0, 1.0))
+    rig.pass_time(5.0)
+    assert rig.supervisor.state is State.DRIVING
+    assert passer.least > 0.02
+    assert min(passer.speeds) < 0.1
+    assert passer.x > 1.7
+
+
+@pytest.mark.parametrize(
+    "person", [(math.nan, 0.0), (0.0, -math.inf), (1e7, 0.0), (1.0, 0.0, math.nan, 0.0), (1.0, 0.0, 1e9)]
+)
+def test_nobody_is_nowhere_nor_walks_there(person):
     with pytest.raises(InputError, match="person field"):
-        Person(*place)
+        Person(*person)
+
+
+def test_nobody_walks_faster_than_people_do():
+    rig = Rig().drive()
+    rig.supervisor.people([Person(2.5, 0.0, -9e5, 0.0), Person(-1.0, 0.0, -9e5, 9e5)])
+    rig.pass_time(0.05)
+    assert rig.supervisor.tick() == Command(0.5, 0.0)
+
+
+def test_somebody_inside_the_robot_stops_it_however_they_walk():
+    rig = Rig(robot=HUSKY).drive()
+    rig.supervisor.people([Person(-0.1, 0.0, -2.0, 0.0)])
+    assert rig.stopped.startswith("somebody is")
+
+
+def test_more_people_than_there_can_be_stop_it_and_as_many_as_there_can_be_do_not_slow_it():
+    rig = Rig(robot=HUSKY).drive()
+    around = np.linspace(0, math.tau, 1_000, endpoint=False)
+    rig.supervisor.people([Person(3 * math.cos(a), 3 * math.sin(a), -2 * math.cos(a), 0.0) for a in around])
+    rig.pass_time(0.1)
+    assert rig.supervisor.state is State.DRIVING
+    rig.supervisor.people([Person(9.0, 9.0)] * 10_000)
+    assert rig.stopped == "10,000 people are told of; at most 1,000 can be"
+
+
+@pytest.mark.parametrize(
+    ("stamp", "reason"),
+    [
+        (lambda t, last: last, "its time went not on"),
+        (lambda t, last: last - 5, "its time went back"),
+        (lambda t, last: t + 60, "its clock gained"),
+    ],
+)
+def test_news_of_people_whose_stamps_are_wrong_counts_as_none(stamp, reason):
+    rig = Rig().drive()
+    last = rig.t - 3.0
+    rig.supervisor.people([Person(3.0, 0.0)], stamp_s=last)
+    news = rig.t
+    while rig.supervisor.state is State.DRIVING and rig.t < news + 3:
+        rig.supervisor.people([Person(0.1, 0.0)], stamp_s=stamp(rig.t, last))
+        rig.pass_time(0.1)
+    assert re.match(rf"no fresh news of people: .*({reason})", rig.stopped)
+    assert rig.t <= news + 1.2
+
+
+@pytest.mark.parametrize(("late", "slowed"), [(0.0, False), (0.5, True)])
+def test_old_news_of_somebody_who_walks_is_where_they_are_by_now(late, slowed):
+    rig = Rig(robot=DISC).drive()
+    rig.supervisor.people([Person(3.0, 0.0)], stamp_s=rig.t)
+    rig.pass_time(0.6)
+    rig.supervisor.people([Person(1.45, 0.0, -1.0, 0.0)], stamp_s=rig.t - late)
+    rig.supervisor.tick()
+    assert (rig.supervisor.command.v < 0.5) is slowed
+
+
+def test_who_stays_does_not_walk():
+    rig = Rig().drive()
+    rig.supervisor.people([Person(1.0, 0.0, -2.0, 0.0)], lasting=True)
+    rig.pass_time(1.0)
+    assert rig.supervisor.tick() == Command(0.5, 0.0)
 
 
 def test_people_who_come_by_messages_must_go_on_coming():
     rig = Rig().drive()
     rig.supervisor.people([Person(3.0, 0.0)])
     rig.pass_time(1.2)
-    assert rig.stopped.startswith("no news of people for 1.0")
+    assert rig.stopped.startswith("no fresh news of people: the last 1.0")
 
 
 def test_a_policy_that_observes_people_is_not_started_before_somebody_tells_of_them():
@@ -404,7 +545,7 @@ def test_news_of_people_from_before_the_clock_went_back_is_none():
     rig.supervisor.people([Person(3.0, 0.0)])
     rig.t = 10.0
     assert "the clock went from" in rig.stopped
-    with pytest.raises(Refused, match="no news of people"):
+    with pytest.raises(Refused, match="no fresh news of people"):
         rig.drive()
 
 
@@ -495,5 +636,6 @@ def test_a_few_thousand_messages_of_every_trouble_never_make_it_drive_on():
     counts = {key: value for key, value in found.items() if key.startswith(("commands_", "stops_without", "refusals"))}
     assert set(counts.values()) == {0}
     assert 0.2 < found["stop_s"] <= 0.3
+    assert found["stop_without_news_of_people_s"] <= 1.02
     assert found["drove_s"] > 20
     assert len(found["stops_by_trouble"]) > 12

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MOST_RANGES = 28_800
+MOST_PEOPLE = 1_000
 MOST_M = 1e6
 """Places and speeds beyond it are a mistake, not a place."""
 FULL_TURN = 2 * math.pi

@@ -7,18 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from enum import Enum
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from desirepath.deploy.inputs import Command, InputError, Odometry, Person, Scan, check_goal
+from desirepath.deploy.inputs import MOST_PEOPLE, Command, InputError, Odometry, Person, Scan, check_goal
+from desirepath.deploy.outline import Body, Outline, People, Points, Touch, Way, points_of
 
-Points = NDArray[np.float64]
-MOST_POINTS = 720  # of a scan, in the stop zone; of denser ones the nearest of neighbours
-FINEST_M = 0.02  # how far a robot moves between two looks along its way
 FRESH_TO_START = 3  # messages in a row
 DRIFT = 2e-4  # of two clocks
 NEAR_M = 0.3  # beyond its outline that a robot's lidar may not see
@@ -28,8 +25,6 @@ SLOWER = (0.7, 0.5, 0.35, 0.25, 0.15, 0.1)
 """Shares of a commanded speed that are tried where something is in the way; after them turning alone."""
 SLOWEST = 0.1  # m/s: a robot so slow may turn alone out of what is in its way
 CREEPING = 0.02  # m/s: a command so slow is turning alone
-PERSON_M = 0.3  # of the circle around somebody's centre, by which every engine counts collisions
-APART_M = 0.02  # at least, between that circle and the outline: what 0.5 m between centres leaves a TurtleBot 2
 STANDING = Command(0.0, 0.0)
 
 
@@ -60,9 +55,10 @@ class Rules:
     """stale_s: a robot stands so long after its last fresh scan or odometry; tick_s: how often the supervisor is asked.
     people_stale_s: and after the last news of people, where they come by messages. keep_out_m: between the centres of
     robot and person; None: by the robot's own size, APART_M from its outline to the circle around the person.
-    collision_s: it slows down where it would touch something so soon on the way that it is commanded, seen by its
-    lidar or a person it is told of, or before it stands, and stops where that does not help, or did not for slowed_s;
-    braking, m/s^2: how hard it brakes. 0: no stop zone. armed_s: how long an armed robot waits to be started.
+    collision_s: it slows down where it would touch something so soon on the way that it is commanded, or come within
+    the keep-out distance of somebody, as they walk, or before it stands, and stops where that does not help, or did
+    not for slowed_s; braking, m/s^2: how hard it brakes. 0: no stop zone. armed_s: how long an armed robot waits to be
+    started.
     v_max, w_max, v_change, w_change (m/s, rad/s, and those a second): tighter limits than the controller's own.
 
     The numbers are ours.
@@ -107,15 +103,6 @@ class Limits(Protocol):
     def v_change(self) -> float | None: ...
     @property
     def w_change(self) -> float | None: ...
-
-
-class Body(Protocol):
-    """A robot's outline, metres: a disc, or corners around its centre."""
-
-    @property
-    def radius_m(self) -> float: ...
-    @property
-    def footprint(self) -> Sequence[tuple[float, float]] | None: ...
 
 
 class Controls(Protocol):
@@ -228,18 +215,20 @@ class Supervisor:
         self.state, self.reason = State.OFF, "not armed yet"
         self.command = STANDING
         self._scans, self._odometry = (_Stream(name, self.rules.stale_s) for name in ("scan", "odometry"))
+        self._news = _Stream("news of people", self.rules.people_stale_s)
         self._scan: Scan | None = None
         self._shape: tuple[float, ...] | None = None  # of the scans since arming
         self._points: Points = np.zeros((0, 2))
         self._where: Odometry | None = None
         self._goal: tuple[float, float] | None = None
         self._people: tuple[Person, ...] | None = None if needs_people else ()
-        self._people_at: float | None = None  # None: they stay where they are
+        self._walkers = People.told(())
+        self._staying = True  # people, until something else is heard
         self._held = ""  # who holds the stop
         self._due = self._new = False  # a scan came that nothing was done about; it came just now
         self._now, self._since, self._stepped = -math.inf, -math.inf, -math.inf
         self._changed = self._free = -math.inf  # the command; when nothing was in the way of what the controller wants
-        self._body = _Outline(body or controller.robot)
+        self._body = Outline(body or controller.robot, self.rules.keep_out_m)
         self.steps = 0  # that the controller was asked for
 
     @property
@@ -273,7 +262,7 @@ class Supervisor:
             return self._scans.refuse(f"{invalid} of {len(scan.ranges)} ranges are NaN")
         if self._fresh(self._scans, scan.stamp_s, now):
             self._scan, self._shape, self._due, self._new = scan, shape, True, True
-            self._points = _seen(scan, self.controller.laser)
+            self._points = points_of(scan, self.controller.laser)
 
     def odometry(self, odometry: Odometry) -> None:
         """Where the robot is, and how it moves."""
@@ -291,9 +280,20 @@ class Supervisor:
         if self._fresh(self._odometry, odometry.stamp_s, now):
             self._where = odometry
 
-    def people(self, people: Sequence[Person], lasting: bool = False) -> None:
-        """Where people are now; lasting: and where they stay until something else is heard."""
-        self._people, self._people_at = tuple(people), None if lasting else self._time()
+    def people(self, people: Sequence[Person], lasting: bool = False, stamp_s: float | None = None) -> None:
+        """Where people are; lasting: and where they stay until something else is heard. stamp_s: when that was, on the
+        sender's clock; None: now. News that is not fresh counts as none, and more than MOST_PEOPLE stop the robot."""
+        now = self._time()
+        if len(people) > MOST_PEOPLE:
+            return self.stop(f"{len(people):,} people are told of; at most {MOST_PEOPLE:,} can be")
+        if stamp_s is None:
+            self._news.fresh_at = now
+        elif not math.isfinite(stamp_s):
+            return self._news.refuse(f"its stamp is {stamp_s}")
+        elif not self._fresh(self._news, stamp_s, now):
+            return None
+        self._people, self._walkers, self._staying = tuple(people), People.told(people, lasting), lasting
+        return None
 
     def goal(self, goal: tuple[float, float]) -> None:
         """Where to; a robot that drives goes there from now on. Raises InputError."""
@@ -331,7 +331,7 @@ class Supervisor:
             raise Refused("not started: the clock says nothing")
         if self.state is not State.ARMED:
             raise Refused(f"not started: it is {self.state.value} ({self.reason}); arm it first")
-        why = None
+        why: str | Touch | None = None
         for stream in (self._scans, self._odometry):
             if why is None and stream.in_a_row < FRESH_TO_START:
                 why = stream.missing(now, self.rules.stale_s) or (
@@ -341,8 +341,8 @@ class Supervisor:
             why = "no goal yet"
         if why is None and self._people is None:
             why = "the policy observes people, and nobody said where they are, nor that there are none"
-        why = why or self._blind() or self._danger(now) or self._ahead(now, STANDING)
-        if why is not None:
+        why = why or self._blind() or self._danger(now)
+        if (why := why or self._ahead(now, STANDING)) is not None:
             raise Refused(f"not started: {why}")
         self._begin()
         self._stepped = self._changed = now - self.controller.period_s
@@ -390,7 +390,7 @@ class Supervisor:
         if now < self._now:
             self._scans.forget()
             self._odometry.forget()
-            self._people_at = None if self._people_at is None else -math.inf
+            self._news.forget()
             self.stop(f"the clock went from {self._now:.3f} to {now:.3f}")
         self._now = now
         return now
@@ -420,26 +420,25 @@ class Supervisor:
         for stream in (self._scans, self._odometry):
             if missing := stream.missing(now, rules.stale_s - 2 * rules.tick_s):
                 return missing
-        if self._people_at is not None and now - self._people_at > rules.people_stale_s:
-            return f"no news of people for {now - self._people_at:.2f} s"
-        return None if where is None else self._too_near(self._people_around(where))
+        if not self._staying and (missing := self._news.missing(now, rules.people_stale_s)):
+            return missing
+        return None if where is None else self._too_near(now, where)
 
-    def _people_around(self, where: Odometry) -> Points:
-        """(n, 2) x, y in the robot's frame of who it was told of, metres."""
-        away = np.array([(person.x - where.x, person.y - where.y) for person in self._people or ()]).reshape(-1, 2)
-        c, s = math.cos(where.yaw), math.sin(where.yaw)
-        return np.asarray(away @ np.array([[c, -s], [s, c]]))
+    def _people_around(self, now: float, where: Odometry) -> People:
+        """Who it was told of, in the robot's frame, where they are by now."""
+        old_s = 0.0 if self._staying else min(now - self._news.fresh_at, self.rules.people_stale_s)
+        return self._walkers.seen_from(where, old_s)
 
-    def _too_near(self, people: Points) -> str | None:
-        """Whether somebody is within the keep-out distance, on whichever side and however the robot moves."""
-        if not len(people):
+    def _too_near(self, now: float, where: Odometry) -> str | None:
+        """Whether somebody is within the keep-out distance, on whichever side and however the robot moves, or walks
+        into it until the robot stands."""
+        brake_s, react_s = abs(where.v) / self.rules.braking, self.rules.tick_s
+        way = Way(Command(where.v, where.w), react_s if brake_s else 0.0, 1 + brake_s / react_s / 2, brake_s)
+        found = self._body.nearest(self._people_around(now, where), way)
+        if found is None:
             return None
-        away, told = np.hypot(*people.T), self.rules.keep_out_m
-        kept = away - self._body.distances(people) + PERSON_M + APART_M if told is None else np.full(len(away), told)
-        nearest = int((away - kept).argmin())
-        if away[nearest] >= kept[nearest]:
-            return None
-        return f"somebody is {away[nearest]:.2f} m away, the keep-out distance is {kept[nearest]:.3g} m"
+        when_s, away, kept = found
+        return f"somebody {'will be' if when_s else 'is'} {away:.2f} m away, the keep-out distance is {kept:.3g} m"
 
     def _blind(self) -> str | None:
         """Whether the lidar cannot see what the stop zone is about."""
@@ -462,29 +461,30 @@ class Supervisor:
         """How long after the last scan the way must be free: until the next is acted on or missed."""
         return max(self.rules.collision_s, age + self.rules.tick_s)
 
-    def _ahead(self, now: float, command: Command) -> str | None:
+    def _ahead(self, now: float, command: Command) -> Touch | None:
         """What is in the stop zone of this command: on its way until the robot reacts, and while it brakes from what it
         drives or, where it hardly drives, turns now."""
         if not self.rules.collision_s:
             return None
-        react_s = self._react_s(now - self._scans.fresh_at)
-        v, w, where = abs(command.v), abs(command.w), self._where
-        longer, braking = 1.0, self.rules.braking
+        way, where = self._way(now, command), self._where
+        thing = self._body.first_touch(self._points, way)
+        met = None if where is None else self._body.first_met(self._people_around(now, where), way)
+        return min((touch for touch in (thing, met) if touch is not None), key=lambda touch: touch.when_s, default=None)
+
+    def _way(self, now: float, command: Command) -> Way:
+        """How the robot goes on by this command until it stands."""
+        react_s, braking, where = self._react_s(now - self._scans.fresh_at), self.rules.braking, self._where
+        v, w = abs(command.v), abs(command.w)
+        longer, brake_s = 1.0, 0.0
         if v > CREEPING:
             fastest = max(v, abs(where.v) if where is not None else 0.0)
-            longer = 1 + fastest**2 / (2 * braking) / (v * react_s)
+            longer, brake_s = 1 + fastest**2 / (2 * braking) / (v * react_s), fastest / braking
         if v < SLOWEST and w > 0:
             fastest = max(w, abs(where.w) if where is not None else 0.0)
             slows = self._least(self.controller.limits.w_change, self.rules.w_change) or braking / self._body.around_m
             longer = max(longer, 1 + fastest**2 / (2 * slows) / (w * react_s))
-        along = Command(longer * command.v, longer * command.w)
-        people = self._people_around(where) if where is not None else np.zeros((0, 2))
-        hit = self._body.first_touch(self._points, along, react_s, people)
-        if hit is None:
-            return None
-        when, (x, y), who = hit
-        at = f"{math.hypot(x, y):.2f} m away at {math.degrees(math.atan2(y, x)):.0f} degrees"
-        return f"{who} {at} touches the robot{f' in {longer * when:.2f} s' if when else ''}"
+            brake_s = max(brake_s, fastest / slows)
+        return Way(command, react_s, longer, brake_s)
 
     def _step(self, now: float) -> str | None:
         """Ask the controller; why the robot must stop instead."""
@@ -510,9 +510,9 @@ class Supervisor:
         controller wants it just now, so that it is not what goes on."""
         command, in_the_way = wanted, self._ahead(now, wanted)
         if in_the_way is not None:
-            slower = self._slower(now, wanted)
+            slower = self._slower(now, wanted, in_the_way)
             if slower is None:
-                return in_the_way
+                return str(in_the_way)
             if now - self._free > self.rules.slowed_s:
                 return f"{in_the_way}; slowed down for {now - self._free:.0f} s"
             command = slower
@@ -523,20 +523,22 @@ class Supervisor:
         self.controller.command = command
         return None
 
-    def _slower(self, now: float, wanted: Command) -> Command | None:
-        """The same way at the fastest speed at which nothing is in the way, else turning alone; None for neither, and
-        where the last scan is older: the robot has moved since."""
-        if now - self._scans.fresh_at > 2 * self.rules.tick_s:
+    def _slower(self, now: float, wanted: Command, touch: Touch) -> Command | None:
+        """The same way at the fastest speed at which nothing is in the way, else turning alone, else, for somebody who
+        walks, standing until they are past; None for none of these. Where the last scan is older the robot has moved
+        since: then slower for people alone."""
+        passed, seen = now - self._changed, now - self._scans.fresh_at <= 2 * self.rules.tick_s
+        if not seen and touch.who is None:
             return None
-        passed = now - self._changed
         slower = [Command(share * wanted.v, share * wanted.w) for share in SLOWER]
-        if self._where is not None and abs(self._where.v) < SLOWEST:
+        if seen and self._where is not None and abs(self._where.v) < SLOWEST:
             slower.append(Command(0.0, wanted.w))
         for one in slower:
             command = self.limited(one, passed)
             if command != STANDING and self._ahead(now, command) is None:
                 return command
-        return None
+        waits = touch.who is not None and touch.who > 0 and self.limited(STANDING, passed) == STANDING
+        return STANDING if waits and self._ahead(now, STANDING) is None else None
 
     def limited(self, wanted: Command, passed_s: float) -> Command:
         """A command within the limits, and within the accelerations of what is commanded now. Where it is too fast, it
@@ -560,84 +562,3 @@ class Supervisor:
 
 def _near(wanted: float, now: float, change: float | None, passed: float) -> float:
     return wanted if change is None else min(max(wanted, now - change * passed), now + change * passed)
-
-
-def _seen(scan: Scan, laser: tuple[float, float, float]) -> Points:
-    """(n, 2) x, y in the robot's frame of what a scan saw, metres."""
-    ranges = np.where(np.isneginf(scan.ranges), scan.range_min, scan.ranges).astype(np.float64)
-    angles = scan.angles
-    seen = (ranges >= scan.range_min) & (ranges <= scan.range_max)
-    ranges, angles = ranges[seen], angles[seen]
-    if (groups := -(-len(ranges) // MOST_POINTS)) > 1:
-        padded = np.pad(ranges, (0, -len(ranges) % groups), constant_values=np.inf).reshape(-1, groups)
-        nearest = padded.argmin(axis=1) + groups * np.arange(len(padded))
-        ranges, angles = ranges[nearest], angles[nearest]
-    x, y, yaw = laser
-    return np.column_stack([x + ranges * np.cos(angles + yaw), y + ranges * np.sin(angles + yaw)])
-
-
-@dataclass
-class _Outline:
-    """A robot's outline, and what it touches on its way."""
-
-    robot: Body
-    around_m: float = field(init=False)
-    _sides: NDArray[np.float64] | None = field(init=False, default=None)  # (corners, 2, 2)
-
-    def __post_init__(self) -> None:
-        corners = self.robot.footprint
-        self.around_m = self.robot.radius_m
-        if corners is not None:
-            a = np.asarray(corners, dtype=np.float64)
-            self._sides = np.stack([a, np.roll(a, -1, axis=0)], axis=1)
-            self.around_m = float(np.hypot(*a.T).max())
-
-    def first_touch(
-        self, points: Points, command: Command, within_s: float, people: Points
-    ) -> tuple[float, Points, str] | None:
-        """(when, s; which point; what that is) the outline first holds one of (n, 2) points, or touches the circle
-        around one of (n, 2) people, where the robot keeps to a command."""
-        far = self.around_m + abs(command.v) * within_s
-        points = points[np.hypot(points[:, 0], points[:, 1]) <= far]
-        people = people[np.hypot(people[:, 0], people[:, 1]) <= far + PERSON_M]
-        if not len(points) and not len(people):
-            return None
-        looks = 1 + math.ceil((abs(command.v) + abs(command.w) * self.around_m) * within_s / FINEST_M)
-        for t in np.linspace(0.0, within_s, looks):
-            turned = command.w * t
-            if abs(command.w) > 1e-6:
-                x = command.v / command.w * math.sin(turned)
-                y = command.v / command.w * (1 - math.cos(turned))
-            else:
-                x, y = command.v * t, 0.0
-            c, s = math.cos(turned), math.sin(turned)
-            there = np.array([[c, -s], [s, c]])
-            inside = self._holds((points - (x, y)) @ there)
-            if inside.any():
-                return float(t), points[int(inside.argmax())], "something"
-            touched = self.distances((people - (x, y)) @ there) < PERSON_M
-            if touched.any():
-                return float(t), people[int(touched.argmax())], "somebody"
-        return None
-
-    def distances(self, points: Points) -> NDArray[np.float64]:
-        """(n,) metres from the outline to points (n, 2) in the robot's frame; 0 or less within."""
-        if self._sides is None:
-            return np.asarray(np.hypot(*points.T) - self.robot.radius_m)
-        a = self._sides[:, 0]
-        along = self._sides[:, 1] - a
-        part = ((points[:, None] - a) * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12)
-        nearest = a + np.clip(part, 0, 1)[..., None] * along
-        apart = np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1)
-        return np.where(self._holds(points), 0.0, apart)
-
-    def _holds(self, points: Points) -> NDArray[np.bool_]:
-        """(n,) whether points in the robot's frame are within its outline."""
-        if self._sides is None:
-            return np.hypot(points[:, 0], points[:, 1]) < self.robot.radius_m
-        a, b = self._sides[:, 0], self._sides[:, 1]
-        px, py = points[:, :1], points[:, 1:]
-        across = (a[:, 1] > py) != (b[:, 1] > py)
-        rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
-        crossing = px < (b[:, 0] - a[:, 0]) * (py - a[:, 1]) / rise + a[:, 0]
-        return np.asarray((across & crossing).sum(axis=1) % 2 == 1)

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from desirepath.deploy.inputs import Command, InputError, Odometry, Person, Scan
+from desirepath.deploy.inputs import MOST_PEOPLE, Command, InputError, Odometry, Person, Scan
 from desirepath.deploy.manifest import Limits, Robot
 from desirepath.deploy.safety import Refused, Rules, State, Supervisor, Transition
 from desirepath_experiments.benchmarks.results import Progress
@@ -69,14 +69,15 @@ class _Trial:
         self.supervisor = Supervisor(self.controller, lambda: self.t + self.clock_error, self.rules, told=self._told)
         self.supervisor.goal((1e5, 0.0))
         self.pose, self.told, self.trouble = [0.0, 0.0, 0.0], Command(0.0, 0.0), "none"
-        self.until, self.next_scan, self.next_odometry = self.t, self.t, self.t
+        self.until, self.next_scan, self.next_odometry, self.next_people = self.t, self.t, self.t, self.t
         self.good = {"scan": -math.inf, "odometry": -math.inf}
         self.stamp_error, self.alike_until = 0.0, 0.0
         self.allowed, self.forbidden, self.person_near = False, "", False
         self.changed_at = -math.inf
         self.counts: Counter[str] = Counter()
         self.stops: Counter[str] = Counter()
-        self.longest_s = self.drove_s = 0.0
+        self.longest_s = self.drove_s = self.longest_people_s = 0.0
+        self.people_at = math.inf  # when the last good news of people was true
 
     def _told(self, change: Transition) -> None:
         self.allowed = change.state is State.DRIVING
@@ -96,12 +97,12 @@ class _Trial:
             self._look(self.supervisor.tick())
 
     def _next_trouble(self) -> None:
-        everything = [*_SCANS, *_ODOMETRIES, *_OTHERS]
+        everything = [*_SCANS, *_ODOMETRIES, *_PEOPLE, *_OTHERS]
         self.trouble = "none" if self.rng.random() < 0.5 else str(self.rng.choice(everything))
         self.until = self.t + float(self.rng.uniform(0.05, 2.0))
         self.stamp_error = 0.0
         if self.trouble in _ALIKE:
-            self.alike_until = self.until + 0.2
+            self.alike_until = self.until + (0.2 if self.trouble not in _PEOPLE else 0.6)
         if self.trouble == "clock back":
             self.clock_error -= float(self.rng.uniform(0.001, 50))
             self._forbid("the clock went back")
@@ -147,13 +148,6 @@ class _Trial:
             self._try(one.start)
             if self.allowed:
                 self.forbidden, self.changed_at = "", self.t - 0.2
-        if self.rng.random() < 0.05:
-            near = self.trouble == "person near"
-            away, where = (self.rng.uniform(0, 0.25) if near else 3.0), self.rng.uniform(-math.pi, math.pi)
-            there = [Person(self.pose[0] + away * math.cos(where), self.pose[1] + away * math.sin(where))]
-            one.people(there if self.trouble != "nobody there" else [])
-            if near:
-                self._forbid("a person is near")
 
     def _try(self, act: Callable[[], None]) -> None:
         try:
@@ -171,6 +165,33 @@ class _Trial:
             self.next_odometry = self.t + 0.04
             self.counts["odometries"] += 1
             self._odometry()
+        if self.t >= self.next_people:
+            self.next_people = self.t + float(self.rng.uniform(0.05, 0.25))
+            self._tell_of_people()
+
+    def _tell_of_people(self) -> None:
+        """Somebody who walks anywhere; what the node does with who is none."""
+        rng, wrong = self.rng, self.trouble
+        near = wrong == "person near"
+        away, where = (rng.uniform(0, 0.25) if near else 3.0), rng.uniform(-math.pi, math.pi)
+        x, y = self.pose[0] + away * math.cos(where), self.pose[1] + away * math.sin(where)
+        v_x, v_y = (float(one) for one in rng.normal(0, 1, 2))
+        values = {"x": x, "y": y, "v_x": v_x, "v_y": v_y, "stamp_s": self.t - LATENCY_S, "count": 1}
+        if wrong in _PEOPLE and not _PEOPLE[wrong](self, values):
+            return
+        stamp, count = values.pop("stamp_s"), values.pop("count")
+        try:
+            people = [] if wrong == "nobody there" else [Person(**values)] * count
+        except InputError as problem:
+            self.supervisor.stop(str(problem))
+            return self._forbid("a person who is none")
+        self.supervisor.people(people, stamp_s=stamp)
+        if near:
+            self._forbid("a person is near")
+        if count > MOST_PEOPLE:
+            self._forbid("more people than there can be")
+        if wrong not in _PEOPLE or wrong in _TOLD_WELL or self._gets_used_to_it():
+            self.people_at = self.t
 
     def _scan(self) -> None:
         rng, wrong = self.rng, self.trouble
@@ -234,6 +255,7 @@ class _Trial:
             counts["commands nobody started"] += not self.allowed or bool(self.forbidden)
             counts["commands of no number"] += self.controller.wrong
             self.longest_s = max(self.longest_s, *(self.t - at for at in self.good.values()))
+            self.longest_people_s = max(self.longest_people_s, self.t - self.people_at)
         if self.supervisor.state is not State.DRIVING:
             self.controller.wrong = False
         self.told = command
@@ -298,7 +320,23 @@ _ODOMETRIES: dict[str, Callable[[_Trial, dict[str, Any]], bool]] = {
     "odometry of long ago": _set(stamp_s=_shift(-1e5, -0.31)),
     "odometry of the future": _set(stamp_s=_shift(0.45, 1e5)),
 }
+_PEOPLE: dict[str, Callable[[_Trial, dict[str, Any]], bool]] = {
+    "no news of people": lambda trial, values: False,
+    "people of no number": _set(v_x=_any_of(math.nan, math.inf, 1e9), x=_any_of(0.0, math.nan)),
+    "people who fly": _set(v_x=_any_of(9e5, -9e5), v_y=_any_of(9e5, -9e5)),
+    "a crowd": _set(count=lambda *_: MOST_PEOPLE),
+    "more people than there can be": _set(count=lambda *_: 10 * MOST_PEOPLE),
+    "people of long ago": _set(stamp_s=_shift(-1e5, -1.01)),
+    "people of the future": _set(stamp_s=_shift(1.5, 1e5)),
+    "the same news of people": _set(stamp_s=lambda trial, values: trial.people_at - LATENCY_S),
+    "stamps of people that are huge": _set(stamp_s=_any_of(1e18, 9.9e5, -9.9e5)),
+}
+_TOLD_WELL = {"people who fly", "a crowd"}
 _ALIKE = {
+    "people of long ago",
+    "people of the future",
+    "stamps of people that are huge",
+    "the same news of people",
     "scans of long ago",
     "scans of the future",
     "odometry of long ago",
@@ -330,7 +368,7 @@ def benchmark_robot_safety(config: RobotSafetyConfig, progress: Progress | None 
         }
     )
     stops: Counter[str] = Counter()
-    longest = drove = 0.0
+    longest = longest_people = drove = 0.0
     trials = max(1, min(20, config.messages // 1_000))
     for trial in range(trials):
         one = _Trial(config.seed * 1_000 + trial)
@@ -338,11 +376,13 @@ def benchmark_robot_safety(config: RobotSafetyConfig, progress: Progress | None 
         counts.update(one.counts)
         stops.update(one.stops)
         longest, drove = max(longest, one.longest_s), drove + one.drove_s
+        longest_people = max(longest_people, one.longest_people_s)
         if progress is not None:
             progress.tell(f"{counts['scans'] + counts['odometries']:,} of {config.messages:,} messages")
     return {
         **{name.replace(" ", "_"): count for name, count in sorted(counts.items())},
         "stop_s": round(longest, 4),
+        "stop_without_news_of_people_s": round(longest_people, 4),
         "drove_s": round(drove, 1),
         "stops_by_trouble": dict(sorted(stops.items())),
     }

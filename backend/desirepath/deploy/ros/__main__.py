@@ -24,7 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from desirepath.deploy.inputs import InputError
-from desirepath.deploy.safety import APART_M, PERSON_M, Body, Rules
+from desirepath.deploy.outline import APART_M, PERSON_M, Body
+from desirepath.deploy.safety import Rules
 
 WORDS = ("arm", "start", "stop", "off", "quit")
 TOKEN = "DESIREPATH_ROBOT_TOKEN"  # noqa: S105  (the name of a variable)

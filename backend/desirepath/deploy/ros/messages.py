@@ -7,11 +7,28 @@ from typing import Any
 
 import numpy as np
 
-from desirepath.deploy.inputs import InputError, Odometry, Person, Scan
+from desirepath.deploy.inputs import MOST_PEOPLE, InputError, Odometry, Person, Scan
 
-MOST_PEOPLE = 1_000
 Place = tuple[float, float, float]
 """x, y (m), yaw (rad): where one frame is in another."""
+
+
+def number_of(name: str, value: object) -> float:
+    """Of a parameter, with or without a decimal point. Raises InputError."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise InputError(f"parameter {name} = {value!r}: must be a number")
+    return float(value)
+
+
+def numbers_of(name: str, value: Any, counts: tuple[int, ...]) -> tuple[float, ...]:
+    """Of a parameter that is as many numbers as one of the counts. Raises InputError."""
+    told = value if isinstance(value, str) or not hasattr(value, "__iter__") else list(value)
+    if not isinstance(told, list) or len(told) not in counts:
+        raise InputError(f"parameter {name} = {told!r}: must be {counts[-1]} numbers, as [1.0, 2.0]")
+    numbers = tuple(number_of(name, one.item() if isinstance(one, np.generic) else one) for one in told)
+    if not all(math.isfinite(one) for one in numbers):
+        raise InputError(f"parameter {name} = {told!r}: must be finite")
+    return numbers
 
 
 def seconds(stamp: Any) -> float:

@@ -19,6 +19,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseArray, PoseStamped, TransformStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry as OdometryMessage
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
@@ -29,8 +30,10 @@ from std_srvs.srv import Trigger
 from desirepath.deploy.controller import Controller
 from desirepath.deploy.inputs import Command, InputError, Odometry, Person, Scan
 from desirepath.deploy.legs import find_people
-from desirepath.deploy.ros.messages import Place, moved, odometry_of, people_of, scan_of
-from desirepath.deploy.safety import Body, Refused, Rules, State, Supervisor, Transition
+from desirepath.deploy.outline import Body
+from desirepath.deploy.ros.messages import Place, moved, number_of, numbers_of, odometry_of, people_of, scan_of, seconds
+from desirepath.deploy.safety import Refused, Rules, State, Supervisor, Transition
+from desirepath.deploy.walks import Walks
 
 DIAGNOSED_EVERY_S = 1.0
 KEPT_LATENCIES = 10_000
@@ -92,7 +95,7 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         self.stops: list[tuple[float, str]] = []  # when, by time.monotonic, and why
         self.latencies_s: deque[float] = deque(maxlen=KEPT_LATENCIES)
         self._listener = listener
-        self._told_of_people = False
+        self._told_of_people, self._walks = False, Walks()
         simulated = bool(self.get_parameter("use_sim_time").value)
         clock = self.get_clock()
         self.now: Callable[[], float] = (lambda: clock.now().nanoseconds * 1e-9) if simulated else time.monotonic
@@ -140,20 +143,23 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
     def _with_parameters(self, drive: Drive) -> Drive:
         """With what launch files and `--ros-args -p` say."""
         told: dict[str, Any] = {}
-        for name in ("goal", "stamped", "laser", "map_to_odom", "map_frame"):
-            default = getattr(drive, name)
-            value = self.declare_parameter(name, list(default) if isinstance(default, tuple) else default).value
-            told[name] = tuple(value) if isinstance(default, tuple) else value
         for name, counts in (("goal", (0, 2)), ("laser", (0, 3)), ("map_to_odom", (3,))):
-            if len(told[name]) not in counts or not all(math.isfinite(value) for value in told[name]):
-                raise InputError(f"{name} = {list(told[name])}: must be {counts[-1]} numbers")
+            told[name] = numbers_of(name, self._parameter(name, list(getattr(drive, name))), counts)
+        for name, kind, what in (("stamped", bool, "true or false"), ("map_frame", str, "text")):
+            told[name] = self._parameter(name, getattr(drive, name))
+            if not isinstance(told[name], kind):
+                raise InputError(f"parameter {name} = {told[name]!r}: must be {what}")
         rules: dict[str, Any] = {}
         for one in fields(drive.rules):
             if one.name not in ("stale_s", "tick_s"):
                 given, unset = getattr(drive.rules, one.name), UNSET.get(one.name, 0.0)
-                value = self.declare_parameter(one.name, unset if given is None else float(given)).value
-                rules[one.name] = None if one.default is None and value == unset else float(value)
+                value = number_of(one.name, self._parameter(one.name, unset if given is None else float(given)))
+                rules[one.name] = None if one.default is None and value == unset else value
         return replace(drive, **told, rules=replace(drive.rules, **rules))
+
+    def _parameter(self, name: str, default: Any) -> Any:
+        """Of whatever type it was told: ROS itself would end a node for 0 where it expects 0.0."""
+        return self.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True)).value
 
     # What comes in
 
@@ -194,7 +200,12 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
 
     def _people(self, message: Any) -> None:
         try:
-            self.set_people(people_of(message, self._frame(message.header.frame_id, "people")))
+            people = people_of(message, self._frame(message.header.frame_id, "people"))
+            stamp_s = seconds(message.header.stamp)
+            if stamp_s:
+                self.set_people(self._walks.follow(people, stamp_s), stamp_s=stamp_s)
+            else:  # whoever sends it does not stamp
+                self.set_people(people)
         except InputError as problem:
             self.supervisor.stop(f"people who are none: {problem}")
 
@@ -228,14 +239,14 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         if self._listener is not None:
             self._listener.goal(self._stamped(), goal)
 
-    def set_people(self, people: Sequence[Person], lasting: bool = False) -> None:
-        """Where people are, in the odometry's frame; lasting: until something else is heard. From then on their legs
-        are not looked for."""
+    def set_people(self, people: Sequence[Person], lasting: bool = False, stamp_s: float | None = None) -> None:
+        """Where people are, in the odometry's frame; lasting: until something else is heard; stamp_s: when they were
+        there, by who tells of them. From then on their legs are not looked for."""
         self._told_of_people = True
-        self._see_people(people, lasting)
+        self._see_people(people, lasting, stamp_s)
 
-    def _see_people(self, people: Sequence[Person], lasting: bool = False) -> None:
-        self.supervisor.people(people, lasting)
+    def _see_people(self, people: Sequence[Person], lasting: bool = False, stamp_s: float | None = None) -> None:
+        self.supervisor.people(people, lasting, stamp_s)
         if self._listener is not None:
             self._listener.people(self._stamped(), people)
 
