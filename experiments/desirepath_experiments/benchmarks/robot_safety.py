@@ -176,7 +176,7 @@ class _Trial:
         away, where = (rng.uniform(0, 0.25) if near else 3.0), rng.uniform(-math.pi, math.pi)
         x, y = self.pose[0] + away * math.cos(where), self.pose[1] + away * math.sin(where)
         v_x, v_y = (float(one) for one in rng.normal(0, 1, 2))
-        values = {"x": x, "y": y, "v_x": v_x, "v_y": v_y, "stamp_s": self.t - LATENCY_S, "count": 1}
+        values: dict[str, Any] = {"x": x, "y": y, "v_x": v_x, "v_y": v_y, "stamp_s": self.t - LATENCY_S, "count": 1}
         if wrong in _PEOPLE and not _PEOPLE[wrong](self, values):
             return
         stamp, count = values.pop("stamp_s"), values.pop("count")
