@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import json
 import re
 from collections import defaultdict
@@ -81,7 +82,8 @@ def _between(low: str, high: str) -> str:
 
 
 def _read(file: str) -> Stored:
-    return Stored(file, json.loads((STORED / file).read_text(encoding="utf-8")))
+    content = (STORED / file).read_bytes()
+    return Stored(file, json.loads(gzip.decompress(content) if file.endswith(".gz") else content))
 
 
 def _rows(file: str) -> list[dict[str, str]]:
@@ -155,7 +157,7 @@ def _people_harmed() -> Result:
 
 
 def _people_policies() -> Result:
-    stored = _read("study_room/people_policies_pretrainings.json")
+    stored = _read("study_room/people_policies_pretrainings.json.gz")
     trainings = list(stored["pretrainings"].values())
     shares = [one["raised_at_once"] for one in trainings]
     n = sum(one["people"] for one in trainings)
