@@ -26,8 +26,10 @@ structlog.configure(
 # What is imported for thousands of tests stays: looking through it for garbage takes a fifth of collecting them.
 gc.disable()
 
-# Set before numba is imported: two cores are shared by everything.
-os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+# Set before NumPy and Numba are imported, which tests do before the product would: two cores are shared by everything,
+# and two threads for small matrices take up to ten times the processor of one.
+for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
 CHROMIUM_FLAGS = [
     "--no-sandbox",
