@@ -47,6 +47,9 @@ from desirepath_experiments.benchmarks.people import (
 from desirepath_experiments.benchmarks.results import Progress
 from desirepath_experiments.benchmarks.scene_choice import BASE, SceneCandidates
 
+NEEDED = 2 / 3
+"""Of the direct comparisons with the base policy, the share in which a choice per scene must have been preferred for it
+to be shown. Chosen on tuning families (30 people, seed 0), before it was tried on any other."""
 NOTHING = 0.01  # typical differences: a mean gain within this is none
 TRUE_SCENES = 30  # in which the library's best by somebody's true score is looked for
 SELECT_SEED = 7_500  # of these, of no card
@@ -346,11 +349,27 @@ def _summarise(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
             f"changed_{when}": float(np.mean([person[f"changed_{when}"] for person in persons])),
             f"success_{when}": float(np.mean([person[f"success_{when}"] for person in persons])),
         }
+    if "direct_wins" in persons[0]:
+        summary |= _shown_directly(persons)
     return summary | {
         "gain_best": float(np.median([person["gain_best"] for person in persons])),
         **{key: float(np.mean([person[key] for person in persons])) for key in ("success_base", "accuracy", "claimed")},
         "calibration_error": calibration_error([person["bins"] for person in persons]),
     }
+
+
+def _shown_directly(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What is shown, and whom it harms, where those direct answers decide it that did not choose it."""
+    shown = [person for person in persons if person["direct_wins"] >= NEEDED * max(person["direct_asked"], 1)]
+    found: dict[str, Any] = {"shown_directly": len(shown) / len(persons)}
+    for when in ("direct_before", "direct_after"):
+        gains = [person[f"gain_{when}"] for person in shown]
+        harmed = sum(gain < -NOTHING for gain in gains)
+        for among, count in (("all", len(persons)), ("shown", len(shown))):
+            of = wilson(harmed, count) if count else None
+            found[f"harmed_{when}_of_{among}"] = [of.value, of.low, of.high] if of else None
+        found[f"raised_{when}_of_shown"] = float(np.mean([gain > NOTHING for gain in gains])) if gains else None
+    return found
 
 
 def _median_interval(values: Sequence[float]) -> tuple[float, float]:
