@@ -284,6 +284,7 @@ class ExampleStep:
     total: int
     payload: dict[str, Any]
     minutes_left: float = 8.0
+    further: bool = False
     done: float = 0.25
 
 

@@ -91,11 +91,17 @@ def test_what_is_not_surely_better_is_asked_on_and_judged_again(walker):
 
 
 def test_never_more_than_the_protocol_says_and_then_nothing_is_compared(walker):
+    assert not walker.view.further
+    left = []
     for wait in ("train.wait_2", "train.wait_3"):
         end_job(walker, sure=False)
         settle(walker)
+        assert walker.view.further, "what is left is told as a maximum"
+        left.append(walker.view.minutes_left)
         last = walker.view.payload
         answer_until(walker, wait)
+        left.append(walker.view.minutes_left)
+    assert (left, len(set(left))) == (sorted(left, reverse=True), 3), "it falls, and rises in no round after the first"
     assert last == {"pairs": 2, "at_most": 2, "first": False}
     assert walker.view.payload == {"learns_from": "answers"}, "nothing more may be asked"
     end_job(walker, sure=False)
@@ -162,7 +168,10 @@ def test_the_plan_its_queries_and_its_minutes_are_of_all_that_may_be_asked(tmp_p
     without = small_protocol(tmp_path, stages, query_set=str(twenty_queries)).protocol
     with_more = small_protocol(tmp_path, [ASKED, training(), COMPARISON], query_set=str(twenty_queries)).protocol
     assert with_more.needs.queries == without.needs.queries + 5
-    assert estimate_minutes(with_more) > estimate_minutes(without) + 2
+    usual, most = estimate_minutes(with_more)
+    assert (usual, usual) == estimate_minutes(without)
+    assert most > usual + 2
+    assert with_more.told_minutes == f"15–{15 + round(most - usual)}"
 
 
 @pytest.mark.parametrize(

@@ -52,9 +52,10 @@ def preview(
         return
     for number, step in enumerate(shown["steps"], 1):
         typer.echo(f"{number:4} {step['kind']:14} {step['key']:36} {step['description']}")
-    typer.echo(
-        f"{len(shown['steps'])} steps, about {shown['minutes']:g} minutes; orders: {shown['orders'] or 'by lot'}"
-    )
+    most = f", up to {shown['minutes_at_most']:g} with further pairs"
+    longer = most if shown["minutes_at_most"] > shown["minutes"] else ""
+    orders = shown["orders"] or "by lot"
+    typer.echo(f"{len(shown['steps'])} steps, about {shown['minutes']:g} minutes{longer}; orders: {orders}")
 
 
 @in_data_folder

@@ -103,7 +103,9 @@ def _sample(frozen: FrozenProtocol) -> Iterator[str]:
     most = "as many as come" if protocol.participants is None else str(protocol.participants)
     yield f"- Participants who are taken in: {most}. Planned number, why, and when you stop: {TO_FILL_IN}"
     yield "  (`desirepath studies power` says what a number of participants finds.)"
-    yield f"- A session takes about {estimate_minutes(protocol):g} minutes; participants are told {protocol.minutes}."
+    usual, longest = estimate_minutes(protocol)
+    longer = f" (up to {longest:g} with further pairs)" if longest > usual else ""
+    yield f"- A session takes about {usual:g} minutes{longer}; participants are told {protocol.told_minutes}."
     for quota in protocol.quotas:
         yield f"- At most {quota.most} with the answer {quota.is_} to {quota.questionnaire}.{quota.item}."
     asked = protocol.asked_of_devices

@@ -33,6 +33,11 @@ class Pace:
     single_s: float
 
 
+PACE = Pace(page_s=PAGE_S, trial_s=2 * (9.0 + 2.0) + 5.0, single_s=35.0)
+"""ours: a drive of the study room's queries takes 9 s (ch. 7: 9.8 s and less) and 2 s for its letter, a choice 5 s;
+alone, a rollout of 6 m at about 0.2 m/s and a press on the button."""
+
+
 @dataclass
 class Planning:
     """What a stage is planned with. key: the stage's own; stages: all of the protocol; conditions: in this
@@ -96,8 +101,12 @@ class Stage(Part):
         return 0
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
-        """How long it takes, breaks included."""
+        """How long it takes, breaks included, without what only some are asked (`further_seconds`)."""
         return pace.page_s
+
+    def further_seconds(self, pace: Pace) -> float:
+        """How long its further steps take at most (`Step.further`)."""
+        return 0.0
 
     def numbers(self) -> dict[str, int]:
         """What it adds to the numbers that texts may name in braces (`protocol/schema.py`); `pairs_per_block`
@@ -172,6 +181,11 @@ class Step(BaseModel):
     def least_s(self, *, timed_out: bool) -> int:
         """How long its page must stand before it can be answered. timed_out: half filled, because its time is over."""
         return 0
+
+    @property
+    def further(self) -> bool:
+        """Whether only those meet it whose answers do not tell enough yet (`kinds/asking_on.py`)."""
+        return False
 
     @property
     def most_s(self) -> int | None:

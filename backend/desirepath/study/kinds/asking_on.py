@@ -72,6 +72,10 @@ class AskingOnStep(Step):
     pairs: int
     at_most: int
 
+    @property
+    def further(self) -> bool:
+        return True
+
 
 class AskingOn(Kind[AskingOnStep, Confirmed]):
     name = "asking_on"

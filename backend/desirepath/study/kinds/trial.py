@@ -122,6 +122,10 @@ class TrialStep(Step):
     round: int | None = None
 
     @property
+    def further(self) -> bool:
+        return self.round is not None
+
+    @property
     def sort(self) -> tuple[str, ...]:
         return (*super().sort, self.role)
 

@@ -75,8 +75,8 @@ class TrainStage(Stage):
     def needs(self) -> Needs:
         return Needs(own=self.ask_on.at_most) if self.ask_on else Needs()
 
-    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
-        return super().seconds(pace, stages) + (self.ask_on.seconds(pace) if self.ask_on else 0.0)
+    def further_seconds(self, pace: Pace) -> float:
+        return self.ask_on.seconds(pace) if self.ask_on else 0.0
 
     def numbers(self) -> dict[str, int]:
         return {"further_pairs": self.ask_on.at_most} if self.ask_on else {}
@@ -99,6 +99,10 @@ class WaitStep(Step):
 
     kind: Literal["wait"]
     again: bool = False
+
+    @property
+    def further(self) -> bool:
+        return self.again
 
 
 class Wait(Kind[WaitStep, Confirmed]):

@@ -13,9 +13,7 @@ from desirepath.study.protocol.freezing import FrozenProtocol
 from desirepath.study.protocol.planning import example_queries, make_plan
 from desirepath.study.protocol.schema import Protocol, fill_in
 from desirepath.study.protocol.stages import StageEntry, stage_keys
-from desirepath.study.steps import PAGE_S, Pace, Stage, Step
-
-SECONDS_ALONE = 35.0  # ours: a rollout of 6 m at about 0.2 m/s, and a press on the button
+from desirepath.study.steps import PACE, Step
 
 
 @dataclass(frozen=True)
@@ -64,42 +62,36 @@ def _facts(data: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
         yield prefix.replace("_", " "), shown if not isinstance(data, str) else data
 
 
-def estimate_minutes(protocol: Protocol, *, seconds_per_trajectory: float = 9.0) -> float:
-    """How long all appointments take by the protocol: two trajectories with letters and a choice per trial, half a
-    minute per page, stages with `when` as if everybody met them, comprehension checks once.
-
-    seconds_per_trajectory: of the study room's queries, ch. 7 (9.8 s and less).
+def estimate_minutes(protocol: Protocol) -> tuple[float, float]:
+    """How long all appointments take by the protocol, and how long at most with further pairs: two trajectories with
+    letters and a choice per trial, half a minute per page, stages with `when` as if everybody met them, comprehension
+    checks once.
     """
-    return round(sum(seconds_by_stage(protocol, seconds_per_trajectory).values()) / 60.0, 1)
-
-
-def seconds_by_stage(protocol: Protocol, seconds_per_trajectory: float = 9.0) -> dict[str, float]:
-    """The same by stage, in seconds: a stage's key in plans -> how long it takes."""
-    stages = protocol.all_stages
-    return {key: stage_seconds(stage, stages, seconds_per_trajectory) for key, stage in protocol.keyed_stages}
-
-
-def stage_seconds(stage: Stage, stages: Sequence[Stage], seconds_per_trajectory: float = 9.0) -> float:
-    """The same of one stage among all."""
-    pace = Pace(page_s=PAGE_S, trial_s=2 * (seconds_per_trajectory + 2.0) + 5.0, single_s=SECONDS_ALONE)
-    return stage.seconds(pace, stages)
+    usual = sum(stage.seconds(PACE, protocol.all_stages) for stage in protocol.all_stages)
+    further = sum(stage.further_seconds(PACE) for stage in protocol.all_stages)
+    return round(usual / 60.0, 1), round((usual + further) / 60.0, 1)
 
 
 def minutes_left(protocol: Protocol, plan: Sequence[Step], ahead: Iterable[Step]) -> float:
     """How long the steps `ahead` of a plan take, in minutes of the `minutes` that participants are told for all of it.
 
-    A stage's time is spread evenly over its steps.
+    A stage's time is spread evenly over its steps, that of its further ones over these.
     """
-    seconds, steps = seconds_by_stage(protocol), Counter(step.stage for step in plan)
-    left = sum(seconds[step.stage] / steps[step.stage] for step in ahead)
-    return protocol.minutes * left / max(sum(seconds.values()), 1.0)
+    steps, stages = Counter((step.stage, step.further) for step in plan), protocol.all_stages
+    seconds = {
+        (key, further): stage.further_seconds(PACE) if further else stage.seconds(PACE, stages)
+        for key, stage in protocol.keyed_stages
+        for further in (False, True)
+    }
+    left = sum(seconds[at] / steps[at] for at in ((step.stage, step.further) for step in ahead))
+    return protocol.minutes * left / max(sum(stage.seconds(PACE, stages) for stage in stages), 1.0)
 
 
 def plan_preview(frozen: FrozenProtocol, seed: int, language: str | None = None) -> dict[str, Any]:
-    """One participant's steps in words: {"protocol", "minutes", "orders", "steps": [{"key", "kind", "description"}]}.
+    """One participant's steps in words: {"protocol", "minutes", "minutes_at_most", "orders", "steps"}.
 
-    orders: how many different orders of conditions are filled evenly, 0 where they are drawn by lot. ValueError for a
-    language that the protocol does not have.
+    steps: [{"key", "kind", "description"}]; orders: how many different orders of conditions are filled evenly, 0 where
+    they are drawn by lot. ValueError for a language that the protocol does not have.
     """
     languages = frozen.protocol.languages
     if language is not None and language not in languages:
@@ -107,7 +99,8 @@ def plan_preview(frozen: FrozenProtocol, seed: int, language: str | None = None)
     steps = make_plan(frozen.protocol, seed, example_queries(frozen.protocol))
     return {
         "protocol": frozen.protocol.protocol,
-        "minutes": estimate_minutes(frozen.protocol),
+        "minutes": estimate_minutes(frozen.protocol)[0],
+        "minutes_at_most": estimate_minutes(frozen.protocol)[1],
         "orders": len(design_of(frozen.protocol).rows),
         "steps": [
             {"key": step.key, "kind": step.kind, "description": _description(frozen, step, language or languages[0])}

@@ -16,7 +16,7 @@ from desirepath.study.frozen import Quota
 from desirepath.study.plan.asked_queries import Needs, Sample
 from desirepath.study.plan.counterbalancing import Assignment
 from desirepath.study.protocol.stages import StageEntry, T, stage_keys
-from desirepath.study.steps import Stage
+from desirepath.study.steps import PACE, Stage
 
 UPRIGHT, LARGE = (320, 480), (740, 500)  # ours: the smallest phone's window; the room beside its bars
 
@@ -107,6 +107,12 @@ class Protocol(Part):
     def all_stages(self) -> list[Stage]:
         return [entry.stage for entry in self.stages]
 
+    @property
+    def told_minutes(self) -> str:
+        """How long a session takes in the words that participants are told: a span where further pairs may come."""
+        further = round(sum(stage.further_seconds(PACE) for stage in self.all_stages) / 60.0)
+        return f"{self.minutes}–{self.minutes + further}" if further else str(self.minutes)
+
 
 def json_schema(of: type[Part] = Protocol) -> dict[str, Any]:
     """JSON Schema of a protocol, or of a questionnaire's file, for editors."""
@@ -135,8 +141,8 @@ def all_questionnaires(protocol: Protocol) -> Iterator[tuple[str, Path]]:
 MAXIMA = ("pairs_per_block",)  # of the longest condition; all others add up over what one participant meets
 
 
-def text_numbers(protocol: Protocol) -> dict[str, int]:
-    """What a text may name in braces: name -> number."""
+def text_numbers(protocol: Protocol) -> dict[str, int | str]:
+    """What a text may name in braces: name -> number; `minutes` is a span where further pairs may come."""
     numbers = dict.fromkeys(
         (
             "pairs",
@@ -154,7 +160,7 @@ def text_numbers(protocol: Protocol) -> dict[str, int]:
         for name, number in entry.stage.numbers().items():
             before = numbers.get(name, 0)
             numbers[name] = max(before, number) if name in MAXIMA else before + number
-    return {"minutes": protocol.minutes, **numbers}
+    return {"minutes": protocol.told_minutes, **numbers}
 
 
 def fill_in(text: str, protocol: Protocol) -> str:

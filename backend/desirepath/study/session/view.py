@@ -32,7 +32,8 @@ from desirepath.study.steps import Step
 class StepView:
     """What a page shows now. `index` counts from 0 over the steps that this person meets in this appointment, `total`
     is how many these will be as far as it is known; `trial`: phase, durations, playback, None where there is none.
-    minutes_left: of this appointment; done: the share of its time that lies behind, 0 to 1.
+    minutes_left: of this appointment; further: all further pairs that may still come counted, since this is one of them
+    (`Step.further`); done: the share of its time that lies behind, 0 to 1.
     """
 
     kind: str
@@ -42,6 +43,7 @@ class StepView:
     payload: dict[str, Any] = field(default_factory=dict)
     trial: dict[str, Any] | None = None
     minutes_left: float = 0.0
+    further: bool = False
     done: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
@@ -148,14 +150,16 @@ def _progress(moment: Moment, protocol: Protocol) -> dict[str, Any]:
     session, plan = moment.session, moment.plan
     answered = set(moment.s.scalars(select(Response.step_key).where(Response.session_id == session.id)))
     end = appointments.end_of(plan, session.appointment)
-    left = [step for step in plan[session.position + 1 : end] if moment.may_come(step)]
+    later, further = plan[session.position + 1 : end], moment.step.further
+    left = [step for step in later if moment.may_come(step)]
     uncounted = session.state == "active" and kind_of(moment.step).goes_on
     counted = {"index": len(answered), "total": len(answered) + (not uncounted) + len(left)}
     if session.state in ("completed", "screened_out"):
         return counted | {"minutes_left": 0.0, "done": 1.0}
-    ahead = minutes_left(protocol, plan, left if uncounted else [moment.step, *left])
+    timed = [step for step in later if step in left or (further and step.further)]
+    ahead = minutes_left(protocol, plan, timed if uncounted else [moment.step, *timed])
     behind = minutes_left(protocol, plan, [step for step in plan if step.key in answered])
-    return counted | {"minutes_left": ahead, "done": behind / max(behind + ahead, 0.01)}
+    return counted | {"minutes_left": ahead, "further": further, "done": behind / max(behind + ahead, 0.01)}
 
 
 def _trial_state(s: DatabaseSession, trial: Trial) -> dict[str, Any]:

@@ -54,7 +54,7 @@ def draft_view(request: Request, draft: Draft) -> dict[str, Any]:
         "named": {one: f"{words.rpartition(',')[0]})" for one, words in sets.items()},  # name and setup
         "protocol_fields": protocol_form(source, suggested) if source else (),
         "kinds": [*STAGES],
-        "minutes": estimate_minutes(frozen.protocol) if frozen else sum(known) / 60,
+        "minutes": estimate_minutes(frozen.protocol) if frozen else (sum(known) / 60,) * 2,
         "previews": _previews(draft, frozen, sets),
         "power": services.power.newest(frozen.hash) if frozen else None,
     }

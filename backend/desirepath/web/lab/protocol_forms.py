@@ -14,9 +14,9 @@ from pydantic import ValidationError
 
 from desirepath.grammar.error_words import Schema, example_in, schema_of, variants
 from desirepath.grammar.source import Path, Problem, Source
-from desirepath.study.protocol.outline import stage_seconds
 from desirepath.study.protocol.schema import Protocol
 from desirepath.study.protocol.stages import STAGES, StageEntry
+from desirepath.study.steps import PACE
 
 Kind = Literal["text", "number", "choice", "flag", "several", "words", "localized", "group", "list", "yaml"]
 Suggested = Mapping[str, Sequence[str]]
@@ -80,7 +80,7 @@ def stage_forms(source: Source, problems: Sequence[Problem], suggested: Suggeste
         kind = next((key for key in written if key in STAGES), None) if isinstance(written, dict) else None
         own = [problem for problem in problems if (at := _AT.match(problem.field)) and int(at[1]) == index]
         fields = _Forms(source, suggested).stage(path, kind) if kind else ()
-        seconds = stage_seconds(entry.stage, stages) if entry is not None else None
+        seconds = entry.stage.seconds(PACE, stages) if entry is not None else None
         forms.append(StageForm(index, kind, source.line(path), fields, tuple(own), seconds))
     return forms
 
