@@ -20,7 +20,7 @@ from desirepath.settings import Settings
 from desirepath.store.artefacts import save_artefact
 from desirepath.store.models import Artefact, utc_now
 from desirepath.store.shipped_policies import policy_artefact, register_shipped
-from desirepath.web.analyst.chosen_policies import Side
+from desirepath.web.analyst.chosen_policies import Side, first_scene
 from desirepath.web.application import build_services, create_application
 from desirepath.web.core.dependencies import Services
 from desirepath.web.core.figure_process import FigureError, FigureProcess, FlowOrder
@@ -92,7 +92,7 @@ def test_one_policy_is_drawn_with_files_command_and_lineage(analyst, known, lang
     assert "<iframe" in page.text, "nothing has to be chosen first"
     figure = part(analyst, page.text, language)
     assert says in figure
-    assert "desirepath policies flow-field study_room/base --scene 3500000000" in figure
+    assert f"desirepath policies flow-field study_room/base --scene {first_scene()}" in figure
     assert f"/lab/artefacts/{known.base}#lineage" in figure
     files = sources(figure)
     assert set(files) == {"flow_field.png", "flow_field.svg", "flow_field.csv"}

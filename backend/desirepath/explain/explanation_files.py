@@ -18,7 +18,7 @@ from desirepath.explain.flow_files import FigureFiles, table_bytes
 from desirepath.explain.flow_words import ENGLISH_EXPLANATION, ExplanationWords
 from desirepath.explain.methods import COMMANDS, AttributionError, Command, Method
 from desirepath.explain.shown_explanation import people_of
-from desirepath.explain.sight import Sight, sight_of
+from desirepath.explain.sight import Sight, sight_of, thing_names
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
@@ -34,6 +34,7 @@ COLUMNS = ("step", "time_s", "x_m", "y_m", "yaw_rad", "command", "thing", "seen"
 THICKEST_PT = 5.0  # outline of a thing with score 1, points
 LEAST_CHANGE = 0.05  # ours: slower by less than this share of the speed range, and there is little to explain
 NOTE = "the robot hardly slowed down here: little is explained"
+NAMED_FROM = 0.02  # a thing that never scores more is not named in the picture
 SHOWN_LINES = 5  # things with a line of their own in the chart; the others are in the table
 
 
@@ -209,6 +210,7 @@ def _figure(
         figure, (room, chart) = blank(2, 7.6, 3.6)
         draw(room, step)
         _draw_way(room, trajectory, step)
+        _draw_names(room, trajectory, explained, step, words)
         room.set(xlabel=words.x, ylabel=words.y)
         room.set_title(f"{name}, {step * trajectory.dt:.1f} s")
         times = np.arange(len(commands)) * trajectory.dt
@@ -295,6 +297,33 @@ def _draw_people(ax: Axes, trajectory: Trajectory, explained: Scores, step: int)
         ax.add_patch(Circle((x, y), radius + 0.06, fill=False, edgecolor=plots.INK, linewidth=width, zorder=7))
     goal = (scene.goal.x, scene.goal.y)
     ax.add_patch(Circle(goal, scene.goal_radius, fill=False, edgecolor=plots.DATA[0], linewidth=0.8, zorder=6))
+
+
+def _draw_names(ax: Axes, trajectory: Trajectory, explained: Scores, step: int, words: ExplanationWords) -> None:
+    """What chart and table call the things that the policy went by, beside each."""
+    from matplotlib.patheffects import withStroke
+
+    from desirepath.explain import scene_plots as plots
+
+    scene = trajectory.scene
+    places = {
+        name: (solid.pose.x, solid.pose.y) for name, solid in zip(thing_names(scene), scene.obstacles, strict=False)
+    }
+    people = scene.people_at([step * trajectory.dt])[:, 0]
+    places |= {name: (float(x), float(y)) for name, (x, y) in zip(people_of(scene), people, strict=False)}
+    for thing, most in zip(explained.things, explained.scores.max(axis=0), strict=True):
+        if thing in places and most > NAMED_FROM:
+            ax.annotate(
+                words.thing(thing),
+                places[thing],
+                (0, 3),
+                textcoords="offset points",
+                fontsize=6,
+                ha="center",
+                va="bottom",
+                zorder=9,
+                path_effects=[withStroke(linewidth=2, foreground=plots.PAPER)],
+            )
 
 
 def _draw_way(ax: Axes, trajectory: Trajectory, step: int) -> None:

@@ -35,6 +35,9 @@ SIDES = ("a", "b")
 NAMED = {"a": "policy", "b": "second"}  # side -> its name in an address
 CONDITIONED, ADAPTABLE = "conditioned_policy", "adaptable_policy"
 WEIGHED = (CONDITIONED, ADAPTABLE)
+TELLING = 4
+"""The first scene in which what each tab shows by itself arrives and passes somebody, and what is explained slows down:
+tests/web/test_first_scene.py holds it to that."""
 KINDS = ("policy", *WEIGHED, "attention_policy", "depth_controller")
 
 
@@ -113,10 +116,10 @@ def objectives_of(kind: str, setup: str | None = None) -> tuple[str, ...]:
 
 
 def first_scene() -> int:
-    """The first scene that is kept for figures."""
+    """The first of the figures' scenes that is a good show on every tab (`TELLING`)."""
     from desirepath.learning.scene_sets import Purpose, first_seed
 
-    return first_seed(Purpose.FIGURE, 0)
+    return first_seed(Purpose.FIGURE, 0) + TELLING
 
 
 def choices_of(s: DatabaseSession, rights: Rights) -> Sequence[Artefact]:
