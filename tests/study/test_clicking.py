@@ -34,10 +34,10 @@ def test_a_slight_lean_is_no_bias_however_many_answers_there_are():
     assert not position_bias("a" * 120 + "b" * 80).is_found
 
 
-def answered(walk, choose, *, thinks_s: float = 2.0, train=TRAIN, compare=COMPARISON):
-    """At the page after eight pairs, simulated by hand."""
+def answered(walk, choose, *, thinks_s: float = 2.0, train=TRAIN, compare=COMPARISON, pairs: int = 8):
+    """At the page after so many of eight pairs, simulated by hand."""
     walker = walk(EIGHT, train, compare, MEET)
-    for number in range(8):
+    for number in range(pairs):
         key = walker.view.key
         walker.watch(key)
         walker.later(thinks_s)
@@ -60,6 +60,14 @@ def test_always_the_same_letter_teaches_nothing_and_is_said_kindly(walk, letter)
 def test_who_never_takes_the_time_to_compare_teaches_nothing(walk):
     walker = answered(walk, lambda number: "ab"[number % 2], thinks_s=0.2)
     assert (session_row(walker).personalisation, walker.view.kind) == ("too_fast", "debriefing")
+
+
+@pytest.mark.parametrize(("pairs", "flags"), [(1, ()), (2, ("too_fast",)), (7, ("too_fast",))])
+def test_who_chooses_too_fast_is_seen_early_with_the_count(walk, pairs, flags):
+    walker = answered(walk, lambda number: "ab"[number % 2], thinks_s=0.2, pairs=pairs)
+    with walker.database.session() as s:
+        (seen,) = monitoring.signs(s, walker.session.study_id).values()
+    assert (seen.flags, seen.hasty) == (flags, (len(flags) * pairs, pairs))
 
 
 def test_nobody_guesses_about_a_comparison_that_was_not_shown(walk):

@@ -52,10 +52,10 @@ def position_bias(choices: Sequence[str]) -> PositionBias:
 NO_CHOICES = position_bias(())
 
 
-def is_too_fast(decision_s: Sequence[float]) -> bool:
-    """Whether at least half of at least five choices took less than half a second each."""
+def is_too_fast(decision_s: Sequence[float], at_least: int = FAST_FROM) -> bool:
+    """Whether at least half of `at_least` choices or more took less than half a second each."""
     fast = sum(1 for seconds in decision_s if seconds < TOO_FAST_S)
-    return len(decision_s) >= FAST_FROM and fast >= FAST_SHARE * len(decision_s)
+    return len(decision_s) >= at_least and fast >= FAST_SHARE * len(decision_s)
 
 
 def find_letters(s: DatabaseSession, session: Session) -> list[str]:

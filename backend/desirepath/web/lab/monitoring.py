@@ -33,6 +33,7 @@ from desirepath.study.personalising.clicking import (
     position_bias,
 )
 
+SEEN_FAST_FROM = 2  # choices, so that somebody is noticed before `FAST_FROM`, from which on nothing is learned
 INCONSISTENT_FROM = 4  # repeats and swaps; half of so many differ by chance in most cases: a hint, no proof
 INCONSISTENT_SHARE = 0.5
 CIRCULAR_FROM = 2  # triads of transitivity probes in which A was chosen over B, B over C and C over A ...
@@ -49,7 +50,7 @@ ANSWER_SIGNS = ("too_fast", "one_sided", "failed_checks", "inconsistent")
 RULES: dict[str, dict[str, float]] = {
     "problem": {},
     "restarts": {"from": MANY_RESTARTS},
-    "too_fast": {"share": FAST_SHARE, "seconds": TOO_FAST_S, "from": FAST_FROM},
+    "too_fast": {"share": FAST_SHARE, "seconds": TOO_FAST_S, "from": SEEN_FAST_FROM, "untaught": FAST_FROM},
     "one_sided": {"share": ONE_SIDED_SHARE, "p": ONE_SIDED_P},
     "failed_checks": {},
     "inconsistent": {"share": INCONSISTENT_SHARE, "from": INCONSISTENT_FROM, "circular": CIRCULAR_FROM},
@@ -61,11 +62,12 @@ RULES: dict[str, dict[str, float]] = {
 @dataclass(frozen=True)
 class Signs:
     """What stands out in one participant's answers. `trial_s`: median seconds from answer to answer, over trials.
-    sides: of their preferences, how often the same letter."""
+    sides: of their preferences, how often the same letter. hasty: how many choices were too fast, of how many."""
 
     flags: tuple[str, ...] = ()
     trial_s: float | None = None
     sides: PositionBias = NO_CHOICES
+    hasty: tuple[int, int] = (0, 0)
 
 
 NOTHING = Signs()
@@ -104,7 +106,8 @@ def signs(s: DatabaseSession, study_id: str, *, only: str | None = None) -> dict
         flags = [sign for sign in ANSWER_SIGNS if _behind(sign, given)]
         if lost[participant] >= LOST_FOCUS_FROM:
             flags.append("lost_focus")
-        found[participant] = Signs(tuple(flags), _trial_s(given), _sides(given))
+        hasty = (len(_behind("too_fast", given)), len(_timed(given)))
+        found[participant] = Signs(tuple(flags), _trial_s(given), _sides(given), hasty)
     return found
 
 
@@ -119,8 +122,8 @@ def _behind(sign: str, given: Sequence[_Given]) -> list[_Given]:
     """One participant's answers behind a flag; none where there is no reason for it."""
     match sign:
         case "too_fast":
-            timed = [(a, a.decision_s) for a in given if a.chosen is not None and a.decision_s is not None]
-            hasty = is_too_fast([seconds for _, seconds in timed])
+            timed = _timed(given)
+            hasty = is_too_fast([seconds for _, seconds in timed], SEEN_FAST_FROM)
             return [a for a, seconds in timed if seconds < TOO_FAST_S] if hasty else []
         case "one_sided":
             chosen = _preferences(given)
@@ -131,6 +134,11 @@ def _behind(sign: str, given: Sequence[_Given]) -> list[_Given]:
     differing = [a for a, same in probes if not same]
     enough = len(probes) >= INCONSISTENT_FROM and len(differing) >= INCONSISTENT_SHARE * len(probes)
     return (differing if enough else []) + _going_round(given)
+
+
+def _timed(given: Sequence[_Given]) -> list[tuple[_Given, float]]:
+    """The choices with how long each took, s."""
+    return [(a, a.decision_s) for a in given if a.chosen is not None and a.decision_s is not None]
 
 
 def _preferences(given: Sequence[_Given]) -> list[_Given]:

@@ -61,6 +61,7 @@ class PersonRow:
     problems: int
     flags: tuple[str, ...]
     sides: PositionBias
+    hasty: tuple[int, int]
     personalisation: str | None
     predictive_check: Mapping[str, Any] | None
     last_seen_at: datetime | None
@@ -137,6 +138,7 @@ def people(s: DatabaseSession, study_id: str, now: datetime, *, only: str | None
                 problems=problems.get(participant.id, 0),
                 flags=tuple(flags),
                 sides=seen.sides,
+                hasty=seen.hasty,
                 trial_s=seen.trial_s,
                 order=_order_of(session.assignment),
                 personalisation=session.personalisation,
