@@ -40,6 +40,9 @@ What is no thing is asked for directly: `train WHAT` learns something as a job, 
 `experiments` installed there are `benchmark NAME` (measuring) and `ship WHAT SETUP` (making what is shipped), which
 are long and not here, and `reproduce CHAPTER`.
 
+Older names still answer and are not listed: `evaluate`, `export` and `report` are `policies evaluate`,
+`studies export` and `studies report`; `study`, `setup` and `robot` are the plural nouns.
+
 **Everywhere.** `--data FOLDER` names the installation, else the variable `DESIREPATH_DATA` does, else it is `./data`.
 `--json` prints one object on stdout, an error as `{"error": ...}`; tables and sentences are for people. What a long
 command is just doing goes to stderr: on a terminal a line that moves, elsewhere a line every ten seconds. Only

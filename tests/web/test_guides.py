@@ -83,6 +83,22 @@ def test_words_are_found_in_headings_first():
     assert find("") == find("xyzzy") == []
 
 
+def test_words_are_found_by_their_beginnings_and_whole_ones_first():
+    assert find("olicies") == []
+    assert find("polic")
+    whole = ["ROS" in re.findall(r"\w+", f"{one.passage.title} {one.passage.words}") for one in find("ROS")]
+    assert whole == sorted(whole, reverse=True)
+    assert whole[0], "RoSAS comes after ROS"
+
+
+def test_the_manual_says_how_to_cite_what_the_citation_file_says():
+    cited = yaml.safe_load((DOCS.parent / "CITATION.cff").read_text("utf-8"))
+    told = next(one.words for one in guide("index").passages if one.title == "How to cite")
+    thesis = cited["references"][0]
+    for said in (cited["title"], cited["version"], thesis["title"], thesis["institution"]["name"], thesis["year"]):
+        assert str(said) in told
+
+
 def test_every_page_leads_to_a_part_that_exists(lab_services):
     for where in FITTING.values():
         name, _, part = where.partition("#")

@@ -35,7 +35,8 @@ with ended_by_interrupt(), without_collecting():
 app = typer.Typer(
     name="desirepath",
     help="Human-in-the-loop platform for personalised robot navigation.",
-    epilog="Ends with 0 done; 1 refused or failed, with the reason on stderr; 2 wrongly asked; 130 ended by Ctrl-C.",
+    epilog="Exporting and measuring: studies export, policies evaluate. Ends with 0 done; 1 refused or failed, with "
+    "the reason on stderr; 2 wrongly asked; 130 ended by Ctrl-C.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )

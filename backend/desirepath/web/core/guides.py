@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -175,16 +175,28 @@ def _shown(token: Token) -> Token | None:
 
 
 def find(words: str) -> list[Found]:
-    """Passages of the manual that have all of the words, those first that have them in their heading."""
+    """Passages of the manual with words that begin with each of these: those first that have them whole (or as a
+    plural) in their heading, then anywhere; then those with longer words in their heading."""
     wanted = words.casefold().split()
+    begin = [re.compile(rf"(?<!\w){re.escape(word)}") for word in wanted]
+    whole = [re.compile(rf"{word.pattern}s?(?!\w)") for word in begin]
     found = []
     for page in map(guide, GUIDES):
         for passage in page.passages:
-            text = f"{passage.title} {passage.words}".casefold()
-            if wanted and all(word in text for word in wanted):
-                begin = max(0, passage.words.casefold().find(wanted[0]) - 60)
-                found.append(Found(page, passage, passage.words[begin : begin + 200]))
-    return sorted(found, key=lambda one: not all(word in one.passage.title.casefold() for word in wanted))
+            if begin and _has(begin, f"{passage.title} {passage.words}"):
+                first = begin[0].search(passage.words.casefold())
+                around = max(0, (first.start() if first else 0) - 60)
+                found.append(Found(page, passage, passage.words[around : around + 200]))
+
+    def rank(one: Found) -> tuple[bool, ...]:
+        title, text = one.passage.title, one.passage.words
+        return not _has(whole, title), not _has(whole, f"{title} {text}"), not _has(begin, title)
+
+    return sorted(found, key=rank)
+
+
+def _has(patterns: Sequence[re.Pattern[str]], text: str) -> bool:
+    return all(pattern.search(text.casefold()) for pattern in patterns)
 
 
 def _passages(tokens: list[Token]) -> Iterator[Passage]:
