@@ -90,6 +90,9 @@ def test_three_questions_lead_to_one_card_and_every_card_is_led_to(lab):
     first = page[page.index('class="card"') :].partition("</label>")[0]
     assert "data-fits" in first
     assert 'value="shipped:crowd_explanation_study" checked' in first
+    assert "No shipped protocol matches" not in page
+    told = lab.get("/lab/new", params=walked | {"moves": "self", "minutes": "60"}).text
+    assert re.findall(r"Asked for: ([^;]+);", told) == ["participants walk themselves"], "a shorter one is no other"
     assert "data-fits" not in lab.get("/lab/new", params={"does": "rank"}).text
 
 

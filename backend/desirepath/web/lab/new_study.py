@@ -20,7 +20,7 @@ from desirepath.web.core.lab_frame import LANGUAGES, LabRefusal, lab_language, l
 from desirepath.web.lab import drafts
 from desirepath.web.lab.draft_view import draft_view
 from desirepath.web.lab.drafts import Draft, DraftError, decode_upload
-from desirepath.web.lab.protocol_cards import QUESTIONS, find_card, protocol_cards
+from desirepath.web.lab.protocol_cards import QUESTIONS, find_card, protocol_cards, unmet
 
 LONGEST_NAME = 200
 EMPTY = """\
@@ -55,10 +55,11 @@ def choose(request: Request) -> Response:
 
 def _choose_page(request: Request, *, status: int = 200, problem: DraftError | None = None, yaml: str = "") -> Response:
     """The cards; the one that answers the three questions of the address stands out."""
-    cards = protocol_cards()
-    fits = find_card(request.query_params, cards)
+    asked, cards = request.query_params, protocol_cards()
+    fits = find_card(asked, cards)
     cards = tuple(sorted(cards, key=lambda card: card is not fits))
-    shown = {"cards": cards, "fits": fits, "questions": QUESTIONS, "asked": request.query_params}
+    misses = unmet(asked, fits) if fits else []
+    shown = {"cards": cards, "fits": fits, "misses": misses, "questions": QUESTIONS, "asked": asked}
     return lab_page(request, "lab/new_choose.html", status=status, problem=problem, yaml=yaml, **shown)
 
 

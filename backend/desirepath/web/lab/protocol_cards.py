@@ -71,6 +71,13 @@ def find_card(asked: Mapping[str, str], cards: Sequence[Card]) -> Card | None:
     return min(cards, key=misses)
 
 
+def unmet(asked: Mapping[str, str], card: Card) -> list[str]:
+    """The questions that the card answers otherwise than was asked; a shorter one than asked is none."""
+    steps = QUESTIONS["minutes"]
+    longer = steps.index(card.answers["minutes"]) > steps.index(asked["minutes"])
+    return [name for name in QUESTIONS if (longer if name == "minutes" else card.answers[name] != asked[name])]
+
+
 def _answers(protocol: Protocol, kinds: Sequence[str]) -> dict[str, str]:
     """What a protocol is, for the three questions."""
     if "importance_ranking" in kinds:
