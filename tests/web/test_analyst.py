@@ -94,6 +94,7 @@ def pages(known: SimpleNamespace) -> dict[str, str]:
         f"/lab/artefacts/{known.evaluation}": "study_room/base",
         "/lab/compare": known.comparison,
         f"/lab/compare/{known.comparison}?scene=1&measure=time_s&stage=1": "<iframe",
+        **{f"/lab/{tab}": 'class="workspace"' for tab in ("flow-field", "explain", "attention", "live")},
     }
 
 

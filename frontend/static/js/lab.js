@@ -192,6 +192,7 @@ function pictures() {
 localTimes(document);
 nameColumns(document);
 timeZone();
+document.querySelector(".lab-top [aria-current]")?.scrollIntoView({ block: "nearest", inline: "nearest" });
 unsavedForms();
 copyButtons();
 dialogs();
