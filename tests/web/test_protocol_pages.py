@@ -55,7 +55,7 @@ def test_every_stage_is_told_in_words_and_versions_stand_apart(lab: TestClient, 
         assert "Versions of the protocol" in page
         assert "New participants go through different stages" in page
         assert "Comprehension check" in page
-        assert "view: top_down, first_person, immersive" in page
+        assert "View: from above, first person, immersive" in page
         assert "lab.protocol." not in page
     assert ">order</span>" in first
     assert ">order</span>" not in newest
