@@ -1,5 +1,6 @@
 """A running installation and browsers for the journeys: nothing is faked but the speed of the browser's clock."""
 
+import os
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -10,6 +11,9 @@ from playwright.sync_api import Browser, Page
 
 from desirepath.cli.loopback import loopback_server
 from desirepath.settings import Settings
+
+COARSE = 1.0 if "DESIREPATH_SCREENSHOTS" in os.environ else 0.25
+"""Pixels per point: software draws coarse pictures quickly, and only somebody who asks for pictures looks at them."""
 
 # Everything in the page that measures time runs `speed` times as fast; animation frames still come when they come.
 FASTER_CLOCK = """(speed) => {
@@ -47,8 +51,6 @@ def installation(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Installat
 @pytest.fixture(scope="module")
 def screenshots(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Page, str], None]:
     """Saves pictures of the way: into $DESIREPATH_SCREENSHOTS if set, else into pytest's folder."""
-    import os
-
     folder = Path(os.environ.get("DESIREPATH_SCREENSHOTS") or tmp_path_factory.mktemp("screenshots"))
     folder.mkdir(parents=True, exist_ok=True)
     taken: list[str] = []
@@ -66,7 +68,8 @@ def open_page(chromium: Browser) -> Iterator[Callable[..., Page]]:
     contexts = []
 
     def opened(*, width: int = 1024, height: int = 640, speed: float = 1.0) -> Page:
-        context = chromium.new_context(viewport={"width": width, "height": height}, accept_downloads=True)
+        size = {"width": width, "height": height}
+        context = chromium.new_context(viewport=size, device_scale_factor=COARSE, accept_downloads=True)
         context.set_default_timeout(60_000)
         contexts.append(context)
         if speed != 1.0:
