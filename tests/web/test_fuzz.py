@@ -42,7 +42,7 @@ from tests.web.analyst_services import work_with
 from tests.web.lab_services import Walked, csrf, sign_in
 from tests.web.participant_services import submit
 
-REQUESTS_PER_ROUTE = int(os.environ.get("DESIREPATH_FUZZ_REQUESTS") or 5)
+REQUESTS_PER_ROUTE = int(os.environ.get("DESIREPATH_FUZZ_REQUESTS") or 2)
 SEEDS = (2026, int(os.environ.get("DESIREPATH_FUZZ_SEED") or random.SystemRandom().randrange(10**6)))
 DATABASES = ("sqlite", "postgresql")
 HERE = ("127.0.0.1", 50_000)

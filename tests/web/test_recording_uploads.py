@@ -14,8 +14,10 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import select
+from typer.testing import CliRunner
 
 from desirepath import zip_files
+from desirepath.cli.main import app
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.models import Artefact, Audit
 from desirepath.store.snapshots import Snapshot
@@ -34,6 +36,25 @@ HALL = csv_of("run,who,time_s,x_m,y_m,yaw_rad", list(rows())).encode()
 OWN_NAMES = csv_of(
     "Fahrt,Wer,Zeit [ms],Rechts,Hoch", [(run, who, t * 1000, x * 100, y * 100) for run, who, t, x, y, _ in rows()]
 ).encode()
+
+processes = pytest.mark.usefixtures("in_processes")
+
+
+@pytest.fixture
+def in_processes() -> None:
+    """Readings of this test have processes of their own, as everywhere else in the product."""
+
+
+@pytest.fixture(autouse=True)
+def readings(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Readings run in this process, without the second and a half that each would need to import the library."""
+    if "in_processes" in request.fixturenames:
+        return
+
+    def answer_to(settings, draft, result: str, command: list[str]) -> bytes:
+        return CliRunner().invoke(app, command).stdout_bytes
+
+    monkeypatch.setattr(recording_drafts, "_answer_to", answer_to)
 
 
 def send(lab, name: str, content: bytes, draft: str = "", answers: bool = False, **headers: str):
@@ -60,7 +81,7 @@ def read(lab, address: str) -> str:
     until = time.monotonic() + 120
     while lab.get(f"/api{address}").json()["working"]:
         assert time.monotonic() < until
-        time.sleep(0.1)
+        time.sleep(0.02)
     return lab.get(address).text
 
 
@@ -84,6 +105,7 @@ def chosen(page: str, name: str) -> str:
     return (found[1] or found[2]) if found else ""
 
 
+@processes
 def test_a_table_with_usual_names_is_uploaded_looked_at_and_kept(lab, lab_services):
     address = taken(lab, ("hall.csv", HALL))
     page = read(lab, address)
@@ -125,6 +147,7 @@ def test_columns_of_other_names_are_chosen_with_their_units(lab):
     assert chosen(page, "unit.length") == "cm"
 
 
+@processes
 def test_topics_of_bags_are_shown_with_types_and_counts_and_can_be_chosen(lab, tmp_path):
     files = []
     for name, aside in RUNS.items():
@@ -235,6 +258,7 @@ def test_nothing_changes_while_files_are_read_and_the_card_says_what_was_read(la
     assert card["files"][-1]["sha256"] == hashlib.sha256(card["mapping"].encode()).hexdigest()
 
 
+@processes
 def test_a_reading_may_take_so_much_memory(lab, monkeypatch):
     monkeypatch.setattr(recording_drafts, "MEMORY_BYTES", 64 * 2**20)
     page = read(lab, taken(lab, ("hall.csv", HALL)))
@@ -447,10 +471,6 @@ def test_an_upload_that_nobody_kept_goes(lab, lab_services, monkeypatch):
 
 
 def test_the_command_says_what_is_in_a_file(tmp_path):
-    from typer.testing import CliRunner
-
-    from desirepath.cli.main import app
-
     (tmp_path / "hall.csv").write_bytes(HALL)
     said = CliRunner().invoke(app, ["queries", "inspect", str(tmp_path / "hall.csv"), "--json"])
     found = json.loads(said.stdout.splitlines()[-1])
