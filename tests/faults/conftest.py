@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import pytest
 
 from tests.faults.installation import Installation, Visitor
+from tests.packed_once import packed_once
+
+__all__ = ["packed_once", "served"]
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,10 @@ from collections.abc import Iterator
 import pytest
 
 from tests.frontend.example_pages import example_application
+from tests.packed_once import packed_once
 from tests.running import served
+
+__all__ = ["packed_once", "pages"]
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ import pytest
 from argon2 import PasswordHasher
 
 from desirepath.web.core import auth
+from tests.packed_once import packed_once
 from tests.web.analyst_services import worked_data
 from tests.web.lab_services import (
     as_role,
@@ -16,6 +17,7 @@ from tests.web.lab_services import (
     lab,
     lab_services,
     two_studies,
+    two_studies_data,
     visitor,
     walked,
     walked_services,
@@ -32,12 +34,14 @@ __all__ = [
     "lab",
     "lab_services",
     "link",
+    "packed_once",
     "robot_data",
     "robot_lab",
     "services",
     "token",
     "turtle",
     "two_studies",
+    "two_studies_data",
     "visitor",
     "walked",
     "walked_services",

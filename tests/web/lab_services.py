@@ -67,8 +67,10 @@ def fresh_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def lab_services(
     request: pytest.FixtureRequest, tmp_path: Path, database_of: Callable[[Path], str]
 ) -> Iterator[Services]:
-    """Services without a stage; with the walked study where a test asks for `walked`, else without studies."""
-    if "walked" in request.fixturenames:
+    """Services without a stage; with what a test asks for of `two_studies` and `walked`, else without studies."""
+    if "two_studies" in request.fixturenames:
+        data = request.getfixturevalue("two_studies_data")[0]
+    elif "walked" in request.fixturenames:
         data = request.getfixturevalue("walked_services")[0]
     else:
         data = request.getfixturevalue("fresh_data")
@@ -151,10 +153,22 @@ def walked(walked_services: tuple[Path, Walked]) -> Walked:
     return walked_services[1]
 
 
+@pytest.fixture(scope="session")
+def two_studies_data(
+    walked_services: tuple[Path, Walked], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, SimpleNamespace]:
+    """The walked study and another one, each with what was learned from it: see `add_two_studies`; tests copy it."""
+    data = shutil.copytree(walked_services[0], tmp_path_factory.mktemp("two_studies") / "data")
+    services = build_services(Settings(data=data, _env_file=None))
+    found = add_two_studies(services, walked_services[1])
+    services.database.close()
+    return data, found
+
+
 @pytest.fixture
-def two_studies(lab_services: Services, walked: Walked) -> SimpleNamespace:
-    """The walked study and another one, each with what was learned from it: see `add_two_studies`."""
-    return add_two_studies(lab_services, walked)
+def two_studies(two_studies_data: tuple[Path, SimpleNamespace], walked: Walked) -> SimpleNamespace:
+    """Both studies in this test's installation."""
+    return two_studies_data[1]
 
 
 def add_two_studies(services: Services, walked: Walked) -> SimpleNamespace:

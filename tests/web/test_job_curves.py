@@ -99,9 +99,8 @@ def test_every_metric_of_a_training_has_words_in_both_languages():
     def collect(_: float, metrics: dict[str, float] | None = None) -> None:
         reported.update(metrics or {})
 
-    config = BaseConfig(
-        "study_room", updates=1_300, n_envs=32, smoothing_updates=10, selection_scenes=50, checkpoints=1
-    )
+    small = {"n_envs": 32, "random_transitions": 2_000, "smoothing_updates": 10, "selection_scenes": 20}
+    config = BaseConfig("study_room", updates=110, updates_per_step=1, checkpoints=1, **small)
     train_base(config, collect)
     assert {"critic_loss", "actor_loss"} <= reported
     reported |= {field.name for field in fields(Judgement)} | {"unseen_success_rate", "score", "preferred", "shorter"}

@@ -39,6 +39,7 @@ ARTEFACT_KINDS = (
     "video",
 )
 SYNC_ALL_FROM = 8  # files; measured: about 20 ms a file one by one on a busy disk
+MOST_ASKED = 500  # ids of one question to the database; SQLite and PostgreSQL take thousands
 D = TypeVar("D")
 SHA256 = re.compile(r"[0-9a-f]{64}")
 QUARANTINED = "answers it was made from were erased or withdrawn; make it again from a new snapshot"
@@ -202,9 +203,11 @@ def save_trajectories(
     """
     if made_by is not None and SHA256.fullmatch(made_by):
         _require(s, made_by, f"policy {made_by} of {len(trajectories)} trajectories")  # before a file is written
+    ids = files.put_all(t.to_bytes() for t in trajectories)
+    there = _stored_trajectories(s, ids)
     rows: list[TrajectoryRow] = []
-    for sha, trajectory in zip(files.put_all(t.to_bytes() for t in trajectories), trajectories, strict=True):
-        row = s.get(TrajectoryRow, sha)
+    for sha, trajectory in zip(ids, trajectories, strict=True):
+        row = there.get(sha)
         if row is None:
             row = TrajectoryRow(
                 id=sha,
@@ -216,9 +219,17 @@ def save_trajectories(
                 made_by=trajectory.recorded.maker if trajectory.recorded else made_by,
             )
             s.add(row)
+            there[sha] = row
         rows.append(row)
     s.flush()
     return rows
+
+
+def _stored_trajectories(s: Session, ids: Sequence[str]) -> dict[str, TrajectoryRow]:
+    """Those of these ids that there are, by id."""
+    parts = (ids[first : first + MOST_ASKED] for first in range(0, len(ids), MOST_ASKED))
+    asked = (select(TrajectoryRow).where(TrajectoryRow.id.in_(part)) for part in parts)
+    return {row.id: row for several in asked for row in s.scalars(several)}
 
 
 def query_entry(a: TrajectoryRow, b: TrajectoryRow) -> dict[str, Any]:
