@@ -182,10 +182,11 @@ class Outline:
         times = np.linspace(0.0, way.all_s, looks)
         there = people.places + people.walking * times[:, None, None]  # (looks, n, 2)
         spare = self._spare(_from(way.at(times)[:, None], there), people.unsure)
-        if_it_stood = self._spare(there, people.unsure)
-        met = (spare < SHY_M) & (spare < if_it_stood + np.where(people.speeds > 0, NEARER_M, -NEARER_M))
-        met[0] = False
-        met[0] |= self.distances(people.places) < PERSON_M
+        met = spare < SHY_M
+        if close := np.flatnonzero(met.any(axis=0)).tolist():
+            if_it_stood = self._spare(there[:, close], people.unsure[close])
+            met[:, close] &= spare[:, close] < if_it_stood + np.where(people.speeds[close] > 0, NEARER_M, -NEARER_M)
+        met[0] = self.distances(people.places) < PERSON_M
         if not met.any():
             return None
         look, who = np.unravel_index(int(met.argmax()), met.shape)
@@ -234,23 +235,22 @@ class Outline:
         """(...) metres from the outline to points (..., 2) in the robot's frame; 0 or less within."""
         if self._sides is None:
             return np.asarray(np.hypot(points[..., 0], points[..., 1]) - self.robot.radius_m)
-        a = self._sides[:, 0]
-        along = self._sides[:, 1] - a
-        part = ((points[..., None, :] - a) * along).sum(axis=-1) / np.maximum((along**2).sum(axis=1), 1e-12)
-        nearest = a + np.clip(part, 0, 1)[..., None] * along
-        apart = np.linalg.norm(points[..., None, :] - nearest, axis=-1).min(axis=-1)
+        (ax, ay), (bx, by) = self._sides.transpose(1, 2, 0)
+        along_x, along_y = bx - ax, by - ay
+        px, py = points[..., :1] - ax, points[..., 1:] - ay
+        part = np.clip((px * along_x + py * along_y) / np.maximum(along_x**2 + along_y**2, 1e-12), 0, 1)
+        apart = np.hypot(px - part * along_x, py - part * along_y).min(axis=-1)
         return np.where(self._holds(points), 0.0, apart)
 
     def _holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(...) whether points (..., 2) in the robot's frame are within its outline."""
         if self._sides is None:
             return np.asarray(np.hypot(points[..., 0], points[..., 1]) < self.robot.radius_m)
-        a, b = self._sides[:, 0], self._sides[:, 1]
+        (ax, ay), (bx, by) = self._sides.transpose(1, 2, 0)
         px, py = points[..., :1], points[..., 1:]
-        across = (a[:, 1] > py) != (b[:, 1] > py)
-        rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
-        crossing = px < (b[:, 0] - a[:, 0]) * (py - a[:, 1]) / rise + a[:, 0]
-        return np.asarray((across & crossing).sum(axis=-1) % 2 == 1)
+        across = (ay > py) != (by > py)
+        crossing = px < (bx - ax) * (py - ay) / np.where(by == ay, 1.0, by - ay) + ax
+        return np.asarray(np.logical_xor.reduce(across & crossing, axis=-1))
 
 
 def _from(poses: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -531,6 +531,8 @@ class Supervisor:
         if not seen and touch.who is None:
             return None
         slower = [Command(share * wanted.v, share * wanted.w) for share in SLOWER]
+        if self._ahead(now, self.limited(slower[-1], passed)) is not None:
+            slower = []  # nor is any other, and each takes its time
         if seen and self._where is not None and abs(self._where.v) < SLOWEST:
             slower.append(Command(0.0, wanted.w))
         for one in slower:
