@@ -320,8 +320,9 @@ def test_somebody_whom_the_lidar_does_not_see_is_not_driven_into():
         fastest = max(fastest, v)
         rig.odometry.update(x=x, v=v)
         rig.pass_time(0.1)
-    assert rig.stopped.startswith("somebody 0.5")
-    assert "touches" in rig.stopped, "slowed down to it, it does not creep to where it must stand"
+    assert re.match(r"somebody 0\.5. m away at 0 degrees is too near", rig.stopped), (
+        "slowed down to it, it does not creep to where it must stand"
+    )
     assert (fastest, v) == (pytest.approx(1.0), 0.0)
     assert 0.5 < 3.0 - x < 0.55
     rig.controller.wanted = Command(0.5, 1.0)

@@ -50,7 +50,8 @@ class Touch(NamedTuple):
     def __str__(self) -> str:
         what = "something" if self.who is None else "somebody who walks," if self.who else "somebody"
         at = f"{math.hypot(self.x, self.y):.2f} m away at {math.degrees(math.atan2(self.y, self.x)):.0f} degrees"
-        return f"{what} {at} touches the robot{f' in {self.when_s:.2f} s' if self.when_s else ''}"
+        does = "touches" if self.who is None or not self.when_s else "is too near to"
+        return f"{what} {at} {does} the robot{f' in {self.when_s:.2f} s' if self.when_s else ''}"
 
 
 @dataclass(frozen=True)
