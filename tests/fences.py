@@ -12,13 +12,13 @@ from desirepath.installed import DATASETS, DOCS, ROOT
 
 NOTEBOOK = ROOT / "experiments" / "notebook"
 DOCUMENTS = (ROOT / "README.md", DATASETS / "README.md", *sorted(DOCS.glob("*.md")), *sorted(NOTEBOOK.glob("*.md")))
-FENCE = re.compile(r"^```(\w*)(?: (\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FENCE = re.compile(r'^```(\w*)(?: title="([^"]+)")?\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class Fence:
-    """file: what its first line names, a file to write or one of the source that it belongs into."""
+    """file: its title, a file to write or one of the source that it belongs into."""
 
     document: str
     section: str

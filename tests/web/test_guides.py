@@ -33,6 +33,13 @@ def test_every_link_of_the_manual_leads_to_something_that_is_there():
             assert not part or part in anchors(to), (name, address)
 
 
+def test_fences_begin_as_the_sites_builder_reads_them():
+    """Any other first line would end a block there instead, and swallow the headings behind it."""
+    for name in GUIDES:
+        begins = re.findall(r"^```(.+)$", (DOCS / f"{name}.md").read_text("utf-8"), re.MULTILINE)
+        assert [one for one in begins if not re.fullmatch(r'\w+(?: title="[^"]+")?', one)] == [], name
+
+
 def test_links_of_templates_lead_to_parts_of_the_manual():
     for template in (FRONTEND / "templates").rglob("*.html"):
         for name, part in re.findall(rf'href="{HERE}/([\w-]+)(?:#([\w-]+))?"', template.read_text("utf-8")):
