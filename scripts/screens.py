@@ -50,7 +50,7 @@ EXAMPLE_S = 300.0
 loopback.START_PATIENCE_S = EXAMPLE_S  # pictures can wait, on a busy machine too
 MANUAL = Path(__file__).resolve().parents[1] / "docs/images"
 MANUAL_WINDOW, MANUAL_SIZE = (1280, 800), (800, 500)
-MANUAL_BYTES, MANUAL_QUALITIES = 25_000, (42, 36, 30, 24)
+MANUAL_BYTES, MANUAL_QUALITIES = 16_000, (36, 30, 24)
 MANUAL_PAGES = {  # of the lab: by name, the address below /lab
     "studies": "studies",
     "new-study": "new",
