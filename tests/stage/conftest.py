@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import pytest
 from playwright.sync_api import Browser
 
+from tests.fewer_pictures import draw_fewer_pictures
 from tests.stage.stage_rig import StageRig, Visitor
 
 
@@ -20,12 +21,14 @@ def rig() -> Iterator[StageRig]:
 
 @pytest.fixture
 def visit(chromium: Browser, rig: StageRig) -> Iterator[Callable[..., Visitor]]:
-    """Open the stage in a fresh browser context: `visit("key")`."""
+    """Open the stage in a fresh browser context: `visit("key")`; `fluent` draws as often as the browser can."""
     contexts = []
 
-    def open_page(key: str = "amber", width: int = 320, height: int = 200) -> Visitor:
+    def open_page(key: str = "amber", width: int = 320, height: int = 200, fluent: bool = False) -> Visitor:
         context = chromium.new_context(viewport={"width": width, "height": height})
         contexts.append(context)
+        if not fluent:
+            draw_fewer_pictures(context)
         return Visitor(context.new_page(), rig, key)
 
     yield open_page

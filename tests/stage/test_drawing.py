@@ -21,9 +21,9 @@ SCENE = demonstration_scene("corridor", 0)
 Visit = Callable[..., Visitor]
 
 
-def paper(rig: StageRig, visit: Visit, view: str) -> Visitor:
+def paper(rig: StageRig, visit: Visit, view: str, *, fluent: bool = False) -> Visitor:
     """A visitor before an empty sheet."""
-    visitor = visit(width=800, height=500)
+    visitor = visit(width=800, height=500, fluent=fluent)
     visitor.wait_until(lambda: rig.server.stage("amber") is not None, "the stage connects", timeout_s=60)
     stage = rig.server.stage("amber")
     assert isinstance(stage, Stage)
@@ -166,7 +166,7 @@ def test_from_the_eyes_the_ring_begins_a_path_and_elsewhere_the_gaze_turns(
 
 
 def test_every_coalesced_event_counts_and_a_pens_pressure_is_the_speed(rig: StageRig, visit: Visit) -> None:
-    visitor = paper(rig, visit, "top_down")
+    visitor = paper(rig, visit, "top_down", fluent=True)
     times = moved(visitor, events=12, coalesced=5, pen=0.4)
     stroke = visitor.wait_for("stroke")
     assert len(stroke["points"]) >= 12 * 5
