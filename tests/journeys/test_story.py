@@ -331,7 +331,7 @@ def test_5_analyst_aligns_again_and_compares(installation: Installation, open_pa
     expect(stage.locator("canvas").first).to_be_visible()
     page.get_by_role("link", name="Explanation").click()
     expect(stage.locator("canvas").first).to_be_visible()
-    assert page.url.endswith("/lab/explain?policy=study_room/base&scene=3500000001&view=immersive")
+    assert page.url.endswith("/lab/explain?policy=study_room/base&scene=3500000005&view=immersive")
     screenshots(page, "analyst_workspace")
     page.goto(f"{installation.url}/lab/compare")
     with page.expect_download() as picture:
