@@ -11,6 +11,7 @@ from playwright.sync_api import Browser, Page
 
 from desirepath.cli.loopback import loopback_server
 from desirepath.settings import Settings
+from tests.fewer_pictures import draw_fewer_pictures
 
 COARSE = 1.0 if "DESIREPATH_SCREENSHOTS" in os.environ else 0.25
 """Pixels per point: software draws coarse pictures quickly, and only somebody who asks for pictures looks at them."""
@@ -72,6 +73,7 @@ def open_page(chromium: Browser) -> Iterator[Callable[..., Page]]:
         context = chromium.new_context(viewport=size, device_scale_factor=COARSE, accept_downloads=True)
         context.set_default_timeout(60_000)
         contexts.append(context)
+        draw_fewer_pictures(context)
         if speed != 1.0:
             context.add_init_script(f"({FASTER_CLOCK})({speed})")
         page = context.new_page()
