@@ -31,7 +31,8 @@ MOVES = """async ({ events, coalesced, pen, from, to }) => {
   const sent = [];
   const post = Worker.prototype.postMessage;
   Worker.prototype.postMessage = function (message, ...more) {
-    if (message?.type === "send") sent.push(message);
+    // camera reports end in the stage's own worker
+    if (message?.type === "send" && message.message?.type !== "ViewerCameraMessage") sent.push(message);
     return post.call(this, message, ...more);
   };
   const at = (u) => ({
