@@ -10,7 +10,8 @@ from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.trajectory import Outcome, Trajectory
 from desirepath_experiments.benchmarks.people import RobotOfLibrary, roll_out
-from desirepath_experiments.benchmarks.scene_choice import SceneCandidates
+from desirepath_experiments.benchmarks.people_policies import _shown_directly
+from desirepath_experiments.benchmarks.scene_choice import BASE, SceneCandidates
 
 
 @pytest.fixture(scope="module")
@@ -45,17 +46,38 @@ def _nearest_m(trajectory: Trajectory) -> float:
 
 def test_base_policy_drives_where_too_little_is_known(some: SceneCandidates) -> None:
     nobody = _expecting_more_distance(some, 1)
-    assert some.choose(*nobody, caution=5.0) == some.usual
+    places = some.places(*nobody, caution=5.0)
+    assert (places == BASE).all()
+    assert some.driven(places) == some.usual
 
 
 def test_chosen_and_best_arrive_and_nobody_chooses_better_than_who_knows_the_score(some: SceneCandidates) -> None:
     shapes = [len(some.trajectories), len(some.usual)]
     nearest = np.array([[_nearest_m(one) for one in own] for own in (some.usual, *some.trajectories)])
-    best = some.true_best(nearest.ravel())
-    chosen = some.choose(*_expecting_more_distance(some, 16), caution=0.0)
+    best = some.driven(some.true_best(nearest.ravel()))
+    places = some.places(*_expecting_more_distance(some, 16), caution=0.0)
+    chosen = some.driven(places)
     assert list(some.usable.shape) == shapes
     for known, guessed, usual in zip(best, chosen, some.usual, strict=True):
         assert known.outcome == guessed.outcome == usual.outcome or guessed.outcome == Outcome.SUCCESS
         assert _nearest_m(known) >= max(_nearest_m(guessed), _nearest_m(usual))
     gained = [_nearest_m(g) - _nearest_m(u) for g, u in zip(chosen, some.usual, strict=True)]
     assert np.mean(gained) > 0.1
+    otherwise = np.flatnonzero(places != BASE)
+    of_these = some.pairs[some.rows(places, otherwise)].seen[:, 0, 0] > 0  # what is asked about is what would drive
+    assert of_these.tolist() == [gained[scene] > 0 for scene in otherwise]
+
+
+def test_what_is_shown_directly_was_preferred_in_two_thirds_and_harm_is_counted_of_all_and_of_these() -> None:
+    asked = {"direct_asked": 6, "gain_direct_before": 0.1}
+    persons = [
+        asked | {"direct_wins": 6, "gain_direct_after": 0.3},
+        asked | {"direct_wins": 4, "gain_direct_after": -0.2},
+        asked | {"direct_wins": 3, "gain_direct_after": -0.4},
+        asked | {"direct_wins": 0, "direct_asked": 0, "gain_direct_after": 0.0},  # it drives as the base policy
+    ]
+    found = _shown_directly(persons)
+    assert found["shown_directly"] == 0.5
+    assert found["harmed_direct_after_of_all"][0] == 0.25
+    assert found["harmed_direct_after_of_shown"][0] == 0.5
+    assert (found["raised_direct_before_of_shown"], found["raised_direct_after_of_shown"]) == (1.0, 0.5)
