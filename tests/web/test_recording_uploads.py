@@ -454,20 +454,21 @@ def test_who_may_start_no_jobs_uploads_nothing_and_sees_no_uploads(lab, colleagu
 
 def test_an_upload_that_nobody_kept_goes(lab, lab_services, monkeypatch):
     address = taken(lab, ("hall.csv", HALL))
-    data = lab_services.settings.data
+    data, draft = lab_services.settings.data, address.rsplit("/", 1)[1]
     draft_folders.forget_drafts(data)
-    assert find_recording_draft(data, address.rsplit("/", 1)[1]) is not None
+    assert find_recording_draft(data, draft) is not None
     monkeypatch.setattr(draft_folders, "LASTS_S", -1.0)
 
     async def until_gone() -> None:
         stopping = asyncio.Event()
         keeping = asyncio.create_task(server._keep_forgetting(lab_services.settings, stopping))
-        while lab.get(address).status_code == 200:
+        while find_recording_draft(data, draft) is not None:  # whoever opens its page lets it be read
             await asyncio.sleep(0.05)
         stopping.set()
         await keeping
 
     asyncio.run(asyncio.wait_for(until_gone(), 30))
+    assert lab.get(address).status_code == 404
 
 
 def test_the_command_says_what_is_in_a_file(tmp_path):

@@ -178,25 +178,42 @@ def find(words: str) -> list[Found]:
     """Passages of the manual with words that begin with each of these: those first that have them whole (or as a
     plural) in their heading, then anywhere; then those with longer words in their heading."""
     wanted = words.casefold().split()
-    begin = [re.compile(rf"(?<!\w){re.escape(word)}") for word in wanted]
-    whole = [re.compile(rf"{word.pattern}s?(?!\w)") for word in begin]
     found = []
     for page in map(guide, GUIDES):
         for passage in page.passages:
-            if begin and _has(begin, f"{passage.title} {passage.words}"):
-                first = begin[0].search(passage.words.casefold())
-                around = max(0, (first.start() if first else 0) - 60)
+            if wanted and _has(wanted, f"{passage.title} {passage.words}"):
+                around = max(0, next(_beginnings(wanted[0], passage.words.casefold()), 0) - 60)
                 found.append(Found(page, passage, passage.words[around : around + 200]))
 
     def rank(one: Found) -> tuple[bool, ...]:
         title, text = one.passage.title, one.passage.words
-        return not _has(whole, title), not _has(whole, f"{title} {text}"), not _has(begin, title)
+        whole, whole_anywhere = _has(wanted, title, whole=True), _has(wanted, f"{title} {text}", whole=True)
+        return not whole, not whole_anywhere, not _has(wanted, title)
 
     return sorted(found, key=rank)
 
 
-def _has(patterns: Sequence[re.Pattern[str]], text: str) -> bool:
-    return all(pattern.search(text.casefold()) for pattern in patterns)
+def _has(words: Sequence[str], text: str, *, whole: bool = False) -> bool:
+    """Whether the text has words that begin with each of these; whole: that are these, or a plural."""
+    folded = text.casefold()
+    return all(any(not whole or _ends(word, folded, place) for place in _beginnings(word, folded)) for word in words)
+
+
+def _beginnings(word: str, text: str) -> Iterator[int]:
+    place = text.find(word)
+    while place >= 0:
+        if not _is_of_word(text[place - 1 : place]):
+            yield place
+        place = text.find(word, place + 1)
+
+
+def _ends(word: str, text: str, place: int) -> bool:
+    after = text[place + len(word) :][:2]
+    return not _is_of_word(after[:1]) or (after[:1] == "s" and not _is_of_word(after[1:]))
+
+
+def _is_of_word(character: str) -> bool:
+    return character.isalnum() or character == "_"
 
 
 def _passages(tokens: list[Token]) -> Iterator[Passage]:
