@@ -54,15 +54,18 @@ SERVER_PLACES = (
     *("web", "frontend", "faults", "jobs", "journeys", "cli", "test_wheel.py"),
     *("store/test_files_on_s3.py", "stage/test_viser_hooks.py", "deploy/test_node.py"),
 )
-# Places whose tests train, compute chapters and benchmarks, draw many cohorts, run the documentation's code or compile.
+# Places whose tests train, compute chapters and benchmarks, draw many cohorts, compile, run the documentation's code or
+# libraries of others that take seconds to load.
 SLOW_PLACES = (
     "experiments",
     "learning",
     "demonstrations/test_td3_bc.py",
     "simulation/test_parity.py",
     "report/test_simulated_cohorts.py",
+    "store/test_dataset_standards.py",
     "test_notebook.py",
     "test_own_setup.py",
+    "test_setup_training.py",
     "test_recipes.py",
     "test_compiled_functions.py",
 )
