@@ -438,6 +438,24 @@ def test_it_stands_when_somebody_walks_into_it(robot, drives, degrees, speed, la
     assert met is None or met[0] == 0 or met[1] < 0, "it stands or moves away"
 
 
+@pytest.mark.parametrize("w", [0.05, 1e-3, 1e-6, 1e-15, 5e-324])
+def test_a_command_that_hardly_turns_is_looked_at_within_bounds(w):
+    """While it still turns as it was told before: braking from that takes no longer way for turning less."""
+    rig = Rig(robot=DISC).drive()
+    rig.controller.wanted = Command(0.05, w)
+    rig.odometry.update(w=0.3)
+    rig.pass_time(0.4)
+    assert rig.supervisor.state is State.DRIVING
+
+
+def test_whatever_fails_while_it_looks_ahead_it_stands_and_says_so(monkeypatch):
+    rig = Rig(robot=DISC).drive()
+    monkeypatch.setattr(rig.supervisor, "_way", lambda *_: np.zeros(-1))
+    rig.pass_time(0.1)
+    assert (rig.supervisor.state, rig.supervisor.command) == (State.STOPPED, Command(0.0, 0.0))
+    assert "it failed to look ahead" in rig.supervisor.reason
+
+
 def test_it_waits_for_somebody_to_pass_and_goes_on():
     """They cross its way; nobody starts it again."""
     rig = Rig(robot=DISC)

@@ -25,6 +25,7 @@ SLOWER = (0.7, 0.5, 0.35, 0.25, 0.15, 0.1)
 """Shares of a commanded speed that are tried where something is in the way; after them turning alone."""
 SLOWEST = 0.1  # m/s: a robot so slow may turn alone out of what is in its way
 CREEPING = 0.02  # m/s: a command so slow is turning alone
+TURNING = 0.05  # rad/s: a command that turns by no more is looked at as one that does not
 STANDING = Command(0.0, 0.0)
 
 
@@ -366,16 +367,24 @@ class Supervisor:
         if self.state is State.ARMED and now - self._since > self.rules.armed_s:
             self._be(State.OFF, f"armed for {self.rules.armed_s:g} s and not started")
         elif self.state is State.DRIVING:
-            why = self._danger(now) or self._command(now, self.command)
-            share = PROMPT if self._new else 1.0
-            if why is None and self._due and now - self._stepped >= share * self.controller.period_s:
-                why = self._step(now)
+            try:
+                why = self._go_on(now)
+            except Exception as problem:  # whatever it is, the robot stands
+                why = f"it failed to look ahead: {problem or type(problem).__name__}"
             if why is not None:
                 self.stop(why)
         self._new = False
         return self.command
 
     # How
+
+    def _go_on(self, now: float) -> str | None:
+        """Why the robot must stop instead."""
+        why = self._danger(now) or self._command(now, self.command)
+        share = PROMPT if self._new else 1.0
+        if why is None and self._due and now - self._stepped >= share * self.controller.period_s:
+            why = self._step(now)
+        return why
 
     def _begin(self) -> None:
         """Let the controller forget its way, not how fast it is."""
@@ -479,7 +488,7 @@ class Supervisor:
         if v > CREEPING:
             fastest = max(v, abs(where.v) if where is not None else 0.0)
             longer, brake_s = 1 + fastest**2 / (2 * braking) / (v * react_s), fastest / braking
-        if v < SLOWEST and w > 0:
+        if v < SLOWEST and w > TURNING:
             fastest = max(w, abs(where.w) if where is not None else 0.0)
             slows = self._least(self.controller.limits.w_change, self.rules.w_change) or braking / self._body.around_m
             longer = max(longer, 1 + fastest**2 / (2 * slows) / (w * react_s))
