@@ -438,6 +438,19 @@ def test_it_stands_when_somebody_walks_into_it(robot, drives, degrees, speed, la
     assert met is None or met[0] == 0 or met[1] < 0, "it stands or moves away"
 
 
+@pytest.mark.parametrize("told", [0.35, 1.0, 2.5])
+@pytest.mark.parametrize(("robot", "drives"), [(DISC, 0.65), (HUSKY, 1.0)])
+def test_who_is_told_of_as_walking_away_and_stands_is_not_driven_at(robot, drives, told):
+    rig = Rig(robot=robot)
+    rig.controller.wanted = Command(drives, 0.0)
+    walker, tell = Walker(rig.drive(), (2.8, 0.0), velocity=(0.0, 0.0)), rig.supervisor.people
+    rig.supervisor.people = lambda seen, stamp_s=None: tell(
+        [replace(one, v_x=told, v_y=0.0) for one in seen], stamp_s=stamp_s
+    )
+    met = walker.meet()
+    assert met is None or met[0] == 0
+
+
 @pytest.mark.parametrize("w", [0.05, 1e-3, 1e-6, 1e-15, 5e-324])
 def test_a_command_that_hardly_turns_is_looked_at_within_bounds(w):
     """While it still turns as it was told before: braking from that takes no longer way for turning less."""

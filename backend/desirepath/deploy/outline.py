@@ -26,6 +26,7 @@ APART_M = 0.02  # at least, between that circle and the outline: what 0.5 m betw
 SHY_M = 0.005  # more than that, on a robot's own way: so that it never creeps to where it must stand
 NEARER_M = 1e-6
 FASTEST = 2.5  # m/s: who is told to walk faster does not
+HARDLY = 1e-6  # of their pace: of who may stand and still is somebody who walks, whom it waits for
 UNSURE = 0.25  # of the way that somebody went since they were told of: so far they may be beside it
 
 
@@ -107,12 +108,18 @@ class People:
         return cls(rows[:, :2], walking, np.zeros(len(rows)))
 
     def seen_from(self, where: Odometry, age_s: float) -> People:
-        """In the robot's frame, so many seconds after they were told of."""
+        """In the robot's frame, so many seconds after they were told of; who walks away from it also as if they stood
+        where they were, since a pace that is not kept makes no room."""
         c, s = math.cos(where.yaw), math.sin(where.yaw)
         turn = np.array([[c, -s], [s, c]])
         gone = self.walking * age_s
-        away = self.places + gone - (where.x, where.y)
-        return People(away @ turn, self.walking @ turn, UNSURE * np.hypot(*gone.T))
+        away, at_first = self.places + gone - (where.x, where.y), self.places - (where.x, where.y)
+        leaving = (at_first * self.walking).sum(1) > 0
+        return People(
+            np.concatenate([away, at_first[leaving]]) @ turn,
+            np.concatenate([self.walking, HARDLY * self.walking[leaving]]) @ turn,
+            np.concatenate([UNSURE * np.hypot(*gone.T), np.zeros(leaving.sum())]),
+        )
 
     def pick(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> People:
         return People(self.places[which], self.walking[which], self.unsure[which])
