@@ -97,10 +97,11 @@ def plan_preview(frozen: FrozenProtocol, seed: int, language: str | None = None)
     if language is not None and language not in languages:
         raise ValueError(f"language = {language!r}: must be one of {', '.join(languages)}")
     steps = make_plan(frozen.protocol, seed, example_queries(frozen.protocol))
+    usual, most = estimate_minutes(frozen.protocol)
     return {
         "protocol": frozen.protocol.protocol,
-        "minutes": estimate_minutes(frozen.protocol)[0],
-        "minutes_at_most": estimate_minutes(frozen.protocol)[1],
+        "minutes": usual,
+        "minutes_at_most": most,
         "orders": len(design_of(frozen.protocol).rows),
         "steps": [
             {"key": step.key, "kind": step.kind, "description": _description(frozen, step, language or languages[0])}

@@ -156,7 +156,7 @@ def _progress(moment: Moment, protocol: Protocol) -> dict[str, Any]:
     counted = {"index": len(answered), "total": len(answered) + (not uncounted) + len(left)}
     if session.state in ("completed", "screened_out"):
         return counted | {"minutes_left": 0.0, "done": 1.0}
-    timed = [step for step in later if step in left or (further and step.further)]
+    timed = [step for step in later if step.further or moment.may_come(step)] if further else left
     ahead = minutes_left(protocol, plan, timed if uncounted else [moment.step, *timed])
     behind = minutes_left(protocol, plan, [step for step in plan if step.key in answered])
     return counted | {"minutes_left": ahead, "further": further, "done": behind / max(behind + ahead, 0.01)}
