@@ -144,7 +144,7 @@ def result_of(setup: str, config: PeopleConfig, persons: Sequence[dict[str, Any]
     card = people_card()
     names = list(dict.fromkeys(str(person["family"]) for person in persons))
     rows = [
-        {"family": name, "held_out": name in (*card.held_out, *card.unseen)}
+        {"family": name, "held_out": name in card.kept_apart}
         | row_of([person for person in persons if person["family"] == name], config.answers, config.shown_after)
         for name in names
     ]

@@ -56,7 +56,7 @@ class NoSingleInput(BaseModel):
 
 
 class Card(BaseModel):
-    """The card as it is read. families: by name; held_out, unseen: those that nothing may be chosen on."""
+    """The card as it is read. families: by name; held_out, unseen: `kept_apart`."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -75,9 +75,14 @@ class Card(BaseModel):
         return FAMILIES[name].model_validate({**self.families[name], **more})
 
     @property
+    def kept_apart(self) -> tuple[str, ...]:
+        """Families that nothing may be chosen on."""
+        return (*self.held_out, *self.unseen)
+
+    @property
     def tuning(self) -> tuple[str, ...]:
         """Families that something may be chosen on."""
-        return tuple(name for name in self.families if name not in (*self.held_out, *self.unseen))
+        return tuple(name for name in self.families if name not in self.kept_apart)
 
 
 @lru_cache(maxsize=1)
@@ -89,7 +94,7 @@ def people_card() -> Card:
             card.family(name)
     except (ValidationError, KeyError) as problem:
         raise LearningError(f"{CARD.name}: {problem}") from None
-    unknown = [name for name in (*card.held_out, *card.unseen) if name not in card.families]
+    unknown = [name for name in card.kept_apart if name not in card.families]
     if unknown:
         raise LearningError(f"{CARD.name}: {unknown[0]!r} is no family; families are {list(card.families)}")
     return card
