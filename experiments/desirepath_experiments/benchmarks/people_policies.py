@@ -229,7 +229,7 @@ def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) ->
         did["each_scene"] = some.driven(some.places(believed, posterior))
         did["best_in_each"] = some.driven(some.true_best(true_scores(person, every)))
     if config.direct:
-        judged = _ask_directly(person, room, config)
+        judged = _ask_directly(person, better, room, config)
         result["direct_wins"], result["direct_asked"] = judged.wins, judged.asked
         did |= {when: room.candidates.driven(room.candidates.places(*known)) for when, known in judged.known.items()}
     for when, trajectories in did.items():
@@ -265,17 +265,18 @@ def _ask(better: NDArray[np.bool_], room: _Room, answers: int) -> tuple[StepPost
 @dataclass(frozen=True)
 class _Directly:
     """asked, wins: comparisons of the choice per scene with the base policy, and in how many it was chosen. known: what
-    is believed before them ("before") and with them ("after")."""
+    is believed before them and with them, by the names that the result has for it."""
 
     asked: int
     wins: int
     known: dict[str, tuple[FreePosterior, StepPosterior]]
 
 
-def _ask_directly(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) -> _Directly:
+def _ask_directly(
+    person: FamilyMember, better: NDArray[np.bool_], room: _Room, config: PeoplePoliciesConfig
+) -> _Directly:
     """The last answers are about what would be shown: by what the first ones tell, in scenes of their own, drawn by lot
     among those in which it drives otherwise."""
-    better = room.pairs.better(person.scores(room.pairs.in_turn)) > 0
     steps, answered = _ask(better, room, config.answers - config.direct)
     before = FreePosterior.from_answers(room.pairs.differences[answered], better[answered]), steps
     some = room.asked_directly
