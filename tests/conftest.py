@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +27,10 @@ structlog.configure(
 # What is imported for thousands of tests stays: looking through it for garbage takes a fifth of collecting them.
 gc.disable()
 
-# Set before NumPy and Numba are imported, which tests do before the product would: two cores are shared by everything,
-# and two threads for small matrices take up to ten times the processor of one.
-for _library in ("OMP", "OPENBLAS", "MKL", "NUMBA"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+# Before NumPy and Numba are imported, which many tests do before the product: it asks for one thread of linear algebra.
+# Two cores are shared by everything, and two threads for small matrices take up to ten times the processor of one.
+import_module("desirepath")
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 CHROMIUM_FLAGS = [
     "--no-sandbox",
