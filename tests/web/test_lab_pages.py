@@ -530,6 +530,28 @@ def test_a_persons_page_shows_flags_and_no_raw_data(lab, lab_services, walked: W
     assert "['" not in page
 
 
+def test_answers_are_shown_in_the_words_of_their_questions_and_their_stored_form_is_folded(lab, walked: Walked):
+    here = f"/lab/studies/{walked.id}"
+    read = {
+        "en": ("A few questions about you", "How old are you?", "Woman", "1 of 7", "Stored form"),
+        "de": ("Ein paar Fragen zu Ihnen", "Wie alt sind Sie?", "Frau", "1 von 7", "Gespeicherte Form"),
+    }
+    for language, (title, question, woman, scale, folded) in read.items():
+        lab.get(f"/lab/language/{language}?next=/lab/studies")
+        for path in (f"{here}/people/{walked.finished}", f"{here}/answers?participant={walked.finished}"):
+            page = html.unescape(lab.get(path).text)
+            open_text = re.sub(r"<details.*?</details>", "", page, flags=re.S)
+            assert f"<dt>{question}</dt><dd>44</dd>" in open_text
+            assert f"<dd>{woman}</dd>" in open_text
+            assert f"<dd>{scale}</dd>" in open_text
+            assert f">{title}</td>" in open_text
+            assert not re.search(r"\w=", re.sub(r"<[^>]+>", "", open_text[open_text.index("<tbody") :]))
+            assert f"<summary>{folded}</summary><code" in page
+        of_item = lab.get(f"{here}/answers?step=demographics&item=gender&participant={walked.finished}").text
+        assert f"<td>{woman}</td>" in of_item
+        assert f">{title}</th>" in lab.get(f"{here}/now").text
+
+
 def test_an_answer_is_replayed_as_its_participant_saw_it(lab, lab_services, walked: Walked):
     here = f"/lab/studies/{walked.id}"
     page = lab.get(f"{here}/people/{walked.finished}").text

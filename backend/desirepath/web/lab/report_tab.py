@@ -16,12 +16,12 @@ from typing import Any
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.analysis.estimates import wilson
-from desirepath.grammar.questionnaires import MARKS
 from desirepath.store.models import Study
 from desirepath.study.kinds.rating import RATING, RatingStage
 from desirepath.study.protocol.freezing import thaw
 from desirepath.web.lab import people_rows
 from desirepath.web.lab.answer_rows import Answer, AnswerFilter, agreement, answers
+from desirepath.web.lab.answer_words import find_questionnaire
 from desirepath.web.lab.people_rows import PersonRow
 
 
@@ -178,11 +178,9 @@ def _items(study: Study, given: Sequence[Answer]) -> list[Item]:
     by_step: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for answer in sorted(given, key=lambda a: a.response.created_at):
         by_step[answer.response.step_key].append(answer.response.value)
-    questionnaires = thaw(study).questionnaires.values() if by_step else ()
     items = []
     for step, values in by_step.items():
-        keys = set().union(*values) - set(MARKS)
-        asked = next((q for q in questionnaires if {i.key for i in q.items} >= keys), None)
+        asked = find_questionnaire([thaw(study)], dict.fromkeys(set().union(*values)))
         for item in asked.items if asked else ():
             answered = [value[item.key] for value in values if value.get(item.key) not in (None, "")]
             ranked = [value for value in answered if isinstance(value, list)]

@@ -12,8 +12,11 @@ from sqlalchemy.orm import object_session
 from starlette.responses import Response
 
 from desirepath.store.example_study import example_id
-from desirepath.store.models import Participant, Study
-from desirepath.web.core.lab_frame import LabRefusal, lab_page
+from desirepath.store.models import Participant, ProtocolVersion, Study
+from desirepath.study.protocol.freezing import thaw
+from desirepath.web.core.dependencies import services_of
+from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
+from desirepath.web.lab.answer_words import AnswerWords
 
 OPEN = re.compile(r"""\btype:\s*["']?text\b""")  # an open question, in a questionnaire's YAML
 TABS = ("now", "people", "protocol", "recruit", "data", "report", "team")
@@ -35,6 +38,13 @@ def the_participant(s: DatabaseSession, study: Study, code: str) -> Participant:
     return found
 
 
+def answer_words(request: Request, s: DatabaseSession, study: Study) -> AnswerWords:
+    """The study's answers in the reader's words, by all versions of its protocol."""
+    later = select(ProtocolVersion).where(ProtocolVersion.study_id == study.id).order_by(ProtocolVersion.number.desc())
+    t = services_of(request).texts.get(lab_language(request))
+    return AnswerWords(t, [thaw(one) for one in (*s.scalars(later), study)])
+
+
 def study_tab(
     request: Request, study: Study, tab: str, template: str | None = None, *, status: int = 200, **context: Any
 ) -> Response:
@@ -48,5 +58,6 @@ def study_tab(
     beside = [name for name, there in (("robots", driven), ("paths", drawn), ("coding", written)) if there]
     tabs = (*TABS[:2], *beside, *TABS[2:])
     shown = template or f"lab/study_{tab}.html"
-    example = example_id(cast(DatabaseSession, object_session(study))) == study.id
-    return lab_page(request, shown, status=status, study=study, tab=tab, tabs=tabs, example=example, **context)
+    s = cast(DatabaseSession, object_session(study))
+    context |= {"example": example_id(s) == study.id, "words": answer_words(request, s, study)}
+    return lab_page(request, shown, status=status, study=study, tab=tab, tabs=tabs, **context)

@@ -1,0 +1,59 @@
+"""A stored answer in the reader's words, whatever kind of step stored it."""
+
+from __future__ import annotations
+
+import pytest
+
+from desirepath.installed import FRONTEND
+from desirepath.study.protocol.freezing import freeze
+from desirepath.web.core.catalogues import Texts
+from desirepath.web.lab.answer_words import AnswerWords
+from tests.web.lab_services import QUICK
+
+SET = {"weights": {"smoother": 0.54, "farther": 1.0}, "start": {}, "history": []}
+STORED = {
+    "consent": {"given": True, "version": "2026-11", "purposes": {"training": True, "open_data": False}},
+    "attention": {"choice": "a", "instructed": "b", "passed": False},
+    "importance_ranking": {"ranking": ["wall east", "box 2", "person"], "scores": {}, "placed_s": []},
+    "demonstration": {"stroke": "4" * 32},
+    "think_aloud": {"agreed": True, "problem": "", "recording": "5" * 64, "seconds": 12.2},
+    "tuning": SET,
+    "words": SET | {"sentence": "Please be gentle.", "understood": {"smoother": 1.0}, "corrected": True},
+    "meet_your_robot": SET | {"agreement": 4, "learned": {"closer": 1.0}, "corrected": False},
+    "robot_drive": SET | {"liked": 6, "stops": []},
+}
+IN_WORDS = {
+    "en": {
+        "consent": "Version 2026-11; Learning from the answers yes; Publishing the answers no",
+        "attention": "A, asked for B: failed",
+        "importance_ranking": "1. wall, +x, 2. box 2, 3. person",
+        "demonstration": "kept this path",
+        "think_aloud": "recorded, 12 s",
+        "tuning": "Weights at the end fewer and gentler turns 0.54, farther from the person 1.00",
+        "words": "Your wish “Please be gentle.”; This is what was understood fewer and gentler turns 1.00; "
+        "Changed to fewer and gentler turns 0.54, farther from the person 1.00",
+        "meet_your_robot": "Is that you? 4 of 5; "
+        "Learned from the answers closer to the person 1.00; Changed afterwards no",
+        "robot_drive": "How did you like the way it drove? 6 of 7; "
+        "Weights at the end fewer and gentler turns 0.54, farther from the person 1.00",
+    },
+    "de": {
+        "consent": "Version 2026-11; Lernen aus den Antworten ja; Veröffentlichen der Antworten nein",
+        "attention": "A, verlangt war B: nicht bestanden",
+        "tuning": "Gewichte am Ende weniger und sanftere Kurven 0,54, weiter weg vom Menschen 1,00",
+    },
+}
+
+
+@pytest.mark.parametrize(("language", "kind"), [(one, kind) for one, kinds in IN_WORDS.items() for kind in kinds])
+def test_what_a_step_stored_is_said_in_words(language, kind):
+    words = AnswerWords(Texts(FRONTEND / "locales").get(language), [freeze(QUICK)])
+    lines = words.lines(kind, f"{kind}.1", STORED[kind])
+    assert "; ".join(f"{line.asked} {line.answer}".strip() for line in lines) == IN_WORDS[language][kind]
+
+
+def test_an_answer_of_a_plug_in_or_to_items_that_no_version_has_is_left_to_its_stored_form():
+    words = AnswerWords(Texts(FRONTEND / "locales").get("en"), [freeze(QUICK)])
+    assert words.lines("of_a_plug_in", "one", {"how": 3}) == []
+    assert words.lines("questionnaire", "demographics", {"shoe_size": 44}) == []
+    assert words.item_answer("shoe_size", {"shoe_size": 44}) == "44"
