@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from desirepath.web.core.artefact_names import artefact_name
+from desirepath.cli.serve import DEMO_NAME
+from desirepath.web.core.artefact_names import artefact_name, study_name
 from desirepath.web.core.catalogues import TextError, Texts, flatten, placeholders
 
 FRONTEND = Path(__file__).resolve().parents[2] / "frontend"
@@ -123,7 +124,11 @@ def test_browsers_translate_no_code_link_or_command() -> None:
         ),
         (
             "linear reward model: Halls, 2 answers of 2 people, seed 0",
-            "Belohnungsmodell (linear): Halls, 2 Antworten von 2 Menschen, Seed 0",
+            "Belohnungsmodell (lineares Bradley-Terry-Modell): Halls, 2 Antworten von 2 Menschen, Seed 0",
+        ),
+        (
+            "instant policy: Example study (simulated people), 15 answers of S001, seed 2",
+            "Sofort-Policy: Beispielstudie (simulierte Personen), 15 Antworten von S001, Seed 2",
         ),
         ("6 demonstrations in the corridor by S001", "6 Demonstrationen (corridor) von S001"),
         ("study_room/base", "study_room/base"),
@@ -133,3 +138,13 @@ def test_browsers_translate_no_code_link_or_command() -> None:
 def test_names_that_jobs_gave_are_shown_in_the_readers_language(texts: Texts, stored: str, german: str) -> None:
     assert artefact_name(stored, texts.get("en")) == stored
     assert artefact_name(stored, texts.get("de")) == german
+
+
+def test_studies_that_come_with_the_product_are_named_in_the_readers_language(texts: Texts) -> None:
+    for stored, german in (
+        (texts.get("en")("lab.example.name"), "Beispielstudie (simulierte Personen)"),
+        (DEMO_NAME, "Demo: den Roboter kennenlernen, der von Ihnen lernt"),
+        ("Halls: an example", "Halls: an example"),
+    ):
+        assert study_name(stored, texts.get("en")) == stored
+        assert study_name(stored, texts.get("de")) == german

@@ -78,7 +78,7 @@ def test_an_analyst_sees_what_it_attends_to_over_time_or_the_same_rollout_withou
     np.testing.assert_array_equal(without.rollouts[0].poses, trajectory.poses)
     assert "Keile" in analyst.get(f"{PAGE}?policy={policy}", headers={"Accept-Language": "de"}).text
     assert f'href="{PAGE}?policy={policy}"' in analyst.get(f"/lab/artefacts/{policy}").text
-    assert f'href="{PAGE}"' in analyst.get("/lab/policies").text
+    assert f'href="{PAGE}?policy={policy}"' in analyst.get("/lab/policies").text
 
 
 def test_what_cannot_be_shown_is_said(analyst, policy):

@@ -49,7 +49,7 @@ def test_paths_are_shown_left_out_taken_back_and_learned_from(lab: TestClient, l
     assert shown.count("<polyline") == 4  # two drives and two walks
     assert "drawn by S001" in shown
     assert "where the person walked meanwhile" in shown
-    assert "walked a planned way" in shown
+    assert "walked a planned path" in shown
     assert "changes by more than 0.08 m/s²" in shown  # what the flag's rule has
     with lab_services.database.session() as s:
         first, second = s.scalars(select(StrokeRow.id).order_by(StrokeRow.step_key))

@@ -560,7 +560,7 @@ def test_an_answer_is_replayed_as_its_participant_saw_it(lab, lab_services, walk
     assert links[0] in lab.get(f"{here}/answers?participant={walked.finished}").text
     shown = lab.get(links[2]).text
     assert f"{walked.finished} chose " in shown
-    assert "top_down" in shown
+    assert "s · from above" in shown
     assert 'id="trial"' in shown, "the participants' own page"
     data = json.loads(re.search(r'id="page-data">(.*?)</script>', shown, re.S)[1])
     assert data["stage_token"]

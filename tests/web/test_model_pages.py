@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import asdict
 from typing import Any
 
@@ -74,6 +75,18 @@ def test_the_page_of_everything_shipped_opens(lab, lab_services, two_studies, la
     percent, metres = (one.replace(".", ",") if language == "de" else one for one in said)
     assert {"en": f"{percent}%", "de": f"{percent} %"}[language] in attending
     assert f"{metres} m" in attending
+
+
+def test_the_list_of_policies_has_one_main_action_and_every_drawing_leads_to_the_policy_driving(lab, two_studies):
+    page = lab.get("/lab/policies").text
+    head = page[page.index("<h1>") : page.index('class="filters"')]
+    assert (head.count("button main"), head.count('class="button')) == (1, 2), "compare, and what makes a new one"
+    assert [
+        one for one in ("/lab/jobs/new/train_base", "#upload", "/lab/settings/setups") if f'"{one}"' not in head
+    ] == []
+    drawings = re.findall(r'<td class="sketch"><a href="([^"]+)"><picture', page)
+    assert f"/lab/flow-field?policy={two_studies.base}" in drawings
+    assert len(drawings) == page.count('<picture class="sketch">')
 
 
 def test_beside_every_model_and_policy_stands_what_its_answers_predict_with_a_warning(lab, lab_services, two_studies):

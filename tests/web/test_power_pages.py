@@ -110,13 +110,14 @@ def test_what_cannot_be_asked_is_said_beside_the_field(lab: TestClient):
 def test_the_condition_and_the_item_of_the_effect_are_chosen_on_the_page(lab: TestClient):
     draft = drafted(lab)
     page = lab.get(f"{draft}/power").text
-    choices = {name: re.findall(r"<option[^>]*>([a-z_]+)<", of) for name, of in SELECT.findall(page)}
+    choices = {name: re.findall(r'<option value="([a-z_]+)"', of) for name, of in SELECT.findall(page)}
     assert choices["condition"] == ["top_down", "first_person"]
     assert choices["item"][:2] == ["ease", "confidence"]
     assert "ranking" not in choices, "nothing is ranked in this protocol"
     chosen = {"participants": "5", "cohorts": "20", "condition": "top_down", "item": "fun"}
     shown = html.unescape(lab.get(f"{draft}/power", params=chosen).text)
-    assert "<option selected>fun</option>" in shown
+    assert '<option value="fun" selected>It was fun. (fun)</option>' in shown
+    assert '<option value="top_down" selected>from above</option>' in shown
     refused = lab.post(f"{draft}/power", data={"csrf": csrf(lab, f"{draft}/power"), **chosen, "item": "nonsense"})
     assert refused.status_code == 422
     assert "Item: not in this protocol." in html.unescape(refused.text)

@@ -26,7 +26,7 @@ from desirepath.store.plain_data import Unstorable
 from desirepath.store.shipped_policies import came_with_product
 from desirepath.study.refusals import Refused
 from desirepath.web.core import plug_ins
-from desirepath.web.core.artefact_names import artefact_name
+from desirepath.web.core.artefact_names import artefact_name, study_name
 from desirepath.web.core.catalogues import Texts
 from desirepath.web.core.contract import trouble_in
 from desirepath.web.core.dependencies import Application, Services, route_of
@@ -68,6 +68,7 @@ def _templates() -> Jinja2Templates:
     templates.env.trim_blocks = templates.env.lstrip_blocks = True
     templates.env.filters["prose"] = prose
     templates.env.filters["artefact_name"] = artefact_name
+    templates.env.filters["study_name"] = study_name
     templates.env.tests["came_with_product"] = came_with_product
     return templates
 

@@ -1,16 +1,25 @@
-"""Names that jobs give artefacts, in the reader's language. They are stored in English, a part between commas for each
-thing that tells them apart; what somebody named stays as it is."""
+"""Names that jobs give artefacts, and that the product gives its own studies, in the reader's language. They are stored
+in English, a part between commas for each thing that tells them apart; what somebody named stays as it is."""
 
 from __future__ import annotations
 
 from desirepath.web.core.catalogues import DEFAULT_LANGUAGE, Catalogue
 
 SEPARATORS = (" against ", ": ", ", ")
+OWN_STUDIES = {  # a part of the name of a study that comes with the product -> its text
+    "Example study (simulated people)": "lab.example.name",
+    "meet the robot that learns from you": "lab.example.demo",
+}
 
 
 def artefact_name(name: str, t: Catalogue) -> str:
     """`name` with every part that a job wrote in the language of `t`."""
     return name if t.language == DEFAULT_LANGUAGE else _translate(name, t, SEPARATORS)
+
+
+def study_name(name: str, t: Catalogue) -> str:
+    """The name of a study; of one that comes with the product in the language of `t`."""
+    return ": ".join(t(OWN_STUDIES[part]) if part in OWN_STUDIES else part for part in name.split(": "))
 
 
 def _translate(name: str, t: Catalogue, separators: tuple[str, ...]) -> str:
@@ -22,6 +31,8 @@ def _translate(name: str, t: Catalogue, separators: tuple[str, ...]) -> str:
 
 
 def _part(part: str, t: Catalogue) -> str:
+    if part in OWN_STUDIES:
+        return t(OWN_STUDIES[part])
     match part.split(" "):
         case ["seed", seed] if seed.isdigit():
             return t("analyst.names.seed", seed=seed)
@@ -36,7 +47,8 @@ def _part(part: str, t: Catalogue) -> str:
         case ["ensemble", "member", number]:
             return t("analyst.names.member", number=number)
         case [kind, "reward", "model"]:
-            return t("analyst.names.reward_model", kind=kind)
+            known = f"analyst.choices.{kind}"
+            return t("analyst.names.reward_model", kind=t(known) if t.knows(known) else kind)
         case [made, "policy"] if t.knows(f"analyst.names.policies.{made}"):
             return t(f"analyst.names.policies.{made}")
         case ["base" | "controller" | "uploaded" | "imported" as word]:

@@ -266,7 +266,8 @@ def _bar(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[str
     parts = [sentence]
     if given.decision_s is not None:
         parts.append(t("lab.replay.decision", seconds=t.number(given.decision_s, 1)))
-    parts.append(seen.view)
+    in_words = f"live.lab.views.{seen.view}"
+    parts.append(t(in_words) if t.knows(in_words) else seen.view)
     window = _window(device)
     if window is not None:
         parts.append(t("lab.replay.window", width=str(window[0]), height=str(window[1])))

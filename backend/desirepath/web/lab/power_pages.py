@@ -15,6 +15,7 @@ from pydantic import BaseModel, Field
 from starlette.responses import RedirectResponse, Response
 
 from desirepath.grammar.conditions import Ordered
+from desirepath.grammar.texts import local
 from desirepath.store.query_sets import query_sets_here
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.importance_ranking import ImportanceRankingStage
@@ -23,7 +24,7 @@ from desirepath.study.protocol.freezing import FrozenProtocol, ProtocolError
 from desirepath.study.session.versions import newest_protocol
 from desirepath.web.core.auth import CheckedCsrf, check_csrf
 from desirepath.web.core.dependencies import TheServices, services_of
-from desirepath.web.core.lab_frame import LabRefusal, lab_page
+from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
 from desirepath.web.core.media import FIGURE_ENDINGS, answers_with, figure_file
 from desirepath.web.lab import power_runs
 from desirepath.web.lab.new_study import TheDraft
@@ -159,6 +160,7 @@ def _power_page(
         given=asked.query | given,
         fields={name: NUMBERS[name] for name in _fields(subject.frozen)},
         places={name: there for name, there in _places(subject.frozen).items() if len(there) > 1},
+        worded=_item_words(subject.frozen, lab_language(request)),
         more=MORE,
         problem=problem,
         busy=busy,
@@ -167,6 +169,12 @@ def _power_page(
         most=power_runs.MOST,
         **shown,
     )
+
+
+def _item_words(frozen: FrozenProtocol, language: str) -> dict[str, str]:
+    """Key of an item -> its question."""
+    items = (item for asked in frozen.questionnaires.values() for item in asked.items)
+    return {item.key: local(item.text, language) for item in items}
 
 
 def _fields(frozen: FrozenProtocol) -> list[str]:
