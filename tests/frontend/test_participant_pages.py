@@ -359,7 +359,7 @@ def test_a_phone_that_goes_on_with_a_session_is_refused_kindly(opened: Open) -> 
     page = opened("/device", width=390, height=844, touch=True)
     alert = page.get_by_role("alert")
     assert alert.get_by_text("This study needs a larger screen").is_visible()
-    assert alert.get_by_text("What you have answered is kept.").is_visible()
+    assert alert.get_by_text("Your answers so far are kept.").is_visible()
     assert page.get_by_text("Nothing about you").count() == 0
 
 

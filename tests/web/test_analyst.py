@@ -400,7 +400,7 @@ def test_a_policys_page_shows_the_social_metrics_of_its_evaluation(analyst, know
     for name in ("Minimum time to collision (s)", "Personal-space violations (1.2 m)"):
         assert name in page
     assert "Soziale Metriken" in analyst.get(f"/lab/policies/{known.base}", headers={"Accept-Language": "de"}).text
-    assert "The card was written before these metrics existed" in analyst.get(f"/lab/policies/{known.field}").text
+    assert "The model card was written before these metrics existed" in analyst.get(f"/lab/policies/{known.field}").text
 
 
 def _listed(page: str) -> list[str]:

@@ -101,7 +101,7 @@ def test_a_rated_trajectory_is_replayed_alone_without_a_letter(lab, lab_services
         register_shipped(s, lab_services.files)
         policy, field = (policy_artefact(s, f"{setup}/base").id for setup in ("study_room", "open_field"))
     page, data = shown(lab, f"{links[0]}?policy={policy}&command=turning")
-    assert "What moves study_room/base along this way (Turning)." in page
+    assert "What determines the command of study_room/base along this path (Turning)." in page
     assert page.count('class="ink-line cursor"') == 1
     order, given_to, _ = on_stage(lab_services, data).orders[0]
     assert order == "show", "nothing is explained before it is played"

@@ -46,7 +46,7 @@ def test_who_goes_on_in_another_browser_has_the_device_looked_at_first(client, s
     assert "Before you go on" in page
     assert f'action="/p/{token}/device"' in page
     refused = elsewhere.post(f"/p/{token}/device", data={"device": '{"width": 390, "webgl": false}'})
-    assert (refused.status_code, "What you have answered is kept" in refused.text) == (403, True)
+    assert (refused.status_code, "Your answers so far are kept" in refused.text) == (403, True)
     assert [event.data["reasons"] for event in logged(services, "other_device")] == [["webgl", "width"]]
     assert "Before you go on" in elsewhere.get(f"/p/{token}").text
     slow = '{"width": 1200, "webgl": true, "frame_rate": 12.5}'
