@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from desirepath.cli.serve import DEMO_NAME
+from desirepath.installed import PROTOCOLS
 from desirepath.web.core.artefact_names import artefact_name, study_name
 from desirepath.web.core.catalogues import TextError, Texts, flatten, placeholders
 
@@ -148,3 +149,24 @@ def test_studies_that_come_with_the_product_are_named_in_the_readers_language(te
     ):
         assert study_name(stored, texts.get("en")) == stored
         assert study_name(stored, texts.get("de")) == german
+
+
+LABELS = (
+    "drawing.undo",
+    "ranking.undo",
+    "drawing.evaluation.start",
+    "participant.trial.start",
+    "participant.bar.pause",
+)
+"""Buttons that texts of studies name."""
+
+
+def test_texts_of_studies_name_buttons_as_they_are_labelled(texts: Texts) -> None:
+    named = []
+    for english in sorted((PROTOCOLS / "texts").glob("*.en.md")):
+        german = english.with_name(english.name.replace(".en.", ".de."))
+        for label in LABELS if german.exists() else ():
+            if re.search(rf"\b{texts.get('en')(label)}\b", english.read_text("utf-8")):
+                named.append(label)
+                assert texts.get("de")(label) in german.read_text("utf-8"), (german.name, label)
+    assert set(named) == set(LABELS)
