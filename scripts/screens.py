@@ -1,8 +1,9 @@
 """Pictures of every page of a running demo with the example study, in both languages and schemes and at three widths.
 
 The lab's pages are found by following their links, one of every kind; a simulated participant walks the demo study over
-HTTP and every new kind of step is looked at on the way. Contact sheets put all pages of a combination side by side.
-.venv/bin/python scripts/screens.py FOLDER [--only PART ...] [--languages en de] [--widths 1440 1024 390]
+HTTP, with --every also a study of every shipped protocol, and every new kind of step is looked at on the way. Contact
+sheets put all pages of a combination side by side.
+.venv/bin/python scripts/screens.py FOLDER [--every] [--only PART ...] [--languages en de] [--widths 1440 1024 390]
 
 With --manual in place of a folder it makes the pictures that the manual shows, in docs/images.
 """
@@ -28,11 +29,14 @@ from sqlalchemy import select
 
 from desirepath.cli import loopback
 from desirepath.settings import Settings
+from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.example_study import example_id
 from desirepath.store.models import Study
+from desirepath.study.protocol.freezing import find_shipped_protocols, freeze
 from desirepath.study.simulated.http import HttpSessionClient
 from desirepath.study.simulated.participant import Character, walk_all
+from desirepath.study.studies import create_study
 from desirepath.web.core.opening_link import link_path
 from desirepath_experiments.browser.client import chromium
 
@@ -63,16 +67,18 @@ MANUAL_STEPS = ("trial", "meet_your_robot")
 
 @dataclass(frozen=True)
 class Demo:
-    """A running demo. cookies: of a browser that is signed in; join: the demo study's link; example: the study's id."""
+    """A running demo. cookies: of a browser that is signed in; join: the demo study's link; example: the study's id;
+    more: links of studies of the shipped protocols."""
 
     url: str
     cookies: Mapping[str, str]
     join: str
     example: str
+    more: Sequence[str] = ()
 
 
 @contextmanager
-def running_demo(data: Path) -> Iterator[Demo]:
+def running_demo(data: Path, *, every: bool = False) -> Iterator[Demo]:
     """`desirepath serve --demo` in a new folder, once the example study is there."""
     settings = Settings(data=data, _env_file=None)
     with (
@@ -91,9 +97,16 @@ def running_demo(data: Path) -> Iterator[Demo]:
         with database.transaction() as s:
             once = link_path(s, settings)
             recruiting = s.scalars(select(Study.recruiting_token).where(Study.id != example)).one()
+        more = []
+        for file in find_shipped_protocols() if every else ():
+            with database.transaction() as s:
+                study = create_study(
+                    s, ArtefactStore(settings.artefacts), freeze(file), name=file.stem, created_by=None
+                )
+                more.append(study.recruiting_token)
         database.close()
         client.get(str(once))
-        yield Demo(url, dict(client.cookies), recruiting, example)
+        yield Demo(url, dict(client.cookies), recruiting, example, more)
 
 
 def find_pages(demo: Demo) -> dict[str, str]:
@@ -225,23 +238,26 @@ def take_manual(browser: Any, demo: Demo, only: Sequence[str]) -> None:
             page.context.close()
 
     with httpx.Client(base_url=demo.url, timeout=120) as client:
-        walk_all([LookedAtClient(client, demo.join, "en", look)], Character())
+        walk_all([LookedAtClient(client, demo.join, "en", look, set())], Character())
 
 
 class LookedAtClient(HttpSessionClient):
-    """A simulated participant over HTTP; the first step of every kind is shown to `look` before it is answered."""
+    """A simulated participant over HTTP; the first step of every kind, and trial of every view, that is not in `shown`
+    is shown to `look` before it is answered."""
 
-    def __init__(self, client: httpx.Client, link: str, language: str, look: Callable[[str, str], None]) -> None:
+    def __init__(
+        self, client: httpx.Client, link: str, language: str, look: Callable[[str, str], None], shown: set[str]
+    ) -> None:
         super().__init__(client, link, language)
-        self._look, self._shown, self._number = look, set[str](), 0
+        self._look, self._shown = look, shown
 
     def state(self) -> Any:
         state = super().state()
-        kind = state["step"]["kind"] if state["step"] else state["state"]
+        step = state["step"] or {"kind": state["state"]}
+        kind = step["kind"] if step["kind"] != "trial" or step["view"] == "top_down" else f"trial_{step['view']}"
         if kind not in self._shown:
             self._shown.add(kind)
-            self._number += 1
-            self._look(f"step-{self._number:02d}-{kind}", f"/p/{self.token}")
+            self._look(f"step-{len(self._shown):02d}-{kind}", f"/p/{self.token}")
         return state
 
     def submit(self, key: str, value: Mapping[str, Any]) -> Any:
@@ -268,8 +284,10 @@ def show_steps(browser: Any, demo: Demo, camera: Camera, languages: Sequence[str
 
         look("join", f"/join/{demo.join}?lang={language}")
         with httpx.Client(base_url=demo.url, timeout=120) as client:
-            walker = LookedAtClient(client, demo.join, language, look)
-            walk_all([walker], Character(), lambda line: print(line, file=sys.stderr, flush=True))
+            shown = set[str]()
+            for link in (*demo.more, demo.join):
+                walker = LookedAtClient(client, link, language, look, shown)
+                walk_all([walker], Character(), lambda line: print(line, file=sys.stderr, flush=True))
             look("help", f"/p/{walker.token}/help")
             look("consent-copy", f"/p/{walker.token}/consent")
 
@@ -301,13 +319,18 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?", default=MANUAL)
     parser.add_argument("--manual", action="store_true", help="the manual's pictures alone")
     parser.add_argument("--only", nargs="*", default=[], help="pages whose name holds one of these; 'steps': all steps")
+    parser.add_argument("--every", action="store_true", help="steps of every shipped protocol, not the demo's alone")
     parser.add_argument("--lab", action="store_true", help="the lab's pages alone")
     parser.add_argument("--languages", nargs="*", default=LANGUAGES)
     parser.add_argument("--widths", nargs="*", type=int, default=list(HEIGHTS))
     asked = parser.parse_args()
     if asked.manual == (asked.folder != MANUAL):
         parser.error("either a folder or --manual")
-    with tempfile.TemporaryDirectory() as data, running_demo(Path(data)) as demo, chromium() as browser:
+    with (
+        tempfile.TemporaryDirectory() as data,
+        running_demo(Path(data), every=asked.every) as demo,
+        chromium() as browser,
+    ):
         camera = Camera(asked.folder, asked.widths)
         if asked.manual:
             take_manual(browser, demo, asked.only)
