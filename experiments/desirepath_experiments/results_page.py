@@ -326,4 +326,4 @@ def results() -> str:
     for k, one in enumerate(found, 1):
         table.append(f"| {k} | {one.what} | **{one.number}** | {one.interval} | {one.worst} | {one.over} |")
         commands.append(f"| {k} | `{one.stored.command}` | `{one.stored.file}` |")
-    return "\n".join([INTRO, *table, "", "## How each was made", "", *commands]) + "\n"
+    return "\n".join([INTRO, *table, "", "## How each number was made", "", *commands]) + "\n"

@@ -70,7 +70,7 @@ FITTING = {
     "/lab/flow-field": "analysts-guide#flow-fields",
     "/lab/live": "policies#preference-conditioned-policies",
     "/lab/settings/setups": "extending#a-robot-and-its-setup",
-    "/lab/explain": "analysts-guide#what-moved-the-robot",
+    "/lab/explain": "analysts-guide#explanations",
 }
 """Route, and all that begin with it -> the part of a guide that says most about it; the longest one counts."""
 _MARKDOWN = MarkdownIt("commonmark", {"html": False, "typographer": True}).enable("table").disable("image")
