@@ -252,8 +252,9 @@ def compare_observations(scenes: Sequence[Scene], driven: Sequence[Driven]) -> d
 
 def _over_topics(acting: TopicsController, scenes: Sequence[Scene]) -> dict[str, Any]:
     """refused: why the node stood, before or on the way. stop_s: told to stand so long after the last scan. p99: from
-    the scan on its topic to the command on its."""
+    the scan on its topic to the command on its. scans_sent_again: that no command answered at first."""
     refused, took = Counter(acting.refusals), acting.latencies_s.copy()
+    sent = {"scans": acting.scans, "scans_sent_again": acting.sent_again}
     silent = []
     for scene in scenes[:SILENT_SCENES]:
         robot = IrSimRobot(scene)
@@ -264,7 +265,7 @@ def _over_topics(acting: TopicsController, scenes: Sequence[Scene]) -> dict[str,
         if command != Command(0.0, 0.0):
             silent.append(acting.silence_s())
     stop_s = {"drives": len(silent), "longest": max(silent, default=None)}
-    return {"refused": refused, "stop_s": stop_s, "p99_latency_ms": float(1_000 * np.quantile(took, 0.99))}
+    return {"refused": refused, "stop_s": stop_s, **sent, "p99_latency_ms": float(1_000 * np.quantile(took, 0.99))}
 
 
 @contextmanager

@@ -17,6 +17,7 @@ import numpy as np
 from desirepath.deploy.inputs import Command, Odometry, Person, Scan
 
 PATIENCE_S = 60
+AGAIN_S = 5  # without an answer: topics of sensors may lose what they carry
 TICK_S = 0.02
 PERIOD_S = 0.2
 ROUNDS = 3  # of scans that a supervisor wants to have heard before it starts
@@ -26,7 +27,7 @@ class TopicsController:
     """A controller at the other end of topics: its `step` is a scan's way there and its command's way back.
 
     refusals: why the node stood still instead, a reason each. latencies_s: from a scan to the command that answers it.
-    bundle: what `policies export` wrote.
+    sent_again: scans that no command answered within AGAIN_S. bundle: what `policies export` wrote.
     """
 
     def __init__(self, bundle: Path, arguments: Sequence[str] = ()) -> None:
@@ -67,6 +68,7 @@ class TopicsController:
         self._now_s, self._driving, self._stood = 1.0, False, False
         self.refusals: list[str] = []
         self.latencies_s: list[float] = []
+        self.scans = self.sent_again = 0
         self.observation = np.zeros(0, dtype=np.float32)  # stays with the node
         try:
             self._wait("the node", lambda: all(one.get_subscription_count() for one in self._out.values()))
@@ -135,9 +137,21 @@ class TopicsController:
         message = self._scan(scan)
         stamp = message.header.stamp
         del self._answers[:]
-        began = time.perf_counter()
+        began = again = time.perf_counter()
         self._out["scan"].publish(message)
-        self._wait("an answer to a scan", lambda: any(one.header.stamp == stamp for one in self._answers))
+        self.scans += 1
+
+        def answered() -> bool:
+            nonlocal again
+            if any(one.header.stamp == stamp for one in self._answers):
+                return True
+            if time.perf_counter() - again > AGAIN_S:
+                again = time.perf_counter()
+                self.sent_again += 1
+                self._out["scan"].publish(message)
+            return False
+
+        self._wait(f"an answer to scan {self.scans:,} (of all, {self.sent_again} were sent again)", answered)
         self.latencies_s.append(time.perf_counter() - began)
         return _command(next(one for one in self._answers if one.header.stamp == stamp))
 
@@ -187,7 +201,9 @@ class TopicsController:
     def _wait(self, what: str, until: Callable[[], bool]) -> None:
         end = time.monotonic() + PATIENCE_S
         while not until():
-            if time.monotonic() > end or self._process.poll() is not None:
+            if (code := self._process.poll()) is not None:
+                raise ChildProcessError(f"the node ended with {code} before {what} came; it was {self._state!r}")
+            if time.monotonic() > end:
                 raise TimeoutError(f"{what} did not come within {PATIENCE_S} s; the node: {self._state!r}")
             self._rclpy.spin_once(self._node, timeout_sec=0.05)
 
