@@ -196,6 +196,14 @@ def test_a_tighter_limit_keeps_the_way_and_slows_it():
     assert rig.supervisor.limited(Command(1.0, 1.2), 0.2) == Command(0.25, pytest.approx(0.3))
 
 
+@pytest.mark.parametrize("v", [-1e-9, -0.3])
+def test_a_robot_that_cannot_drive_back_turns_where_it_is(v):
+    rig = Rig().drive()
+    rig.controller.wanted = Command(v, 1.0)
+    rig.pass_time(0.5)
+    assert rig.supervisor.tick() == Command(0.0, 1.0)
+
+
 def test_slows_down_and_stops_for_what_it_would_touch_and_says_where():
     rig = Rig().drive()
     rig.controller.wanted = Command(0.5, 0.0)
@@ -377,6 +385,61 @@ def test_a_long_robot_that_turns_on_the_spot_sweeps_nobody(slows):
     assert w == pytest.approx(0.0, abs=0.02)
 
 
+class Wheels:
+    """A robot that changes its speeds by no more than m/s^2, rad/s^2; `least`: how near it came to somebody's circle,
+    metres from its outline."""
+
+    def __init__(self, rig, slows, slows_turning=math.inf, person=(9.0, 9.0)):
+        self.rig, self.most = rig, np.array([slows, slows_turning]) * 0.01
+        self.person, self.least = np.array(person), math.inf
+        self.pose, self.speeds = np.zeros(3), np.zeros(2)
+        rig.each = self.step
+
+    def step(self):
+        told = self.rig.supervisor.command
+        self.speeds += np.clip((told.v, told.w) - self.speeds, -self.most, self.most)
+        v, w = self.speeds
+        self.pose += np.array([v * math.cos(self.pose[2]), v * math.sin(self.pose[2]), w]) * 0.01
+        self.rig.odometry.update(zip(("x", "y", "yaw", "v", "w"), (*self.pose, v, w), strict=True))
+        c, s = math.cos(self.pose[2]), math.sin(self.pose[2])
+        there = (self.person - self.pose[:2]) @ np.array([[c, -s], [s, c]])
+        self.least = min(self.least, float(self.rig.supervisor._body.distances(there)) - 0.3)
+
+
+@pytest.mark.parametrize("slows", [0.5, 1.0, 1.5])
+@pytest.mark.parametrize("seen", [True, False])
+def test_a_robot_that_brakes_less_is_slowed_down_sooner_and_stands_before_it(slows, seen):
+    """A wall 2 m ahead that the lidar sees, or somebody there whom it was told of."""
+    rig = Rig(replace(LIMITS, v_change=slows), robot=Robot("turtlebot2", 0.18, None))
+    rig.controller.wanted = Command(0.65, 0.0)
+    wheels = Wheels(rig, slows)
+    step = rig.each
+    if seen:
+        rig.each = lambda: (step(), rig.scans.update(at={0: max(2.0 - wheels.pose[0], 0.06)}))
+    else:
+        rig.supervisor.people([Person(2.0 + 0.3, 0.0)], lasting=True)
+    rig.drive()
+    rig.pass_time(14.0)
+    assert rig.supervisor.state is State.STOPPED
+    kept = 0.0 if seen else 0.02
+    assert kept - 1e-3 < 2.0 - 0.18 - wheels.pose[0] < kept + 0.02, "it is not stopped sooner either"
+
+
+@pytest.mark.parametrize("person", [(0.0, 0.75), (-0.42, 0.74), (0.42, -0.74)])
+@pytest.mark.parametrize("v", [0.05, 0.12, 0.2, 0.3])
+def test_a_long_robot_that_turns_as_it_drives_stands_before_its_corner_reaches_somebody(v, person):
+    """Its turning brakes by 1 rad/s^2, which takes longer than its driving."""
+    body = ((-0.6, -0.2), (0.6, -0.2), (0.6, 0.2), (-0.6, 0.2))
+    limits = Limits(v_min=0.0, v_max=1.0, w_max=1.5, v_change=None, w_change=1.0)
+    rig = Rig(limits, Robot("long", 0.63, body), Rules(keep_out_m=0))
+    rig.supervisor.people([Person(*person)], lasting=True)
+    rig.controller.wanted = Command(v, 1.5)
+    wheels = Wheels(rig, 2.5, 1.0, person)
+    rig.drive()
+    rig.pass_time(4.0)
+    assert wheels.least > 0
+
+
 class Walker:
     """Somebody who walks, straight at the robot wherever it goes or as `velocity` says; the robot brakes by 2.5 m/s^2
     and is told of them 10 times a second, `late` s after they were seen."""
@@ -542,6 +605,43 @@ def test_old_news_of_somebody_who_walks_is_where_they_are_by_now(late, slowed):
     assert (rig.supervisor.command.v < 0.5) is slowed
 
 
+@pytest.mark.parametrize("ahead", [0.3, 0.5, 0.9])
+@pytest.mark.parametrize("degrees", [0, 90, 140])
+@pytest.mark.parametrize("speed", [0.7, 1.0])
+def test_a_stamp_of_the_future_does_not_hide_somebody_who_walks(speed, degrees, ahead):
+    """Whose news comes at once, but once with a stamp so far ahead: all later ones look that old."""
+    rig = Rig(robot=DISC)
+    rig.controller.wanted, tell, told = Command(0.65, 0.0), rig.supervisor.people, []
+
+    def hear(people, stamp_s):
+        told.append(stamp_s)
+        tell(people, stamp_s=stamp_s + ahead * (len(told) == 2))
+
+    walks = -speed * np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+    rig.drive()
+    rig.supervisor.people = hear
+    met = Walker(rig, (1.6 - 2 * walks[0], -2 * walks[1]), velocity=walks).meet()
+    assert met is None or met[0] < 0.02 or met[1] < 0.02, "it stands or moves away"
+
+
+def test_arming_forgets_the_stamps_of_people():
+    rig = Rig().drive()
+    rig.supervisor.people([Person(3.0, 0.0)], stamp_s=rig.t + 0.9)
+    rig.supervisor.stop("by hand")
+    with pytest.raises(Refused, match="no fresh news of people: none yet"):
+        rig.drive()
+    rig.supervisor.stop("by hand")
+    rig.each = lambda: rig.supervisor.people([Person(3.0, 0.0)], stamp_s=rig.t - 0.2)
+    assert rig.drive().supervisor.state is State.DRIVING
+
+
+@pytest.mark.parametrize("stamp", [math.nan, math.inf, -math.inf])
+def test_news_of_people_by_stamps_that_are_none_is_no_news(stamp):
+    rig = Rig().drive()
+    rig.supervisor.people([Person(3.0, 0.0)], stamp_s=stamp)
+    assert rig.stopped == f"no fresh news of people: none yet; its stamp is {stamp}"
+
+
 def test_who_stays_does_not_walk():
     rig = Rig().drive()
     rig.supervisor.people([Person(1.0, 0.0, -2.0, 0.0)], lasting=True)
@@ -616,6 +716,21 @@ def test_when_scans_cease_it_stands_before_what_the_last_one_saw():
     assert "touches the robot" in rig.stopped
     driven = max(t for t, command in rig.told if command != STANDING) + 0.01 - seen
     assert driven + 1.0 / 2.5 / 2 <= 0.45
+
+
+def test_when_odometry_ceases_it_stands_before_whom_it_was_told_of():
+    """The same, of somebody whose circle is 0.45 m ahead of where it last said it was."""
+    rig = Rig(rules=Rules(keep_out_m=0))
+    rig.controller.wanted = Command(1.0, 0.0)
+    rig.drive()
+    rig.odometry["v"] = 1.0
+    rig.pass_time(0.1)
+    rig.supervisor.people([Person(0.2 + 0.3 + 0.45, 0.0)], lasting=True)
+    seen, rig.odometry_off = rig.t, True
+    rig.pass_time(0.5)
+    driven = sum(0.01 * command.v for t, command in rig.told if t > seen)
+    fastest = max(command.v for t, command in rig.told if command.v and t > seen)
+    assert driven + fastest / 2.5 / 2 <= 0.45
 
 
 def test_a_clock_that_stands_is_noticed_by_the_messages():

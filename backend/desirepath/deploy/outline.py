@@ -55,39 +55,60 @@ class Touch(NamedTuple):
         return f"{what} {at} {does} the robot{f' in {self.when_s:.2f} s' if self.when_s else ''}"
 
 
+class Braking(NamedTuple):
+    """How a speed comes to 0: in takes_s; by then it went as far as in worth_s at the commanded speed."""
+
+    takes_s: float = 0.0
+    worth_s: float = 0.0
+
+    @property
+    def quickest(self) -> float:
+        """Times the commanded speed, at most."""
+        return max(1.0, 2 * self.worth_s / self.takes_s) if self.takes_s else 1.0
+
+    def gone(self, after_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k,) of worth_s, so many seconds after it began."""
+        left = 1 - np.clip(after_s / self.takes_s, 0, 1) if self.takes_s else np.ones(len(after_s))
+        return np.asarray(self.worth_s * (1 - left**2))
+
+
+AT_ONCE = Braking()
+
+
 @dataclass(frozen=True)
 class Way:
-    """How a robot goes on: by its command for react_s, then braking on the same arc for brake_s until it stands;
-    `longer`: by how much that is farther in all than react_s alone."""
+    """How a robot goes on from where it was since_s ago: by its command for react_s, then driving and turning brake,
+    each in its time."""
 
     command: Command
     react_s: float
-    longer: float = 1.0
-    brake_s: float = 0.0
+    driving: Braking = AT_ONCE
+    turning: Braking = AT_ONCE
+    since_s: float = 0.0
 
     @property
     def all_s(self) -> float:
-        return self.react_s + self.brake_s
+        return self.react_s + max(self.driving.takes_s, self.turning.takes_s)
 
     @property
-    def braking_s(self) -> float:
-        """What braking is as long as, in seconds at the command's speed."""
-        return (self.longer - 1) * self.react_s
+    def far_m(self) -> float:
+        """How far the robot's centre goes, at most."""
+        return abs(self.command.v) * (self.react_s + self.driving.worth_s)
 
-    def speed(self, around_m: float) -> float:
-        """m/s of the fastest point of an outline, at most."""
-        quicker = max(1.0, 2 * self.braking_s / self.brake_s) if self.brake_s else 1.0
-        return quicker * (abs(self.command.v) + abs(self.command.w) * around_m)
+    def speed(self, turns_m: float) -> float:
+        """m/s, at most, of the fastest point of an outline that turning moves, so far from the centre."""
+        return abs(self.command.v) * self.driving.quickest + abs(self.command.w) * self.turning.quickest * turns_m
 
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(k, 3) x, y, yaw in the robot's frame of now, after (k,) seconds."""
-        left = 1 - np.clip((times - self.react_s) / self.brake_s, 0, 1) if self.brake_s else np.ones(len(times))
-        gone = np.minimum(times, self.react_s) + self.braking_s * (1 - left**2)
-        v, w = self.command.v, self.command.w
-        turned = w * gone
-        if abs(w) > 1e-6:
-            return np.column_stack([v / w * np.sin(turned), v / w * (1 - np.cos(turned)), turned])
-        return np.column_stack([v * gone, np.zeros(len(times)), turned])
+        """(k, 3) x, y, yaw in the robot's frame of then, after (k,) seconds from 0 on, of which each two are joined by
+        an arc."""
+        reacted, braked = np.minimum(times, self.react_s), times - self.react_s
+        went = self.command.v * (reacted + self.driving.gone(braked))
+        yaw = self.command.w * (reacted + self.turning.gone(braked))
+        turned = np.diff(yaw) / 2
+        chords = np.diff(went) * np.sinc(turned / np.pi)
+        steps = chords * np.stack([np.cos(yaw[:-1] + turned), np.sin(yaw[:-1] + turned)])
+        return np.column_stack([np.pad(steps.cumsum(axis=1), ((0, 0), (1, 0))).T, yaw])
 
 
 @dataclass(frozen=True)
@@ -107,22 +128,26 @@ class People:
         walking *= 0.0 if staying else (FASTEST / np.maximum(speeds, FASTEST))[:, None]
         return cls(rows[:, :2], walking, np.zeros(len(rows)))
 
-    def seen_from(self, where: Odometry, age_s: float) -> People:
-        """In the robot's frame, so many seconds after they were told of; who walks away from it also as if they stood
-        where they were, since a pace that is not kept makes no room."""
+    def seen_from(self, where: Odometry, age_s: float, least_s: float) -> People:
+        """In the robot's frame, so many seconds after they were seen, or least_s after, or between; who walks away from
+        it also as if they stood where they were, since a pace that is not kept makes no room."""
         c, s = math.cos(where.yaw), math.sin(where.yaw)
         turn = np.array([[c, -s], [s, c]])
-        gone = self.walking * age_s
-        away, at_first = self.places + gone - (where.x, where.y), self.places - (where.x, where.y)
+        gone, between = self.walking * age_s, self.walking * (age_s - least_s) / 2
+        away, at_first = self.places + gone - between - (where.x, where.y), self.places - (where.x, where.y)
         leaving = (at_first * self.walking).sum(1) > 0
         return People(
             np.concatenate([away, at_first[leaving]]) @ turn,
             np.concatenate([self.walking, HARDLY * self.walking[leaving]]) @ turn,
-            np.concatenate([UNSURE * np.hypot(*gone.T), np.zeros(leaving.sum())]),
+            np.concatenate([UNSURE * np.hypot(*gone.T) + np.hypot(*between.T), np.zeros(leaving.sum())]),
         )
 
     def pick(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> People:
         return People(self.places[which], self.walking[which], self.unsure[which])
+
+    def after(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k, n, 2) where they are after (k,) seconds; before now they were where they are."""
+        return np.asarray(self.places + self.walking * np.maximum(times, 0)[:, None, None])
 
     @property
     def speeds(self) -> NDArray[np.float64]:
@@ -153,6 +178,7 @@ class Outline:
     robot: Body
     keep_out_m: float | None = None
     around_m: float = field(init=False)
+    turns_m: float = field(init=False, default=0.0)  # how far from the centre turning moves it: a disc not at all
     _sides: NDArray[np.float64] | None = field(init=False, default=None)  # (corners, 2, 2)
 
     def __post_init__(self) -> None:
@@ -161,16 +187,14 @@ class Outline:
         if corners is not None:
             a = np.asarray(corners, dtype=np.float64)
             self._sides = np.stack([a, np.roll(a, -1, axis=0)], axis=1)
-            self.around_m = float(np.hypot(*a.T).max())
+            self.around_m = self.turns_m = float(np.hypot(*a.T).max())
 
     def first_touch(self, points: Points, way: Way) -> Touch | None:
         """Which of (n, 2) points the outline first holds on its way."""
-        command = way.command
-        far = self.around_m + abs(command.v) * way.longer * way.react_s
-        points = points[np.hypot(points[:, 0], points[:, 1]) <= far]
+        points = points[np.hypot(points[:, 0], points[:, 1]) <= self.around_m + way.far_m]
         if not len(points):
             return None
-        times = np.linspace(0.0, way.all_s, 1 + math.ceil(way.speed(self.around_m) * way.all_s / FINEST_M))
+        times = np.linspace(0.0, way.all_s, 1 + math.ceil(way.speed(self.turns_m) * way.all_s / FINEST_M))
         for when, pose in zip(times, way.at(times), strict=True):
             inside = self._holds(_from(pose, points))
             if inside.any():
@@ -185,10 +209,10 @@ class Outline:
         if not len(people):
             return None
         moving = way.command != Command(0.0, 0.0)
-        quick = way.speed(self.around_m) + people.speeds.max()
+        quick = way.speed(self.turns_m) + people.speeds.max()
         looks = 1 + (math.ceil(quick * way.all_s / STEPS_M) if moving else 0)
         times = np.linspace(0.0, way.all_s, looks)
-        there = people.places + people.walking * times[:, None, None]  # (looks, n, 2)
+        there = people.after(times - way.since_s)
         spare = self._spare(_from(way.at(times)[:, None], there), people.unsure)
         met = spare < SHY_M
         if close := np.flatnonzero(met.any(axis=0)).tolist():
@@ -206,7 +230,7 @@ class Outline:
         reach = self.around_m + PERSON_M + APART_M + SHY_M + people.unsure
         reach = np.maximum(reach, (self.keep_out_m or 0.0) + SHY_M + people.unsure)
         away = np.hypot(*people.places.T) - reach - people.speeds * way.all_s
-        near = np.flatnonzero(away <= abs(way.command.v) * way.longer * way.react_s)
+        near = np.flatnonzero(away <= way.far_m)
         if len(near) > MOST_NEAR:
             near = near[np.argpartition(away[near], MOST_NEAR)[:MOST_NEAR]]
         return people.pick(near)
@@ -218,14 +242,14 @@ class Outline:
         if not len(people) or self.keep_out_m == 0:
             return None
         times = np.linspace(0.0, way.all_s, FORESEEN if way.all_s else 1)
-        there = people.places + people.walking * times[:, None, None]
+        there = people.after(times - way.since_s)
         there = _from(way.at(times)[:, None] * (people.speeds > 0)[None, :, None], there)
         spare = self._kept(there, people.unsure)
         look, who = np.unravel_index(int(spare.argmin()), spare.shape)
         if spare[look, who] >= 0:
             return None
         away = float(np.hypot(*there[look, who]))
-        return float(times[look]), away, away - float(spare[look, who])
+        return max(0.0, float(times[look]) - way.since_s), away, away - float(spare[look, who])
 
     def _kept(self, places: NDArray[np.float64], unsure: NDArray[np.float64]) -> NDArray[np.float64]:
         """(...) metres by which somebody at (..., 2) is farther than the keep-out distance."""

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from desirepath.deploy.inputs import MOST_PEOPLE, Command, InputError, Odometry, Person, Scan, check_goal
-from desirepath.deploy.outline import Body, Outline, People, Points, Touch, Way, points_of
+from desirepath.deploy.outline import AT_ONCE, Body, Braking, Outline, People, Points, Touch, Way, points_of
 
 FRESH_TO_START = 3  # messages in a row
 DRIFT = 2e-4  # of two clocks
@@ -132,16 +132,17 @@ class Controls(Protocol):
 class _Stream:
     """Messages of one kind with the sender's stamps, of which only the order and the pace are believed.
 
-    fresh_at: when the last fresh one was measured, on our clock. trouble: what was wrong with the last one.
+    fresh_at: when the last fresh one was measured, on our clock, if none ever came more promptly than by its stamp;
+    heard_at: when it came. trouble: what was wrong with the last one.
     """
 
     name: str
     stale_s: float
     fresh_at: float = -math.inf
+    heard_at: float = -math.inf
     in_a_row: int = 0
     trouble: str = ""
     _stamp: float | None = None
-    _heard_at: float = -math.inf
     _behind: float = math.inf  # least of what our clock was ahead of stamps
     _at_first: float = -math.inf  # the same of the first message
 
@@ -154,12 +155,15 @@ class _Stream:
 
     def take(self, stamp: float, now: float) -> bool:
         """Whether a message of that stamp, which is here now, is fresh."""
+        if not math.isfinite(stamp):
+            self.refuse(f"its stamp is {stamp}")
+            return False
         if self._stamp is not None:
             passed = stamp - self._stamp
             if passed <= 0:
                 self.refuse(f"its time went {'back' if passed else 'not on'} from {self._stamp:.3f} to {stamp:.3f}")
                 return False
-            self._behind += DRIFT * (now - self._heard_at)
+            self._behind += DRIFT * (now - self.heard_at)
             self._at_first -= DRIFT * passed
         else:
             self._at_first = now - stamp
@@ -168,7 +172,7 @@ class _Stream:
             self.fresh_at = -math.inf  # or ours stands still: then nothing would ever be too old
             return False
         self._behind = min(self._behind, now - stamp)
-        self._stamp, self._heard_at = stamp, now
+        self._stamp, self.heard_at = stamp, now
         late = now - stamp - self._behind
         if late >= self.stale_s:
             self.refuse(f"it came {late:.3f} s late")
@@ -288,10 +292,9 @@ class Supervisor:
         if len(people) > MOST_PEOPLE:
             return self.stop(f"{len(people):,} people are told of; at most {MOST_PEOPLE:,} can be")
         if stamp_s is None:
-            self._news.fresh_at = now
-        elif not math.isfinite(stamp_s):
-            return self._news.refuse(f"its stamp is {stamp_s}")
+            self._news.fresh_at = self._news.heard_at = now
         elif not self._fresh(self._news, stamp_s, now):
+            self._staying = False  # who tells of them by messages must go on
             return None
         self._people, self._walkers, self._staying = tuple(people), People.told(people, lasting), lasting
         return None
@@ -320,8 +323,8 @@ class Supervisor:
             raise Refused(f"not armed: {self._held} still says stop")
         if self.state is State.DRIVING:
             raise Refused("not armed: it is driving; stop it first")
-        self._scans.forget()
-        self._odometry.forget()
+        for stream in (self._scans, self._odometry, self._news):
+            stream.forget()
         self._shape = self._scan = self._where = None
         self._be(State.ARMED, f"armed {by}")
 
@@ -397,9 +400,8 @@ class Supervisor:
         if not math.isfinite(now):
             now = -math.inf
         if now < self._now:
-            self._scans.forget()
-            self._odometry.forget()
-            self._news.forget()
+            for stream in (self._scans, self._odometry, self._news):
+                stream.forget()
             self.stop(f"the clock went from {self._now:.3f} to {now:.3f}")
         self._now = now
         return now
@@ -435,14 +437,18 @@ class Supervisor:
 
     def _people_around(self, now: float, where: Odometry) -> People:
         """Who it was told of, in the robot's frame, where they are by now."""
-        old_s = 0.0 if self._staying else min(now - self._news.fresh_at, self.rules.people_stale_s)
-        return self._walkers.seen_from(where, old_s)
+        stamped, heard = (
+            0.0 if self._staying else min(now - at, self.rules.people_stale_s)
+            for at in (self._news.fresh_at, self._news.heard_at)
+        )
+        return self._walkers.seen_from(where, stamped, heard)
 
     def _too_near(self, now: float, where: Odometry) -> str | None:
         """Whether somebody is within the keep-out distance, on whichever side and however the robot moves, or walks
         into it until the robot stands."""
-        brake_s, react_s = abs(where.v) / self.rules.braking, self.rules.tick_s
-        way = Way(Command(where.v, where.w), react_s if brake_s else 0.0, 1 + brake_s / react_s / 2, brake_s)
+        goes = Command(where.v, where.w if where.v or self._body.turns_m else 0.0)
+        react_s = now - self._odometry.fresh_at + self.rules.tick_s
+        way = self._until_it_stands(now, goes, react_s if goes != STANDING else 0.0, goes)
         found = self._body.nearest(self._people_around(now, where), way)
         if found is None:
             return None
@@ -464,36 +470,46 @@ class Supervisor:
     def _zone_m(self) -> float:
         """How far from the robot's centre the stop zone reaches at most."""
         fastest = max(self.controller.limits.v_max, -self.controller.limits.v_min)
-        return self._body.around_m + fastest * (self._react_s(0.0) + fastest / self.rules.braking / 2)
+        return self._body.around_m + fastest * (self._react_s(0.0) + fastest / self._slows[0] / 2)
 
     def _react_s(self, age: float) -> float:
-        """How long after the last scan the way must be free: until the next is acted on or missed."""
+        """How long after the last scan or odometry the way must be free: until the next is acted on or missed."""
         return max(self.rules.collision_s, age + self.rules.tick_s)
 
-    def _ahead(self, now: float, command: Command) -> Touch | None:
+    def _ahead(self, now: float, command: Command, braking: bool = False) -> Touch | None:
         """What is in the stop zone of this command: on its way until the robot reacts, and while it brakes from what it
-        drives or, where it hardly drives, turns now."""
+        drives and turns now. braking: it does so already, and is left none but a tick to react."""
         if not self.rules.collision_s:
             return None
-        way, where = self._way(now, command), self._where
+        way, where = self._way(now, command, braking), self._where
         thing = self._body.first_touch(self._points, way)
         met = None if where is None else self._body.first_met(self._people_around(now, where), way)
         return min((touch for touch in (thing, met) if touch is not None), key=lambda touch: touch.when_s, default=None)
 
-    def _way(self, now: float, command: Command) -> Way:
+    def _way(self, now: float, command: Command, braking: bool) -> Way:
         """How the robot goes on by this command until it stands."""
-        react_s, braking, where = self._react_s(now - self._scans.fresh_at), self.rules.braking, self._where
-        v, w = abs(command.v), abs(command.w)
-        longer, brake_s = 1.0, 0.0
-        if v > CREEPING:
-            fastest = max(v, abs(where.v) if where is not None else 0.0)
-            longer, brake_s = 1 + fastest**2 / (2 * braking) / (v * react_s), fastest / braking
-        if v < SLOWEST and w > TURNING:
-            fastest = max(w, abs(where.w) if where is not None else 0.0)
-            slows = self._least(self.controller.limits.w_change, self.rules.w_change) or braking / self._body.around_m
-            longer = max(longer, 1 + fastest**2 / (2 * slows) / (w * react_s))
-            brake_s = max(brake_s, fastest / slows)
-        return Way(command, react_s, longer, brake_s)
+        where, age_s = self._where, now - min(self._scans.fresh_at, self._odometry.fresh_at)
+        drives = Command(where.v, where.w) if where is not None else command
+        react_s = age_s + self.rules.tick_s if braking else self._react_s(age_s)
+        return self._until_it_stands(now, command, react_s, drives)
+
+    def _until_it_stands(self, now: float, command: Command, react_s: float, drives: Command) -> Way:
+        """By this command for so long, then braking, from how it drives now where that is faster. It turns for as long
+        as it drives, so that it keeps to the arc, or for longer where turning brakes less."""
+        driving = turning = AT_ONCE
+        slows, slows_turning = self._slows
+        if abs(command.v) > CREEPING:
+            driving = turning = _brake(command.v, drives.v, slows)
+        if abs(command.w) > TURNING:
+            turning = _brake(command.w, drives.w, slows_turning, driving.takes_s)
+        return Way(command, react_s, driving, turning, now - self._odometry.fresh_at)
+
+    @property
+    def _slows(self) -> tuple[float, float]:
+        """m/s^2 and rad/s^2 that it brakes by."""
+        limits, rules = self.controller.limits, self.rules
+        driving = self._least(rules.braking, limits.v_change, rules.v_change) or rules.braking
+        return driving, self._least(limits.w_change, rules.w_change) or driving / self._body.around_m
 
     def _step(self, now: float) -> str | None:
         """Ask the controller; why the robot must stop instead."""
@@ -533,12 +549,14 @@ class Supervisor:
         return None
 
     def _slower(self, now: float, wanted: Command, touch: Touch) -> Command | None:
-        """The same way at the fastest speed at which nothing is in the way, else turning alone, else, for somebody who
-        walks, standing until they are past; None for none of these. Where the last scan is older the robot has moved
-        since: then slower for people alone."""
+        """The same way at the fastest speed at which nothing is in the way, else turning alone, else braking by what
+        changes of speed allow, else, for somebody who walks, standing until they are past; None for none of these.
+        Where the last scan is older the robot has moved since: then slower for people alone, or braking."""
         passed, seen = now - self._changed, now - self._scans.fresh_at <= 2 * self.rules.tick_s
+        braking = self._brakes(passed)
+        brakes = None if braking == STANDING or self._ahead(now, braking, braking=True) is not None else braking
         if not seen and touch.who is None:
-            return None
+            return brakes
         slower = [Command(share * wanted.v, share * wanted.w) for share in SLOWER]
         if self._ahead(now, self.limited(slower[-1], passed)) is not None:
             slower = []  # nor is any other, and each takes its time
@@ -548,8 +566,15 @@ class Supervisor:
             command = self.limited(one, passed)
             if command != STANDING and self._ahead(now, command) is None:
                 return command
+        if brakes is not None:
+            return brakes
         waits = touch.who is not None and touch.who > 0 and self.limited(STANDING, passed) == STANDING
         return STANDING if waits and self._ahead(now, STANDING) is None else None
+
+    def _brakes(self, passed_s: float) -> Command:
+        """What it drives by now, slower by as much as the accelerations allow; standing where they allow that."""
+        v = self.limited(STANDING, passed_s).v
+        return self.limited(Command(v, self.command.w * v / self.command.v), passed_s) if v else STANDING
 
     def limited(self, wanted: Command, passed_s: float) -> Command:
         """A command within the limits, and within the accelerations of what is commanded now. Where it is too fast, it
@@ -559,7 +584,7 @@ class Supervisor:
         w_max = self._least(limits.w_max, rules.w_max) or limits.w_max
         v_min = max(limits.v_min, -v_max)
         v = min(max(wanted.v, v_min), v_max)
-        w = wanted.w * (v / wanted.v if wanted.v else 1.0)
+        w = wanted.w * (v / wanted.v if v else 1.0)
         w = min(max(w, -w_max), w_max)
         passed = min(max(passed_s, 0.0), self.controller.period_s)
         v = _near(v, self.command.v, self._least(limits.v_change, rules.v_change), passed)
@@ -569,6 +594,13 @@ class Supervisor:
     @staticmethod
     def _least(*numbers: float | None) -> float | None:
         return min((number for number in numbers if number is not None), default=None)
+
+
+def _brake(commanded: float, now: float, slows: float, least_s: float = 0.0) -> Braking:
+    """From a commanded speed, or what it is now where that is faster."""
+    fastest = max(abs(commanded), abs(now))
+    takes_s = max(fastest / slows, least_s)
+    return Braking(takes_s, fastest * takes_s / 2 / abs(commanded))
 
 
 def _near(wanted: float, now: float, change: float | None, passed: float) -> float:
