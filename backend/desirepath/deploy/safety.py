@@ -58,8 +58,8 @@ class Rules:
     robot and person; None: by the robot's own size, APART_M from its outline to the circle around the person.
     collision_s: it slows down where it would touch something so soon on the way that it is commanded, or come within
     the keep-out distance of somebody, as they walk, or before it stands, and stops where that does not help, or did
-    not for slowed_s; braking, m/s^2: how hard it brakes. 0: no stop zone. armed_s: how long an armed robot waits to be
-    started.
+    not for slowed_s; 0: no stop zone. braking, m/s^2: how hard it brakes, or by v_change where that is less. armed_s:
+    how long an armed robot waits to be started.
     v_max, w_max, v_change, w_change (m/s, rad/s, and those a second): tighter limits than the controller's own.
 
     The numbers are ours.
@@ -553,10 +553,8 @@ class Supervisor:
         changes of speed allow, else, for somebody who walks, standing until they are past; None for none of these.
         Where the last scan is older the robot has moved since: then slower for people alone, or braking."""
         passed, seen = now - self._changed, now - self._scans.fresh_at <= 2 * self.rules.tick_s
-        braking = self._brakes(passed)
-        brakes = None if braking == STANDING or self._ahead(now, braking, braking=True) is not None else braking
         if not seen and touch.who is None:
-            return brakes
+            return self._brakes(now, passed)
         slower = [Command(share * wanted.v, share * wanted.w) for share in SLOWER]
         if self._ahead(now, self.limited(slower[-1], passed)) is not None:
             slower = []  # nor is any other, and each takes its time
@@ -566,15 +564,19 @@ class Supervisor:
             command = self.limited(one, passed)
             if command != STANDING and self._ahead(now, command) is None:
                 return command
-        if brakes is not None:
+        if (brakes := self._brakes(now, passed)) is not None:
             return brakes
         waits = touch.who is not None and touch.who > 0 and self.limited(STANDING, passed) == STANDING
         return STANDING if waits and self._ahead(now, STANDING) is None else None
 
-    def _brakes(self, passed_s: float) -> Command:
-        """What it drives by now, slower by as much as the accelerations allow; standing where they allow that."""
+    def _brakes(self, now: float, passed_s: float) -> Command | None:
+        """What it drives by, slower by as much as the accelerations allow; None: they allow standing, or even braking
+        so from now on would touch something."""
         v = self.limited(STANDING, passed_s).v
-        return self.limited(Command(v, self.command.w * v / self.command.v), passed_s) if v else STANDING
+        if not v:
+            return None
+        command = self.limited(Command(v, self.command.w * v / self.command.v), passed_s)
+        return command if self._ahead(now, command, braking=True) is None else None
 
     def limited(self, wanted: Command, passed_s: float) -> Command:
         """A command within the limits, and within the accelerations of what is commanded now. Where it is too fast, it
