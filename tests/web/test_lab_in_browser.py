@@ -120,3 +120,17 @@ def test_no_page_is_wider_than_a_phone(chromium, address, walked: Walked):
     ):
         page.goto(shown)
         assert page.evaluate("document.documentElement.scrollWidth") <= 390, shown
+
+
+def test_lists_are_not_pushed_sideways_on_a_tablet_or_a_phone(chromium, address, walked: Walked):
+    page = signed_in_page(chromium, address)
+    page.goto(f"{address}/lab/language/de?next=/lab/studies")
+    here = f"{address}/lab/studies/{walked.id}"
+    lists = (f"{address}/lab/studies", f"{here}/answers", f"{here}/people/{walked.finished}")
+    pushed = "[...document.querySelectorAll('.table')].filter((t) => t.scrollWidth > t.clientWidth).length"
+    for width, shown in [(1024, lists), (390, (*lists, f"{here}/people"))]:
+        page.set_viewport_size({"width": width, "height": 800})
+        for one in shown:
+            page.goto(one)
+            assert page.evaluate(pushed) == 0, (width, one)
+    page.context.close()
