@@ -17,6 +17,7 @@ from desirepath.store.models import Artefact
 from desirepath.study.protocol.freezing import find_shipped_protocols
 from desirepath.study.protocol.schema import json_schema
 from desirepath.study.protocol.stages import STAGES
+from desirepath.web.core.catalogues import Texts
 from desirepath.web.core.dependencies import Services
 from tests.web.lab_services import csrf
 
@@ -244,3 +245,21 @@ def test_codemirrors_modules_are_as_published_and_need_nothing_that_is_missing()
         used = re.findall(r"^(?:import|export)\s[^;'\"()=]*from\s*['\"]([^'\"]+)", path.read_text(), re.MULTILINE)
         assert all((modules / name).is_file() for name in used), path.name
         assert path.with_suffix(".LICENSE").is_file()
+
+
+def test_every_value_that_a_protocol_may_have_is_offered_in_words():
+    """Names of setups that a lab brings, and of its files, stay as they are."""
+
+    def named(node: Any) -> set[str]:
+        if isinstance(node, list):
+            return set().union(*map(named, node))
+        if not isinstance(node, dict):
+            return set()
+        here = {one for one in node.get("enum", ()) if isinstance(one, str)}
+        return here.union(*map(named, node.values()))
+
+    for language in ("en", "de"):
+        t = Texts(FRONTEND / "locales").get(language)
+        values = named(json_schema())
+        assert len(values) > 40
+        assert sorted(one for one in values if not t.knows(f"editor.values.{one}")) == []
