@@ -157,10 +157,10 @@ def test_conditioned_policy_is_asked_what_it_should_be_told(analyst, known):
 @pytest.mark.parametrize(
     ("query", "status", "says"),
     [
-        ("policy_a={base}&scene=none", 422, "no seed"),
-        ("policy_a={base}&scene=99999999999999999", 422, "no seed"),
+        ("policy_a={base}&scene=none", 422, "not a scene seed"),
+        ("policy_a={base}&scene=99999999999999999", 422, "not a scene seed"),
         ("policy_a={base}&policy_b={field}", 422, "two policies of one setup"),
-        ("policy_a={told}&a_farther=7", 422, "no weight"),
+        ("policy_a={told}&a_farther=7", 422, "not a weight"),
         ("policy_a=unknown", 404, "nothing under this address"),
     ],
 )

@@ -60,7 +60,7 @@ def test_raw_and_averaged_weights_are_two_lines(lab_services, training):
             "en",
             ["Success (share of selection scenes)", "Updates", "raw weights", "averaged weights", "to go"],
         ),
-        ("de", ["Erfolg (Anteil der Auswahlszenen)", "gemittelte Gewichte", "Noch etwa", "Verlust des Critic"]),
+        ("de", ["Erfolg (Anteil der Auswahlszenen)", "gemittelte Gewichte", "Noch etwa", "Critic-Loss"]),
     ],
 )
 def test_the_page_says_what_is_drawn_and_how_long_it_takes(lab, training, language, words):
