@@ -9,6 +9,7 @@ from desirepath.demonstrations.depth.judging import depth_trajectories
 from desirepath.demonstrations.depth.states import CONFIGURATIONS
 from desirepath.demonstrations.depth.training import senses_of
 from desirepath.explain.flow_files import flow_files, starts_files
+from desirepath.learning.alignment.each_scene import answers_of, choose_each_scene
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.evaluate import compare_policies, evaluate_policy
 from desirepath.learning.policies.export import policy_to_onnx, policy_to_sb3_zip
@@ -21,15 +22,19 @@ from desirepath.simulation.fast import rollout
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import get_setup
 from desirepath.web.core.explained_policy import explain_policy
+from tests.answers import prefers_distance
 from tests.experiments.shipping.test_depth_queries import towards_the_goal
 
 SHIPPED = [name for name in shipped_names() if load_card(name).kind.endswith("policy") and "/ensemble/" not in name]
 DEPTH = ["VAE-HA", "LSTM-HP"]  # one with a predictor: their files come from jobs, none is shipped
-EVERY = [*SHIPPED, *DEPTH]
-NO_NETWORK = ("crowd_corridor/attention", *DEPTH)
+CHOOSING = "choosing"  # somebody's own, among several
+EVERY = [*SHIPPED, *DEPTH, CHOOSING]
+NO_NETWORK = ("crowd_corridor/attention", *DEPTH, CHOOSING)
 
 
 def find(name: str) -> DrivingPolicy:
+    if name == CHOOSING:
+        return read_policy(choose_each_scene(answers_of(prefers_distance(9)), kept=2).to_bytes()).driving()
     if name not in DEPTH:
         return load_driving(name)
     return read_policy(towards_the_goal(name, 0.4).to_bytes()).driving()
@@ -56,8 +61,8 @@ def test_it_is_explained_or_says_what_works_instead(name: str) -> None:
     policy = find(name)
     asked = {"name": name, "method": "saliency", "command": "speed", "at_s": None}
     scene = draw_scenes(policy.setup, [3_500_000_000])[0]
-    if name in DEPTH:
-        with pytest.raises(LearningError, match=r"depth camera's pictures: no thing .* compare, flow-field"):
+    if name in (*DEPTH, CHOOSING):
+        with pytest.raises(LearningError, match=r"no thing .* compare, flow-field"):
             explain_policy(policy, scene, **asked)
         return
     explained = explain_policy(policy, scene, **asked)

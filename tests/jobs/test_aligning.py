@@ -13,6 +13,7 @@ from sqlalchemy import func, select
 from desirepath.jobs import aligning, free_form
 from desirepath.jobs.aligning import align
 from desirepath.jobs.alignments.conditioning_search import ConditioningSearchParams
+from desirepath.jobs.alignments.each_scene import EachSceneParams
 from desirepath.jobs.alignments.fine_tuning import FineTuningParams
 from desirepath.jobs.alignments.instant import InstantParams
 from desirepath.jobs.answers import posterior_of_person, preferences_of
@@ -22,7 +23,8 @@ from desirepath.jobs.kept_artefacts import ArtefactError
 from desirepath.jobs.kinds import RewardModelParams
 from desirepath.jobs.runners import learn_reward_model
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.choosing import ChoosingPolicy
+from desirepath.learning.policies.policy import Policy, read_policy
 from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.learning.policies.stand_ins import load_stand_ins
 from desirepath.learning.preferences.objectives import NAMES, preference_weights
@@ -154,6 +156,34 @@ def test_who_wants_what_no_objective_names_gets_a_policy_of_the_library_at_once(
     assert 0 <= verdict.probability_better <= 1
     assert made.gate.success_rate > 0.9
     assert made.policy.recovery_policies
+
+
+def test_a_choice_per_scene_is_compared_and_nothing_else_says_that_it_is_better(services):
+    _, database, files = services
+    snapshot = snapshot_of(services, answers=9, oracle="network:31")
+    params = EachSceneParams(snapshot=snapshot, gate_scenes=50, comparisons=3, policies=5, surely_better=0.9)
+    result = aligned(begin(services, "align", params.model_dump()), params)
+    assert (result["passed"], len(result["comparisons"])) == (True, 3)
+    assert "personal" not in result
+    assert result["check"]["answers"] == 9
+    made = read_policy(files.get(result["policy"]))
+    assert isinstance(made, ChoosingPolicy)
+    assert len(made.policies) == 6
+    assert made.made_for == snapshot
+    with database.session() as s:
+        tree = lineage(s, result["policy"])
+        assert {parent.role for parent in tree.parents} == {"base", "reward_model", "answers"}
+        assert len(tree.all_answers()) == 9
+    lent = InstantParams(
+        snapshot=snapshot_of(services, answers=8), gate_scenes=50, comparisons=1, other=result["policy"]
+    )
+    assert len(aligned(begin(services, "align", lent.model_dump()), lent)["yoked"]) == 1, "it is lent as any"
+
+
+def test_a_choice_per_scene_is_one_persons(services):
+    params = EachSceneParams(snapshot=snapshot_of(services, answers=9, participants=2), policies=2)
+    with pytest.raises(LearningError, match="of one person, not of 2"):
+        align(begin(services, "align", params.model_dump()), params)
 
 
 def test_the_own_policy_is_compared_although_the_lender_was_erased_meanwhile(services):

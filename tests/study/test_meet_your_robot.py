@@ -18,7 +18,7 @@ from desirepath.report.meeting import meeting_section, summarise_meetings
 from desirepath.report.study_data import Meeting
 from desirepath.report.tidy_tables import read_study
 from desirepath.simulation.setups import setups_with
-from desirepath.store.models import Job, Session, Study
+from desirepath.store.models import Job, Session, Study, Trial
 from desirepath.store.snapshots import take_snapshot
 from desirepath.study.kinds.live import crowd_setups, distance, objectives_on, startable
 from desirepath.study.kinds.meet_your_robot import MeetYourRobotStage, MeetYourRobotStep
@@ -234,6 +234,53 @@ def test_nobody_is_shown_a_robot_as_theirs_that_is_not_surely_better(taught):
     learned(taught, **UNSURE)
     view = taught.view
     assert (view.kind, view.payload["about"]["outcome"]) == ("debriefing", "not_surely_better"), "no empty step"
+
+
+@pytest.mark.parametrize(("preferred", "chosen", "then"), [(1, "b", "meet_your_robot"), (1, "a", "debriefing")])
+def test_who_must_have_preferred_their_robot_meets_it_only_then(walk, preferred, chosen, then):
+    train = {"train": {"job": "align", "recipe": "each_scene"}}
+    walker = walk(LEARN, train, COMPARISON, {"meet_your_robot": {"scenes": 2, "preferred": preferred}})
+    for _ in range(3):
+        key = walker.view.key
+        walker.watch(key)
+        walker.submit(key, {"choice": "a"})
+    learned(walker)
+    with walker.database.session() as s:
+        arms = s.scalars(select(Trial).where(Trial.kind == "comparison")).one().arms
+    key = walker.view.key
+    walker.watch(key)
+    own = arms["own"]
+    walker.submit(key, {"choice": own if chosen == "b" else "ab".replace(own, "")})
+    assert walker.view.kind == then
+    if then == "debriefing":
+        about = walker.view.payload["about"]
+        assert (about["outcome"], about["compared"]) == ("shown", [{"against": "base", "own": 0, "pairs": 1}])
+
+
+@pytest.mark.parametrize(
+    ("train", "comparison", "meet", "told"),
+    [
+        ({"prior": "earlier_participants"}, {}, {}, "own answers alone"),
+        ({"ask_on": {"at_most": 2, "each": 2}}, {}, {}, "whose comparison decides"),
+        ({}, {"arms": ["own", "other"]}, {}, "needs a comparison with base"),
+        ({}, {"scenes": 2}, {"preferred": 3}, "at most the comparison's scenes with base, 2"),
+    ],
+)
+def test_what_cannot_stand_beside_a_choice_per_scene_is_refused(tmp_path, train, comparison, meet, told):
+    stages = [
+        LEARN,
+        {"train": {"job": "align", "recipe": "each_scene", **train}},
+        {"comparison": {"arms": ["base", "own"], "scenes": 1, **comparison}},
+        {"meet_your_robot": {"scenes": 2, **meet}},
+    ]
+    with pytest.raises(ProtocolError, match=told):
+        small_protocol(tmp_path, stages)
+
+
+def test_a_choice_per_scene_needs_policies_to_choose_from(tmp_path):
+    train = {"train": {"job": "align", "recipe": "each_scene"}}
+    with pytest.raises(ProtocolError, match=r"comes with a policy library: .*study_room"):
+        small_protocol(tmp_path, [LEARN, train, COMPARISON], query_set="crowd_hall/queries_varied_200")
 
 
 def test_nothing_of_it_reaches_the_blind_data(taught, files):

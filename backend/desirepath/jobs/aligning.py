@@ -27,10 +27,17 @@ from desirepath.jobs.answers import (
 )
 from desirepath.jobs.context import JobContext
 from desirepath.jobs.free_form import free_form
-from desirepath.jobs.kept_artefacts import find_artefact, keep, keep_trajectory, load_conditioned, load_policy
+from desirepath.jobs.kept_artefacts import (
+    find_artefact,
+    keep,
+    keep_trajectory,
+    load_any_policy,
+    load_conditioned,
+    load_policy,
+)
 from desirepath.learning.alignment.gate import decide
 from desirepath.learning.alignment.never_worse import JUDGING_SEED, SCENES, better_for_person
-from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.policy import DrivingPolicy
 from desirepath.learning.policies.stand_ins import stand_in_name, stand_in_policy
 from desirepath.learning.preferences.objectives import preference_weights
 from desirepath.learning.queries.queries import QueryConfig, flaw, look_alike
@@ -42,6 +49,7 @@ from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactError
 
 COMPARISON_CANDIDATES = 60  # scenes that are tried before a participant sees fewer comparisons than planned
+LOOKED_AT_ONCE = 20  # of these
 log = structlog.get_logger("desirepath.jobs")
 
 COMPARISON_SECONDS = 20.0  # ours: people watch both trajectories of every comparison
@@ -82,12 +90,12 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         independent = preferences_of(context, snapshot, independent=True) if snapshot.ratings else of_participant
         earlier = earlier_people(context, params.earlier, setup, params.symmetry)
         believed = posterior_of_person(independent, params.symmetry, earlier)
-    verdict = None
-    if believed is not None and decide(aligned.gate, beside_instant=aligned.beside_instant).passed:
-        verdict = better_for_person(believed[0], aligned.policy, base, seed=params.seed, needed=params.surely_better)
-    if believed is not None and not (verdict is not None and verdict.passed):
+    verdict, judging = None, None if believed is None or algorithm.asks_directly else believed[0]
+    if judging is not None and decide(aligned.gate, beside_instant=aligned.beside_instant).passed:
+        verdict = better_for_person(judging, aligned.policy, base, seed=params.seed, needed=params.surely_better)
+    if judging is not None and not (verdict is not None and verdict.passed):
         otherwise = free_form(
-            context, params, base, believed[0], [preference for of in independent.values() for preference in of]
+            context, params, base, judging, [preference for of in independent.values() for preference in of]
         )
         if otherwise is not None and decide(otherwise[0].gate, surely=otherwise[1].passed).passed:
             aligned, verdict = otherwise
@@ -151,12 +159,12 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     }
 
 
-def _rivals(context: JobContext, params: AlignParams, setup: str) -> dict[str, tuple[Policy, str]]:
+def _rivals(context: JobContext, params: AlignParams, setup: str) -> dict[str, tuple[DrivingPolicy, str]]:
     """What the own policy is compared with beside the base policy, each with what it is called."""
-    rivals: dict[str, tuple[Policy, str]] = {}
+    rivals: dict[str, tuple[DrivingPolicy, str]] = {}
     if params.other is not None:
         try:
-            artefact, lent = load_policy(context, params.other)
+            artefact, lent = load_any_policy(context, params.other)
         except ArtefactError as gone:  # whose it was has been erased since; the own policy is compared all the same
             log.warning("the lent policy is gone", problem=str(gone))
         else:
@@ -174,8 +182,8 @@ def comparison_rollouts(
     context: JobContext,
     params: AlignParams,
     against: str,
-    rival: tuple[Policy, str],
-    own: tuple[Policy, str],
+    rival: tuple[DrivingPolicy, str],
+    own: tuple[DrivingPolicy, str],
     seen: Collection[int] = (),
     count: int | None = None,
 ) -> list[dict[str, Any]]:
@@ -186,14 +194,18 @@ def comparison_rollouts(
     setup = get_setup(require_same(rival=rival[0].setup, own=own[0].setup))
     candidates = scene_set(setup.name, COMPARISON_CANDIDATES, purpose=Purpose.COMPARISON, seed=params.seed)
     scenes = [scene for scene in candidates if scene.seed not in seen]
-    rules = QueryConfig(max_duration_s=COMPARISON_SECONDS)
+    rules, wanted = QueryConfig(max_duration_s=COMPARISON_SECONDS), params.comparisons if count is None else count
     different: list[tuple[Trajectory, Trajectory]] = []
     alike: list[tuple[Trajectory, Trajectory]] = []
-    rollouts = [rollout(setup, policy.rollout_policy, scenes) for policy, _ in (rival, own)]
-    for of_rival, of_own in zip(*rollouts, strict=True):
-        if flaw(of_rival, rules) is None and flaw(of_own, rules) is None:
-            (alike if look_alike(of_rival, of_own, rules) else different).append((of_rival, of_own))
-    chosen = (different + alike)[: params.comparisons if count is None else count]
+    for first in range(0, len(scenes), LOOKED_AT_ONCE):
+        some = scenes[first : first + LOOKED_AT_ONCE]
+        rollouts = [rollout(setup, policy.rollout_policy, some) for policy, _ in (rival, own)]
+        for of_rival, of_own in zip(*rollouts, strict=True):
+            if flaw(of_rival, rules) is None and flaw(of_own, rules) is None:
+                (alike if look_alike(of_rival, of_own, rules) else different).append((of_rival, of_own))
+        if len(different) >= wanted:
+            break
+    chosen = (different + alike)[:wanted]
     return [
         {
             "scene": of_rival.scene.digest(),

@@ -19,6 +19,7 @@ from desirepath.registries import Registry
 if TYPE_CHECKING:
     from desirepath.jobs.context import JobContext
     from desirepath.learning.alignment.gate import BesideInstant, Gate
+    from desirepath.learning.policies.choosing import ChoosingPolicy
     from desirepath.learning.policies.policy import Policy
     from desirepath.learning.rewards.reward_model import RewardModel
     from desirepath.store.models import Artefact
@@ -80,7 +81,7 @@ class Aligned:
     """An aligned policy, what its card says, and what was measured by which `gate.decide` says whether it may be
     shown. beside: what the job's result says, too."""
 
-    policy: Policy
+    policy: Policy | ChoosingPolicy
     gate: Gate
     config: dict[str, Any]
     results: dict[str, Any] = field(default_factory=dict)
@@ -94,11 +95,14 @@ class Aligned:
 @dataclass(frozen=True)
 class Alignment:
     """params: what it may be asked, its name their `recipe`. makes: what lists call its policies, which one person can
-    have several of. align: (context, params, base policy, reward model) -> the aligned policy."""
+    have several of. align: (context, params, base policy, reward model) -> the aligned policy. asks_directly: whether
+    it is better for somebody is told by blind comparisons with the base policy afterwards, not by what their answers
+    let expect (`surely_better`)."""
 
     params: type[AlignParams]
     makes: str
     align: Callable[[JobContext, Any, Policy, RewardModel], Aligned]
+    asks_directly: bool = False
 
 
 DEFAULT = "fine_tuning"

@@ -28,9 +28,12 @@ class Queue(StrEnum):
     ANALYSTS = "analysts"
 
 
+AT_ONCE = ("instant", "each_scene")  # recipes that train nothing
+
+
 def is_instant(job: Job) -> bool:
     """Is it a session's, and there within seconds?"""
-    return job.session_id is not None and job.params.get("recipe") == "instant"
+    return job.session_id is not None and job.params.get("recipe") in AT_ONCE
 
 
 def queue_of(job: Job) -> Queue:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from desirepath.analysis.estimates import interval, resample_rows, wilson
+from desirepath.learning.alignment.each_scene import KEPT, scales_of
 from desirepath.learning.alignment.mix_search import MixSearchConfig
 from desirepath.learning.alignment.never_worse import better_for_person
 from desirepath.learning.alignment.own_policy import search_policy
@@ -29,6 +30,7 @@ from desirepath.learning.people.card import member, people_card
 from desirepath.learning.people.families.base import FamilyMember, StepFamilyMember
 from desirepath.learning.people.reward_file import read_reward
 from desirepath.learning.people.rows import bins_of, calibration_error
+from desirepath.learning.policies.choosing import Answers
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.learning.rewards.step_weights import step_differences
@@ -65,16 +67,18 @@ class PeoplePoliciesConfig:
     family: Annotated[str, Field(description=FAMILY)] = "tuning"
     people: Annotated[int, Field(ge=1, le=1_000, description="Of each family and seed.")] = 4
     first: Annotated[int, Field(ge=0, description="Number of the first person of each family.")] = 0
-    answers: Annotated[int, Field(ge=2, description="Right ones, each to the pair that tells most.")] = 15
+    answers: Annotated[int, Field(ge=2, description="Each to the pair that tells most, right but for lapses.")] = 15
     seeds: Annotated[
         tuple[int, ...], Field(min_length=1, description="FIRST-LAST; each has pairs, scenes and people of its own.")
     ] = (0,)
     reward: Annotated[Path | None, Field(description=REWARD)] = None
     at_once: Annotated[bool, Field(description="Without the search behind the choice.")] = False
     each_scene: Annotated[bool, Field(description="Also a choice per scene among all rollouts.")] = False
+    kept: Annotated[int, Field(ge=1, description="Policies that a choice per scene has to choose from.")] = KEPT
     direct: Annotated[
         int, Field(ge=0, description="So many of the answers, the last, compare the choice per scene with the base.")
     ] = 0
+    lapses: Annotated[float, Field(ge=0, le=1, description="Share of answers that are drawn by lot.")] = 0.0
     pretraining: Annotated[
         str,
         Field(description="A folder with SETUP/base.npz, conditioned.npz and policy_library.npz; default shipped."),
@@ -195,12 +199,13 @@ def true_scores(person: FamilyMember, trajectories: Sequence[Trajectory]) -> Dou
 def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) -> dict[str, Any]:
     """One person, as they are when all is answered."""
     person, robot = person.after(config.answers), room.robot
-    better = room.pairs.better(person.scores(room.pairs.in_turn)) > 0
+    truly = room.pairs.better(person.scores(room.pairs.in_turn)) > 0
+    better = _with_lapses(truly, room, config.lapses)
     posterior, answered = _ask(better, room, config.answers)
     believed = FreePosterior.from_answers(room.pairs.differences[answered], better[answered])
     test = room.pairs.test
     claimed = posterior.predict(room.seen[test])
-    sure, right = np.maximum(claimed, 1 - claimed), (claimed > 0.5) == better[test]
+    sure, right = np.maximum(claimed, 1 - claimed), (claimed > 0.5) == truly[test]
     began = time.process_time()
     place = best_of(robot.library, believed, posterior)
     result: dict[str, Any] = {
@@ -226,12 +231,16 @@ def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) ->
     if config.each_scene:
         some = room.candidates
         every = [*some.usual, *(trajectory for own in some.trajectories for trajectory in own)]
-        did["each_scene"] = some.driven(some.places(believed, posterior))
+        answers = Answers(room.pairs.differences[answered], room.seen[answered], better[answered])
+        did["each_scene"] = some.driven(_places(some, answers, config))
         did["best_in_each"] = some.driven(some.true_best(true_scores(person, every)))
     if config.direct:
         judged = _ask_directly(person, better, room, config)
         result["direct_wins"], result["direct_asked"] = judged.wins, judged.asked
-        did |= {when: room.candidates.driven(room.candidates.places(*known)) for when, known in judged.known.items()}
+        did |= {
+            when: room.candidates.driven(_places(room.candidates, known, config))
+            for when, known in judged.known.items()
+        }
     for when, trajectories in did.items():
         result |= {f"{key}_{when}": value for key, value in _compare(person, trajectories, room.usual).items()}
     for when, policy in policies.items():
@@ -240,6 +249,16 @@ def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) ->
         whole = result["gain_best"]
         result[f"share_{when}"] = result[f"gain_{when}"] / whole if whole > 0.05 else None
     return result
+
+
+def _with_lapses(better: NDArray[np.bool_], room: _Room, share: float, which: int = 0) -> NDArray[np.bool_]:
+    """What is answered where a share of the answers is drawn by lot, another one for whoever answers otherwise."""
+    random = np.random.default_rng([room.seed, 73, which, int(better.sum())])
+    return np.where(random.random(len(better)) < share, random.random(len(better)) < 0.5, better)
+
+
+def _places(some: SceneCandidates, answers: Answers, config: PeoplePoliciesConfig) -> NDArray[np.int64]:
+    return some.places(answers, scales_of(some.robot.library, answers), config.kept)
 
 
 def _true_gains(person: FamilyMember, room: _Room) -> Doubles:
@@ -264,12 +283,12 @@ def _ask(better: NDArray[np.bool_], room: _Room, answers: int) -> tuple[StepPost
 
 @dataclass(frozen=True)
 class _Directly:
-    """asked, wins: comparisons of the choice per scene with the base policy, and in how many it was chosen. known: what
-    is believed before them and with them, by the names that the result has for it."""
+    """asked, wins: comparisons of the choice per scene with the base policy, and in how many it was chosen. known: the
+    answers before them and with them, by the names that the result has for these."""
 
     asked: int
     wins: int
-    known: dict[str, tuple[FreePosterior, StepPosterior]]
+    known: dict[str, Answers]
 
 
 def _ask_directly(
@@ -277,20 +296,20 @@ def _ask_directly(
 ) -> _Directly:
     """The last answers are about what would be shown: by what the first ones tell, in scenes of their own, drawn by lot
     among those in which it drives otherwise."""
-    steps, answered = _ask(better, room, config.answers - config.direct)
-    before = FreePosterior.from_answers(room.pairs.differences[answered], better[answered]), steps
+    _, answered = _ask(better, room, config.answers - config.direct)
+    before = Answers(room.pairs.differences[answered], room.seen[answered], better[answered])
     some = room.asked_directly
-    places = some.places(*before)
+    places = _places(some, before, config)
     otherwise = np.random.default_rng([room.seed, 67]).permutation(np.flatnonzero(places != BASE))[: config.direct]
     own, usual = some.driven(places), some.usual
     asked = [trajectory for k in otherwise for trajectory in (own[k], usual[k])]
     scores = person.scores(asked) if asked else np.zeros(0)
-    chosen = scores[0::2] > scores[1::2]
+    chosen = _with_lapses(scores[0::2] > scores[1::2], room, config.lapses, 1)
     rows = some.rows(places, otherwise)
-    all_chosen = np.concatenate([better[answered], chosen])
-    after = (
-        FreePosterior.from_answers(room.pairs.differences[answered].joined(some.pairs[rows]), all_chosen),
-        StepPosterior.from_answers(np.concatenate([room.seen[answered], some.steps[rows]]), all_chosen),
+    after = Answers(
+        before.pairs.joined(some.differences.pairs[rows]),
+        np.concatenate([before.steps, some.differences.steps[rows]]),
+        np.concatenate([before.chosen, chosen]),
     )
     return _Directly(len(otherwise), int(chosen.sum()), {"direct_before": before, "direct_after": after})
 

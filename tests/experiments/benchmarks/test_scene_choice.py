@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from desirepath.learning.preferences.free_posterior import FreePosterior
-from desirepath.learning.preferences.step_posterior import StepPosterior
+from desirepath.learning.alignment.each_scene import scales_of
+from desirepath.learning.policies.choosing import Answers
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.trajectory import Outcome, Trajectory
 from desirepath_experiments.benchmarks.people import RobotOfLibrary, roll_out
@@ -27,16 +27,20 @@ def some() -> SceneCandidates:
     robot = replace(robot, library=library)
     scenes = scene_set("open_field", 8, purpose=Purpose.ALIGN_SELECT, seed=3)
     own = [roll_out(robot.policy(place), scenes) for place in range(len(library))]
-    return SceneCandidates.of(robot, roll_out(robot.base, scenes), own, True)
+    return SceneCandidates.of(robot, roll_out(robot.base, scenes), own, False)
 
 
-def _expecting_more_distance(some: SceneCandidates, answers: int) -> tuple[FreePosterior, StepPosterior]:
+def _expecting_more_distance(some: SceneCandidates, answers: int) -> Answers:
     """Of somebody who chose, again and again, whichever kept further from the person."""
-    further = some.pairs.seen[:, 0, 0] > 0
+    pairs = some.differences.pairs
+    further = pairs.seen[:, 0, 0] > 0
     which = np.resize(np.arange(len(further)), answers)
-    return FreePosterior.from_answers(some.pairs[which], further[which]), StepPosterior.from_answers(
-        some.steps[which], further[which]
-    )
+    return Answers(pairs[which], some.differences.steps[which], further[which])
+
+
+def _places(some: SceneCandidates, answers: int) -> np.ndarray:
+    known = _expecting_more_distance(some, answers)
+    return some.places(known, scales_of(some.robot.library, known), 3)
 
 
 def _nearest_m(trajectory: Trajectory) -> float:
@@ -45,8 +49,7 @@ def _nearest_m(trajectory: Trajectory) -> float:
 
 
 def test_base_policy_drives_where_too_little_is_known(some: SceneCandidates) -> None:
-    nobody = _expecting_more_distance(some, 1)
-    places = some.places(*nobody, caution=5.0)
+    places = _places(some, 0)
     assert (places == BASE).all()
     assert some.driven(places) == some.usual
 
@@ -55,16 +58,18 @@ def test_chosen_and_best_arrive_and_nobody_chooses_better_than_who_knows_the_sco
     shapes = [len(some.trajectories), len(some.usual)]
     nearest = np.array([[_nearest_m(one) for one in own] for own in (some.usual, *some.trajectories)])
     best = some.driven(some.true_best(nearest.ravel()))
-    places = some.places(*_expecting_more_distance(some, 16), caution=0.0)
+    places = _places(some, 16)
     chosen = some.driven(places)
-    assert list(some.usable.shape) == shapes
+    assert list(some.differences.usable.shape) == shapes
     for known, guessed, usual in zip(best, chosen, some.usual, strict=True):
         assert known.outcome == guessed.outcome == usual.outcome or guessed.outcome == Outcome.SUCCESS
         assert _nearest_m(known) >= max(_nearest_m(guessed), _nearest_m(usual))
     gained = [_nearest_m(g) - _nearest_m(u) for g, u in zip(chosen, some.usual, strict=True)]
     assert np.mean(gained) > 0.1
     otherwise = np.flatnonzero(places != BASE)
-    of_these = some.pairs[some.rows(places, otherwise)].seen[:, 0, 0] > 0  # what is asked about is what would drive
+    of_these = (
+        some.differences.pairs[some.rows(places, otherwise)].seen[:, 0, 0] > 0
+    )  # what is asked about is what would drive
     assert of_these.tolist() == [gained[scene] > 0 for scene in otherwise]
 
 

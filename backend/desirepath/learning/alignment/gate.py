@@ -13,7 +13,7 @@ from typing import Any, Literal, Self
 from desirepath.analysis.estimates import Estimate
 from desirepath.analysis.metrics import success_rate
 from desirepath.learning.policies.evaluate import social_means
-from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.policy import DrivingPolicy
 from desirepath.learning.preferences.sureness import Sureness
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import evaluate
@@ -125,12 +125,12 @@ def gate_scenes(setup: str, rule: GateRule, seed: int) -> list[Scene]:
     return scene_set(setup, rule.scenes, purpose=Purpose.GATE, seed=seed)
 
 
-def success_in(policy: Policy, scenes: list[Scene]) -> float:
+def success_in(policy: DrivingPolicy, scenes: list[Scene]) -> float:
     """Success rate of the policy, its recovery included."""
     return success_rate(evaluate(policy.rollout_policy, get_setup(policy.setup), scenes).outcome)
 
 
-def at_gate(policy: Policy, base: Policy, rule: GateRule, *, seed: int) -> Gate:
+def at_gate(policy: DrivingPolicy, base: DrivingPolicy, rule: GateRule, *, seed: int) -> Gate:
     """Both policies roll out in the gate's scenes. Raises SetupError where they are of two setups."""
     scenes = gate_scenes(require_same(policy=policy.setup, base=base.setup), rule, seed)
     own = evaluate(policy.rollout_policy, get_setup(policy.setup), scenes)

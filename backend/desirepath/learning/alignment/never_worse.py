@@ -12,7 +12,7 @@ import numpy as np
 
 from desirepath.learning.alignment.gate import CLEARLY, SURE, surely_better
 from desirepath.learning.measures.pairs import PairDifferences
-from desirepath.learning.policies.policy import Policy
+from desirepath.learning.policies.policy import DrivingPolicy
 from desirepath.learning.preferences.free_posterior import FreePosterior
 from desirepath.learning.preferences.sureness import LEAST_GAIN, Sureness
 from desirepath.learning.scene_sets import Purpose, scene_set
@@ -45,7 +45,13 @@ class PersonalVerdict:
 
 
 def better_for_person(
-    posterior: FreePosterior, own: Policy, base: Policy, *, seed: int, needed: float = SURE, scenes: int = SCENES
+    posterior: FreePosterior,
+    own: DrivingPolicy,
+    base: DrivingPolicy,
+    *,
+    seed: int,
+    needed: float = SURE,
+    scenes: int = SCENES,
 ) -> PersonalVerdict:
     """Both policies roll out in the same scenes. Raises SetupError where setups differ."""
     setup = get_setup(require_same(own=own.setup, base=base.setup, answers=posterior.setup))

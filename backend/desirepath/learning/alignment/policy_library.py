@@ -166,13 +166,15 @@ def gains_by_posterior(
     """(2, n) what each is expected to gain over the base policy by the free-form and by the step posterior, each in the
     largest gain among these (or among those given), less doubt."""
     gains = []
-    of_largest = _by_posterior(measures if among is None else among, believed, steps)
-    for (mean, deviation), (others, _) in zip(_by_posterior(measures, believed, steps), of_largest, strict=True):
+    of_largest = expected_by_posterior(measures if among is None else among, believed, steps)
+    for (mean, deviation), (others, _) in zip(
+        expected_by_posterior(measures, believed, steps), of_largest, strict=True
+    ):
         gains.append((mean - DOUBT * deviation) / max(float(np.abs(others).max()), 1e-9))
     return np.stack(gains)
 
 
-def _by_posterior(
+def expected_by_posterior(
     measures: LibraryMeasures, believed: FreePosterior, steps: StepPosterior
 ) -> tuple[tuple[Doubles, Doubles], tuple[Doubles, Doubles]]:
     mirrored = believed.config.posterior.left_right_symmetry

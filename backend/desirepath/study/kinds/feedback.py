@@ -26,7 +26,7 @@ from desirepath.study.steps import Stage, Step
 from desirepath.study.wire import Answer, Flag
 
 if TYPE_CHECKING:
-    from desirepath.learning.policies.policy import Policy
+    from desirepath.learning.policies.policy import DrivingPolicy
 
 TAKES_S = 8.0  # ours
 BEGAN = "feedback_shown"
@@ -92,7 +92,7 @@ class FeedbackKind(LiveKind[FeedbackStep, FeedbackAnswer]):
 
     def policies(
         self, step: FeedbackStep, moment: Moment, files: ArtefactStore, weights: Mapping[str, float] | None
-    ) -> list[Policy]:
+    ) -> Sequence[DrivingPolicy]:
         """As it was learned when they came to the step, whatever is asked for."""
         return [condition_on(step.setup, find_arrival_notes(moment, step, BEGAN).get("weights", {}))]
 

@@ -25,7 +25,7 @@ from desirepath.study.steps import Pace, Stage, Step
 from desirepath.study.wire import Answer, BadValue, Besides
 
 if TYPE_CHECKING:
-    from desirepath.learning.policies.policy import Policy
+    from desirepath.learning.policies.policy import DrivingPolicy
     from desirepath.simulation.scene import Scene
     from desirepath.simulation.trajectory import Trajectory
 
@@ -257,7 +257,7 @@ class LiveKind(Kind[S, A]):
 
     def policies(
         self, step: S, moment: Moment, files: ArtefactStore, weights: Mapping[str, float] | None
-    ) -> list[Policy]:
+    ) -> Sequence[DrivingPolicy]:
         """What drives each of them. weights: as the controls stand; None: as the step begins."""
         return [condition_on(step.setup, weights or {})]
 

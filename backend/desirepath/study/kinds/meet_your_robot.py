@@ -38,14 +38,15 @@ from desirepath.study.kinds.live import (
 )
 from desirepath.study.kinds.questionnaire import within
 from desirepath.study.kinds.wait import TrainStage
+from desirepath.study.personalising.about_person import was_preferred
 from desirepath.study.personalising.alignment_jobs import ready_job
 from desirepath.study.personalising.believed import find_belief
-from desirepath.study.personalising.live_rollouts import condition_on, shipped_base
+from desirepath.study.personalising.live_rollouts import condition_on, driving, shipped_base
 from desirepath.study.steps import Pace, Planning, Stage
 from desirepath.study.wire import WholeNumber
 
 if TYPE_CHECKING:
-    from desirepath.learning.policies.policy import Policy
+    from desirepath.learning.policies.policy import DrivingPolicy
 
 TAKES_S = 150.0  # ours
 POINTS = 5
@@ -55,19 +56,24 @@ BEGAN = "met_robot"
 class MeetYourRobotStage(LiveStage, Stage):
     """After the blind comparison: what was learned and how sure it is, in plain words; own and usual robot in the same
     scenes; whether that is them; the weights to correct it. Passed over where no own robot was shown: the debriefing
-    says why. reasons: what each robot looks at on its way is said, too.
+    says why. reasons: what each robot looks at on its way is said, too. preferred: of the comparison's `scenes` with
+    base, the number in which the own robot must have been chosen; who chose it less often does not come here.
     """
 
     model_config = an_example({"setup": "study_room", "scenes": 3})
 
     reasons: bool = False
+    preferred: int | None = Field(None, ge=1, le=10, description="default: whatever was chosen")
 
     once = True
     for_everybody = True
 
     def plan(self, at: Planning) -> list[MeetYourRobotStep]:  # type: ignore[override]  # a list of steps
-        own = {"kind": "meet_your_robot", "key": at.key, "stage": at.key}
-        return [MeetYourRobotStep.model_validate(own | self.step_fields | {"reasons": self.reasons})]
+        own = {"kind": "meet_your_robot", "key": at.key, "stage": at.key, "reasons": self.reasons}
+        compared = at.of(ComparisonStage)
+        if self.preferred is not None and compared:
+            own["share"] = self.preferred / compared[0].scenes
+        return [MeetYourRobotStep.model_validate(own | self.step_fields)]
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
         return TAKES_S
@@ -80,6 +86,13 @@ class MeetYourRobotStage(LiveStage, Stage):
             yield source.problem(here, "needs the comparison before it: it shows whose robot was whose")
         elif any(isinstance(stage, AppointmentStage) for stage in before[compared[0] :]):
             yield source.problem(here, "must stand in the comparison's appointment, whose robot it shows")
+        if self.preferred is not None and compared:
+            against = before[compared[0]]
+            assert isinstance(against, ComparisonStage)  # noqa: S101  looked for above
+            with_base = against.scenes if "base" in against.arms else 0
+            if self.preferred > with_base:
+                message = f"must be at most the comparison's scenes with base, {with_base}"
+                yield source.problem((*here, "preferred"), message)
         if any(stage.teaches or isinstance(stage, ComparisonStage | EvaluationStage) for stage in after):
             yield source.problem(here, "stands before something blind; put it after blocks, ratings and comparisons")
         if self.reasons and self.setup in crowd_setups():
@@ -89,7 +102,10 @@ class MeetYourRobotStage(LiveStage, Stage):
 
 
 class MeetYourRobotStep(LiveStep):
+    """share: of the comparisons with base, in how many the own robot must have been chosen."""
+
     kind: Literal["meet_your_robot"]
+    share: float = 0.0
 
 
 class MetAnswer(LiveAnswer):
@@ -128,7 +144,7 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
 
     def policies(
         self, step: MeetYourRobotStep, moment: Moment, files: ArtefactStore, weights: Mapping[str, float] | None
-    ) -> list[Policy]:
+    ) -> Sequence[DrivingPolicy]:
         """The own robot as it was compared, or as the controls stand; then the usual one."""
         base = shipped_base(step.setup)
         if weights is not None:
@@ -148,7 +164,9 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         return {name: noted[name] for name in ("start", "believed") if name in noted}
 
     def is_asked(self, step: MeetYourRobotStep, moment: Moment) -> bool:
-        return moment.session.personalisation == "shown"
+        return moment.session.personalisation == "shown" and (
+            not step.share or was_preferred(moment.s, moment.session, step.share)
+        )
 
     def may_come(self, step: MeetYourRobotStep, moment: Moment) -> bool:
         return moment.session.personalisation in (None, "shown")
@@ -197,14 +215,12 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         return {"agreement": agreement, "weights": own, "history": slide(step["start"], own)}
 
 
-def _own(moment: Moment, files: ArtefactStore) -> Policy | None:
+def _own(moment: Moment, files: ArtefactStore) -> DrivingPolicy | None:
     """The policy that was compared as theirs, None where there was none."""
-    from desirepath.learning.policies.policy import Policy
-
     job = ready_job(moment.s, moment.session)
     learned = job.result_as(Learned) if job is not None else None
     artefact = moment.s.get(Artefact, learned.policy) if learned is not None else None
-    return Policy.from_bytes(files.get(artefact.id)) if artefact is not None else None
+    return driving(files, artefact.id) if artefact is not None else None
 
 
 KIND = MeetYourRobot()

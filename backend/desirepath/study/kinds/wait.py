@@ -21,6 +21,8 @@ from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.steps import Pace, Planning, Stage, Step
 from desirepath.study.wire import Confirmed
 
+EACH_SCENE = "each_scene"
+
 
 class Meanwhile(Part):
     """What the participant does while the job runs."""
@@ -33,7 +35,9 @@ class TrainStage(Stage):
 
     job: `align` learns from choices between trajectories, `demonstrations` from drawn paths, one controller per
     environment. recipe (of `align`): `instant` is there at once (a conditioning search runs behind it and takes its
-    place where it is better), `fine_tuning` trains on the learned reward, `thesis` as in thesis 6.4. prior (of
+    place where it is better), `fine_tuning` trains on the learned reward, `thesis` as in thesis 6.4; `each_scene`
+    chooses, in each scene, among many policies: what the answers let expect decides nothing, the comparison does
+    (`meet_your_robot` with `preferred`). prior (of
     `align`): by the light of what own answers are read before a policy is called surely better for this person; `none`
     of others', `earlier_participants` of those of the study, the same version and group who consented to training.
     ask_on (of `align`): further pairs where what was learned is not surely better for this very person.
@@ -47,7 +51,7 @@ class TrainStage(Stage):
 
     job: Literal["align", "demonstrations"] = "align"
     on: Literal["own_answers"] = "own_answers"
-    recipe: Literal["instant", "fine_tuning", "thesis"] = "instant"
+    recipe: Literal["instant", "each_scene", "fine_tuning", "thesis"] = "instant"
     prior: Literal["none", "earlier_participants"] = "none"
     meanwhile: Meanwhile | None = Field(None, alias="while")
     give_up_after_s: int = Field(120, ge=1, le=1800)  # ours
@@ -82,12 +86,29 @@ class TrainStage(Stage):
         return {"further_pairs": self.ask_on.at_most} if self.ask_on else {}
 
     def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
+        if self.recipe == EACH_SCENE:
+            yield from self._each_scene_problems(here, stages, source)
         if self.ask_on is None:
             return
         if self.job != "align":
             yield source.problem((*here, "ask_on"), "needs job align: it asks further pairs, and paths have none")
         elif not any(isinstance(stage, ComparisonStage) for stage in stages):
             yield source.problem((*here, "ask_on"), "needs a comparison stage: without one nobody is shown anything")
+
+    def _each_scene_problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
+        if self.job != "align":
+            yield source.problem((*here, "recipe"), "needs job align: it learns from choices")
+        if self.prior != "none":
+            yield source.problem((*here, "prior"), "must be none with recipe each_scene, which reads own answers alone")
+        if self.ask_on is not None:
+            yield source.problem(
+                (*here, "ask_on"), "cannot stand beside recipe each_scene, whose comparison decides; ask more before it"
+            )
+        compared = next((stage for stage in stages if isinstance(stage, ComparisonStage)), None)
+        if compared is not None and "base" not in compared.arms:
+            yield source.problem(
+                (*here, "recipe"), "each_scene needs a comparison with base: it decides who is shown it"
+            )
 
     def questionnaires(self) -> Iterator[tuple[str, Path]]:
         if self.meanwhile:

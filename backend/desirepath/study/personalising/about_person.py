@@ -34,14 +34,21 @@ def about_person(moment: Moment) -> dict[str, Any] | None:
     letters = find_letters(s, session)
     facts = {"outcome": session.personalisation, "learns_from": training.learns_from, "answers": len(letters)}
     if session.personalisation == "shown":
-        return facts | {"compared": _count_comparisons(s, session), "guessed": _find_guess(s, session)}
+        return facts | {"compared": count_comparisons(s, session), "guessed": _find_guess(s, session)}
     if session.personalisation == "one_sided":
         bias = position_bias(letters)
         return facts | {"letter": bias.letter, "times": bias.times}
     return facts
 
 
-def _count_comparisons(s: DatabaseSession, session: Session) -> list[dict[str, Any]]:
+def was_preferred(s: DatabaseSession, session: Session, share: float) -> bool:
+    """Whether the own robot was chosen in at least this share of the pairs with the usual one; not where none was."""
+    against_base = next((of for of in count_comparisons(s, session) if of["against"] == "base"), None)
+    return against_base is not None and against_base["own"] >= share * against_base["pairs"] - 1e-9
+
+
+def count_comparisons(s: DatabaseSession, session: Session) -> list[dict[str, Any]]:
+    """[{against, own, pairs}], how often the own trajectory was chosen."""
     pairs: Counter[str] = Counter()
     own: Counter[str] = Counter()
     for arms, value in s.execute(_select_answered(session, "comparison")):

@@ -14,10 +14,11 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from desirepath.simulation.setup_parts import PLACES
+from desirepath.store.artefacts import ArtefactStore
 
 if TYPE_CHECKING:  # numba and the simulator come with these; a server that starts need not wait for them
     from desirepath.learning.policies.conditioned import ConditionedPolicy
-    from desirepath.learning.policies.policy import Policy
+    from desirepath.learning.policies.policy import DrivingPolicy, Policy
     from desirepath.simulation.scene import Scene
     from desirepath.simulation.trajectory import Trajectory
 
@@ -79,6 +80,22 @@ def warm_up(setup: str) -> bool:
     return all(path_of(roll_out(policy, scene)).track for policy in (condition_on(setup, {}), shipped_base(setup)))
 
 
+@lru_cache(maxsize=16)
+def driving(files: ArtefactStore, policy: str) -> DrivingPolicy:
+    """A stored policy: read once, as what it believes of somebody takes longer to work out than a rollout."""
+    from desirepath.learning.policies.policy import read_policy
+
+    return read_policy(files.get(policy)).driving()
+
+
+def network_in(policy: DrivingPolicy, scene: Scene) -> Policy:
+    """The network that drives there. Raises LearningError where none does."""
+    from desirepath.learning.policies.choosing import ChoosingPolicy
+    from desirepath.learning.policies.policy import network_of
+
+    return policy.in_scene(scene) if isinstance(policy, ChoosingPolicy) else network_of(policy)
+
+
 def condition_on(setup: str, weights: Mapping[str, float]) -> Policy:
     """The setup's conditioned policy at these weights. Raises LearningError for weights that cannot be."""
     from desirepath.learning.preferences.objectives import preference_weights
@@ -86,7 +103,9 @@ def condition_on(setup: str, weights: Mapping[str, float]) -> Policy:
     return load_shipped_conditioned(setup).at(preference_weights(weights))
 
 
-def roll_out(policy: Policy, scene: Scene, pose: Sequence[float] | None = None, seconds: float = 0.0) -> Trajectory:
+def roll_out(
+    policy: DrivingPolicy, scene: Scene, pose: Sequence[float] | None = None, seconds: float = 0.0
+) -> Trajectory:
     """The policy from the scene's start, or from that pose (x, y, yaw), so many seconds after whoever walks there began
     to. Raises SceneError for a pose outside the room."""
     from desirepath.simulation.fast import rollout
@@ -115,7 +134,7 @@ def path_of(trajectory: Trajectory) -> LivePath:
     return LivePath(rows.tolist(), trajectory.outcome == Outcome.SUCCESS, trajectory.duration_s)
 
 
-def looks_at(policy: Policy, trajectory: Trajectory) -> list[str]:
+def looks_at(policy: DrivingPolicy, trajectory: Trajectory) -> list[str]:
     """The things that moved the policy's turning most on this way, the most first, at most `LOOKED_AT`; none that
     hardly did. Turning, as what moves the study room's speeds is told apart from chance by no method.
     """
@@ -123,7 +142,7 @@ def looks_at(policy: Policy, trajectory: Trajectory) -> list[str]:
     from desirepath.explain.sight import WALLS, sight_of
     from desirepath.learning.policies.torch_actor import actor_of
 
-    explained = explain(actor_of(policy), sight_of(trajectory), command="turning")
+    explained = explain(actor_of(network_in(policy, trajectory.scene)), sight_of(trajectory), command="turning")
     means = dict(zip(explained.things, explained.scores.mean(axis=0).tolist(), strict=True))
     named: dict[str, float] = {}
     for thing, score in means.items():

@@ -16,7 +16,7 @@ from desirepath.study.kinds.comprehension import ComprehensionStage
 from desirepath.study.kinds.consent import ConsentStage
 from desirepath.study.kinds.feedback import Feedback
 from desirepath.study.kinds.live import LiveStage
-from desirepath.study.kinds.wait import TrainStage
+from desirepath.study.kinds.wait import EACH_SCENE, TrainStage
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.plan.counterbalancing import design_of
 from desirepath.study.protocol.schema import Protocol
@@ -92,6 +92,13 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
     if "comparison" in kinds and first("comparison") < first("train"):
         yield at(first("comparison"), "needs a train stage before it that makes the participant's own policy")
     asked_in, taught = (protocol.query_set or "").partition("/")[0], setups_with("conditioned")
+    chooses = learning is not None and learning.recipe == EACH_SCENE
+    if chooses and asked_in in taught and asked_in not in setups_with("policy_library"):
+        there = ", ".join(setups_with("policy_library"))
+        yield source.problem(
+            ("stages", first("train"), "train", "recipe"),
+            f"needs a query set of a setup that comes with a policy library: {there}",
+        )
     for index, entry in enumerate(protocol.stages):
         live = entry.stage
         learned = isinstance(live, LiveStage) and getattr(live, "start", "learned") == "learned"

@@ -19,6 +19,7 @@ from desirepath.explain.shown_explanation import ShownExplanation
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.models import Artefact, Trial
+from desirepath.study.personalising.live_rollouts import driving, network_in
 from desirepath.web.analyst.chosen_policies import choices_of
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.lab_frame import LabRefusal, rights_in
@@ -70,12 +71,11 @@ def reasons_of(
         _, wanted = check_method(METHOD, command or COMMANDS[0])
     except AttributionError:
         raise LabRefusal(404, "no_figure") from None
-    from desirepath.learning.policies.policy import Policy
     from desirepath.web.core.explained_policy import explain_along
 
     explained, charts_of = [], []
     for trajectory in trajectories:
-        acting = Policy.from_bytes(files.get(policy.id))
+        acting = network_in(driving(files, policy.id), trajectory.scene)
         things, scores, seen = explain_along(acting, trajectory, method=METHOD, command=wanted)
         explained.append(seen)
         charts_of.append(_chart(t, things, scores, trajectory))

@@ -1,0 +1,53 @@
+"""In each scene the policy of the library whose rollout there the answers let expect most of; there in seconds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from desirepath.jobs.alignment import Aligned, Alignment, ConditionedAlignParams
+from desirepath.jobs.params import from_source
+
+if TYPE_CHECKING:
+    from desirepath.jobs.context import JobContext
+    from desirepath.learning.policies.policy import Policy
+    from desirepath.learning.rewards.reward_model import RewardModel
+
+
+class EachSceneParams(ConditionedAlignParams):
+    """In each scene the policy of the library whose rollout there the answers let expect most of.
+
+    policies: how many it has to choose from, beside the base policy.
+    """
+
+    recipe: Literal["each_scene"] = from_source("ours_each_scene", "each_scene")
+    gate_scenes: int = from_source("ours_known_rollouts", 50, ge=50, le=5_000, advanced=True)
+    policies: int = from_source("ours", 24, ge=1, le=99, advanced=True)
+
+
+def align(context: JobContext, params: EachSceneParams, base: Policy, model: RewardModel) -> Aligned:
+    """Raises LearningError for answers of several people, and for a setup without policy library."""
+    from desirepath.jobs.aligned import gate_rule
+    from desirepath.jobs.answers import preferences_of, snapshot_of
+    from desirepath.learning.alignment.each_scene import answers_of, choose_each_scene
+    from desirepath.learning.alignment.gate import at_gate
+    from desirepath.learning.cards import DEPARTURES
+    from desirepath.learning.errors import LearningError
+
+    of_participant = preferences_of(context, snapshot_of(context, params.snapshot)[1], independent=True)
+    if len(of_participant) != 1:
+        people = len(of_participant)
+        raise LearningError(f"recipe = 'each_scene': learns from the answers of one person, not of {people}")
+    (preferences,) = of_participant.values()
+    answers = answers_of(preferences, left_right_symmetry=params.symmetry == "left_right")
+    policy = choose_each_scene(answers, kept=params.policies)
+    context.progress(0.4)
+    gate = at_gate(policy, base, gate_rule(params), seed=params.seed)
+    return Aligned(
+        policy=policy,
+        gate=gate,
+        config={"recipe": params.recipe, "policies": len(policy.policies), "answers": len(answers.chosen)},
+        departures=[DEPARTURES["each_scene"], DEPARTURES["policy_library"]],
+    )
+
+
+ALIGNMENT = Alignment(EachSceneParams, "policy per scene", align, asks_directly=True)

@@ -1,0 +1,271 @@
+"""A personal robot that is several policies and a choice: in each scene the one drives whose rollout there somebody's
+answers let expect most of; where they are not sure of that, the base policy.
+
+It goes by what a robot knows of such a scene: its map, where the person stands, its goal. Nobody who walks is foreseen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desirepath.learning.errors import LearningError
+from desirepath.learning.measures.pairs import PairDifferences, measured
+from desirepath.learning.measures.step_basis import Doubles, Floats, StepBasis
+from desirepath.learning.policies.policy import DrivingPolicy, Policy, PolicyError, read_slowing
+from desirepath.learning.policies.shape import NetworkShape
+from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
+from desirepath.learning.preferences.posterior import PosteriorConfig
+from desirepath.learning.preferences.step_posterior import StepPosterior
+from desirepath.learning.rewards.step_weights import step_differences
+from desirepath.npz import Arrays
+from desirepath.simulation.acting import EpisodeActs, Rows, SensingPolicy, begin
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import get_setup, require_same
+from desirepath.simulation.stored import StoredArrays
+from desirepath.simulation.trajectory import Outcome, Trajectory
+
+CAUTION = 0.4
+"""Standard deviations that are taken off what a rollout is expected to gain. Chosen on tuning families: of 24 people
+none was harmed by more than 0.00 with it, and it gained nearly as much as 0.1."""
+MOST_POLICIES = 200
+OF_PAIRS = ("seen", "named", "embedding")
+
+
+@dataclass(frozen=True)
+class Answers:
+    """Pairs that one person answered: how the first of each differs from the second, by what trajectories measure and
+    by means over their steps (`step_differences`), and whether the first was chosen."""
+
+    pairs: PairDifferences
+    steps: Doubles
+    chosen: NDArray[np.bool_]
+    left_right_symmetry: bool = False
+
+    @cached_property
+    def believed(self) -> tuple[FreePosterior, StepPosterior]:
+        """What they say, by both posteriors."""
+        config = FreeConfig(posterior=PosteriorConfig(left_right_symmetry=self.left_right_symmetry))
+        return (
+            FreePosterior.from_answers(self.pairs, self.chosen, config),
+            StepPosterior.from_answers(self.steps, self.chosen),
+        )
+
+
+@dataclass(frozen=True)
+class RolloutDifferences:
+    """How what n policies do in the same scenes differs from what the base policy does there, policy by policy, scene
+    by scene. usable (n, scenes): both arrive."""
+
+    usable: NDArray[np.bool_]
+    pairs: PairDifferences
+    steps: Doubles
+
+    @classmethod
+    def of(
+        cls,
+        basis: StepBasis,
+        usual: Sequence[Trajectory],
+        own: Sequence[Sequence[Trajectory]],
+        *,
+        left_right_symmetry: bool = False,
+    ) -> RolloutDifferences:
+        """usual, own: rollouts of the base policy and of each of the others, in the same scenes."""
+        together = [(mine, other) for of_one in own for mine, other in zip(of_one, usual, strict=True)]
+        of_usual = measured(basis.setup, usual, left_right_symmetry=left_right_symmetry)
+        again = np.tile(np.arange(len(usual)), len(own))
+        of_own = measured(basis.setup, [mine for mine, _ in together], left_right_symmetry=left_right_symmetry)
+        pairs = PairDifferences.between(basis.setup, together, of_own, (of_usual[0][again], of_usual[1][again]))
+        usable = np.array([_arrived(of_one) for of_one in own]) & _arrived(usual)
+        return cls(usable, pairs, step_differences(basis, together))
+
+    def expected(self, answers: Answers, scales: Doubles, caution: float = CAUTION) -> Doubles:
+        """(n, scenes) what each rollout is expected to gain over the base policy's by both posteriors, less the
+        caution; minus infinity of those that are not usable. scales (2,): gains that count as much by the one as by
+        the other."""
+        free, steps = answers.believed
+        gains = np.zeros(self.usable.size)
+        for (mean, deviation), scale in zip(
+            (free.advantages(self.pairs), steps.advantages(self.steps)), scales, strict=True
+        ):
+            gains += (mean - caution * deviation) / scale
+        return np.where(self.usable, gains.reshape(self.usable.shape), -np.inf)
+
+
+@dataclass(frozen=True)
+class ChoosingPolicy(StoredArrays, DrivingPolicy):
+    """policies: of one setup, of which in each scene one drives; the first is the base policy. basis, answers, scales:
+    what says which (`RolloutDifferences.expected`). made_for: as of a `Policy`."""
+
+    setup: str
+    policies: tuple[Policy, ...]
+    basis: StepBasis
+    answers: Answers
+    scales: Doubles
+    made_for: str = ""
+
+    noun, raises = "choosing policy", PolicyError
+    reads = "rollouts of several policies in a scene whose map and person it knows, to choose the one that drives there"
+    file_format = "desirepath-choosing-1"
+
+    def __post_init__(self) -> None:
+        named = {f"policy {k}": policy.setup for k, policy in enumerate(self.policies)}
+        require_same(setup=self.setup, basis=self.basis.setup, answers=self.answers.pairs.setup, **named)
+        if not 2 <= len(self.policies) <= MOST_POLICIES:
+            raise PolicyError(
+                f"policies = {len(self.policies)}: needs the base policy and 1 to {MOST_POLICIES - 1} more"
+            )
+        if self.scales.shape != (2,) or not (np.isfinite(self.scales) & (self.scales > 0)).all():
+            raise PolicyError(f"scales = {self.scales.tolist()}: needs two numbers above 0")
+
+    @property
+    def rollout_policy(self) -> SensingPolicy:
+        """Chooses as an episode begins, then drives by what was chosen."""
+        return _ChoosesAndDrives(self)
+
+    def places(self, scenes: Sequence[Scene]) -> NDArray[np.int64]:
+        """(scenes,) which of the policies drives in each, 0: the base policy."""
+        symmetry = self.answers.left_right_symmetry
+        rollouts = roll_out_all(self.policies, self.basis, scenes, left_right_symmetry=symmetry)
+        expected = rollouts.expected(self.answers, self.scales)
+        return np.where(expected.max(0) > 0, expected.argmax(0) + 1, 0)
+
+    def in_scene(self, scene: Scene) -> Policy:
+        """The one that drives there."""
+        return self.policies[int(self.places([scene])[0])]
+
+    def manifest(self) -> dict[str, object]:
+        return {
+            "setup": self.setup,
+            "chooses": "in each scene the policy whose rollout there is expected to be liked most, else the first",
+            "policies": [policy.digest() for policy in self.policies],
+            "answers": len(self.answers.chosen),
+            "caution": CAUTION,
+            "policy_sha256": self.digest(),
+        }
+
+    def without_critic(self) -> ChoosingPolicy:
+        return replace(self, policies=tuple(policy.without_critic() for policy in self.policies))
+
+    def to_parts(self) -> tuple[dict[str, object], Arrays]:
+        """Layers that several policies share are kept once, in half precision where that loses nothing."""
+        layers: dict[tuple[tuple[int, ...], bytes], int] = {}
+        arrays: Arrays = {}
+
+        def numbers(actor: Sequence[Floats]) -> list[int]:
+            found = []
+            for layer in actor:
+                number = layers.setdefault((layer.shape, layer.tobytes()), len(layers))
+                arrays[f"layer_{number:04d}"] = _smallest(layer)
+                found.append(number)
+            return found
+
+        policies = [
+            {
+                "shape": policy.shape.as_dict(),
+                "actor": numbers(policy.actor),
+                "recovery": [numbers(actor) for actor in policy.recovery_policies],
+                **({"slowing": policy.slowing.as_dict()} if policy.slowing else {}),
+            }
+            for policy in self.policies
+        ]
+        answers = self.answers
+        arrays |= {f"pairs_{name}": getattr(answers.pairs, name) for name in OF_PAIRS}
+        arrays |= {"steps": answers.steps, "chosen": answers.chosen, "scales": self.scales}
+        arrays |= {f"basis_{name}": part for name, part in self.basis.to_arrays().items()}
+        symmetry = answers.left_right_symmetry
+        return {"setup": self.setup, "made_for": self.made_for, "symmetry": symmetry, "policies": policies}, arrays
+
+    @classmethod
+    def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> Self:
+        setup = str(header["setup"])
+
+        def actor(numbers: Sequence[int]) -> tuple[Floats, ...]:
+            return tuple(arrays[f"layer_{number:04d}"].astype(np.float32) for number in numbers)
+
+        policies = tuple(
+            Policy(
+                setup,
+                NetworkShape.from_dict(of["shape"]),
+                actor(of["actor"]),
+                recovery_policies=tuple(actor(numbers) for numbers in of["recovery"]),
+                slowing=read_slowing(of),
+            )
+            for of in header["policies"][: MOST_POLICIES + 1]
+        )
+        pairs = PairDifferences(setup, *(_finite(arrays, f"pairs_{name}") for name in OF_PAIRS))
+        answers = Answers(pairs, _finite(arrays, "steps"), arrays["chosen"].astype(np.bool_), bool(header["symmetry"]))
+        if not len(pairs) == len(answers.steps) == len(answers.chosen):
+            raise ValueError(f"{len(answers.chosen)} choices of {len(pairs)} pairs")
+        basis = StepBasis.from_arrays(
+            setup, {key.removeprefix("basis_"): part for key, part in arrays.items() if key.startswith("basis_")}
+        )
+        return cls(setup, policies, basis, answers, _finite(arrays, "scales"), str(header.get("made_for", "")))
+
+
+class _ChoosesAndDrives(SensingPolicy):
+    def __init__(self, policy: ChoosingPolicy) -> None:
+        self._policy = policy
+
+    def begin_in(self, engine: Any) -> EpisodeActs:
+        scenes = [engine.scene(k) for k in range(engine.n_envs)]
+        return _Driven(self._policy.policies, self._policy.places(scenes)).begin(len(scenes))
+
+
+class _Driven(SensingPolicy):
+    """Each episode by one of the policies. drivers (episodes,): by which."""
+
+    def __init__(self, policies: Sequence[Policy], drivers: NDArray[np.int64]) -> None:
+        self._policies, self._drivers = policies, drivers
+
+    def begin_in(self, engine: Any) -> EpisodeActs:
+        return self.begin(engine.n_envs)
+
+    def begin(self, episodes: int) -> EpisodeActs:
+        acts = {place: begin(self._policies[place].rollout_policy, episodes) for place in set(self._drivers.tolist())}
+
+        def act(observations: Floats, rows: Rows) -> Floats:
+            actions = np.zeros((len(rows), 2), dtype=np.float32)
+            drivers = self._drivers[rows]
+            for place in np.unique(drivers):
+                these = drivers == place
+                actions[these] = acts[place](observations[these], rows[these])
+            return actions
+
+        return act
+
+
+def roll_out_all(
+    policies: Sequence[Policy], basis: StepBasis, scenes: Sequence[Scene], *, left_right_symmetry: bool
+) -> RolloutDifferences:
+    """All but the first of the policies beside the first, in each of the scenes."""
+    side_by_side = _Driven(policies, np.repeat(np.arange(len(policies)), len(scenes)))
+    trajectories = rollout(get_setup(basis.setup), side_by_side, [*scenes] * len(policies))
+    usual, *own = [trajectories[k : k + len(scenes)] for k in range(0, len(trajectories), len(scenes))]
+    return RolloutDifferences.of(basis, usual, own, left_right_symmetry=left_right_symmetry)
+
+
+def _arrived(trajectories: Sequence[Trajectory]) -> NDArray[np.bool_]:
+    return np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in trajectories])
+
+
+def _smallest(layer: Floats) -> NDArray[np.floating[Any]]:
+    half = layer.astype(np.float16)
+    return half if np.array_equal(half.astype(np.float32), layer) else layer
+
+
+def _finite(arrays: Arrays, name: str) -> Doubles:
+    """Raises LearningError for what is not finite."""
+    values = arrays[name].astype(np.float64)
+    if not np.isfinite(values).all():
+        raise LearningError(f"{name} holds what is not finite")
+    return values
+
+
+STORED = ChoosingPolicy
