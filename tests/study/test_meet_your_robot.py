@@ -279,7 +279,7 @@ def test_what_cannot_stand_beside_a_choice_per_scene_is_refused(tmp_path, train,
 
 def test_a_choice_per_scene_needs_policies_to_choose_from(tmp_path):
     train = {"train": {"job": "align", "recipe": "each_scene"}}
-    with pytest.raises(ProtocolError, match=r"comes with a policy library: .*study_room"):
+    with pytest.raises(ProtocolError, match=r"setup with a policy library: .*study_room"):
         small_protocol(tmp_path, [LEARN, train, COMPARISON], query_set="crowd_hall/queries_varied_200")
 
 

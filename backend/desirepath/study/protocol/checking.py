@@ -94,11 +94,8 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
     asked_in, taught = (protocol.query_set or "").partition("/")[0], setups_with("conditioned")
     chooses = learning is not None and learning.recipe == EACH_SCENE
     if chooses and asked_in in taught and asked_in not in setups_with("policy_library"):
-        there = ", ".join(setups_with("policy_library"))
-        yield source.problem(
-            ("stages", first("train"), "train", "recipe"),
-            f"needs a query set of a setup that comes with a policy library: {there}",
-        )
+        message = f"needs a query set of a setup with a policy library: {', '.join(setups_with('policy_library'))}"
+        yield source.problem(("stages", first("train"), "train", "recipe"), message)
     for index, entry in enumerate(protocol.stages):
         live = entry.stage
         learned = isinstance(live, LiveStage) and getattr(live, "start", "learned") == "learned"
