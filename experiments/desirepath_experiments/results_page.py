@@ -234,7 +234,7 @@ def _robot() -> Result:
 
 
 def _demonstrations() -> Result:
-    stored = _read("demonstrations/reproduce_full/results.json")
+    stored = _read("demonstrations/reproduce_full/results.json.gz")
     units = {
         f"{row['style']} in the {row['environment']}".replace("_", " "): [row["values"]["anywhere"]]
         for row in stored["rows"]
@@ -255,7 +255,7 @@ def _depth() -> Result:
 
 
 def _pedestrians() -> Result:
-    stored = _read("crowd_corridor/reproduce_small/results.json")
+    stored = _read("crowd_corridor/reproduce_small/results.json.gz")
     rates = stored["rates"]["ours"]["published"]["success"]["seeds"]
     units = {f"seed {seed}": [rate / 100] for seed, rate in zip(stored["budget"]["seeds"], rates, strict=True)}
     over = f"{len(units)} seeds, {stored['budget']['episodes']:,} scenes each"
@@ -271,7 +271,7 @@ def _adaptable() -> Result:
 
 
 def _enquery() -> Result:
-    stored = _read("open_field/reproduce_medium/results.json")
+    stored = _read("open_field/reproduce_medium/results.json.gz")
     (row,) = [one for one in stored["results"]["tables"]["thesis"] if one["name"] == "EnQ-15"]
     units = {str(k): [metre] for k, metre in enumerate(row["per_alignment"])}
     printed = row["published"]["min_human_distance_m"]
