@@ -101,7 +101,12 @@ def test_every_kind_field_source_and_choice_has_words(kind, language):
     ("kind", "given", "field", "says"),
     [
         ("align", {}, "snapshot", "has to be given"),
-        ("align", {"snapshot": "s", "recipe": "magic"}, "recipe", "'conditioning_search', 'instant', 'thesis'"),
+        (
+            "align",
+            {"snapshot": "s", "recipe": "magic"},
+            "recipe",
+            "'conditioning_search', 'each_scene', 'instant', 'thesis'",
+        ),
         ("align", {"snapshot": "s", "gate_min_success": 1.2}, "gate_min_success", "less than or equal to 1"),
         (
             "align",

@@ -39,6 +39,7 @@ from desirepath.store.places import StoreAway
 
 TASKS = "desirepath.tasks"  # the group of entry points that do tasks of a sweep
 MEASURED_KINDS = ("align", "train_base")
+MEASURED_IN = {"each_scene": {"scenes": 200}}  # by recipe: each scene costs two dozen rollouts there
 MEASURING_PRIORITY = 20  # after everything that somebody started
 # whoever waits goes first; the server goes before all
 NICENESS = {Queue.INSTANT: 2, Queue.PARTICIPANTS: 2, Queue.BEHIND: 6, Queue.ANALYSTS: 10}
@@ -171,7 +172,7 @@ def _measure_later(s: DatabaseSession, job: Job) -> None:
         enqueue_job(
             s,
             "evaluate",
-            {"policy": policy},
+            {"policy": policy, **MEASURED_IN.get(str(job.params.get("recipe")), {})},
             priority=MEASURING_PRIORITY,
             study_id=job.study_id,
             created_by=job.created_by,
