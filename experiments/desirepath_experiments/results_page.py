@@ -167,6 +167,20 @@ def _people_policies() -> Result:
     return _share(what, right, n, percent(min(shares)), over, Stored(stored.file, trainings[0]))
 
 
+def _people_per_scene() -> Result:
+    stored = _read("study_room/people_direct.json.gz")
+    families, harmed = stored["families"], stored["harmed_direct_before_of_shown"]
+    worst = min(families, key=lambda name: families[name]["shown_directly"])
+    what = (
+        "People who prefer a policy per scene in two thirds of six blind pairs after 9 answers, and are shown it (one "
+        f"policy after 15: {percent(stored['shown_at_once'])}; truly worse off of those shown: {percent_exactly(harmed[0])}, "
+        f"{_between(percent_exactly(harmed[1]), percent_exactly(harmed[2]))})"
+    )
+    over = f"{stored['people']} people of five families that nothing was tuned on"
+    told = f"{percent(families[worst]['shown_directly'])} ({worst})"
+    return _share(what, round(stored["shown_directly"] * stored["people"]), stored["people"], told, over, stored)
+
+
 def _words() -> Result:
     stored = _read("words/test.json")
     found = {language: stored["found"][language]["foremost"] for language in ("en", "de", "both")}
@@ -303,6 +317,7 @@ ALL: tuple[Callable[[], Result], ...] = (
     _people_predicted,
     _people_harmed,
     _people_policies,
+    _people_per_scene,
     _words,
     _training,
     _engine,
