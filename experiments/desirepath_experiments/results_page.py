@@ -173,8 +173,8 @@ def _people_per_scene() -> Result:
     worst = min(families, key=lambda name: families[name]["shown_directly"])
     what = (
         "People who prefer a policy per scene in two thirds of six blind pairs after 9 answers, and are shown it (one "
-        f"policy after 15: {percent(stored['shown_at_once'])}; truly worse off of those shown: {percent_exactly(harmed[0])}, "
-        f"{_between(percent_exactly(harmed[1]), percent_exactly(harmed[2]))})"
+        f"policy after 15: {percent(stored['shown_at_once'])}; truly worse off of those shown: "
+        f"{percent_exactly(harmed[0])}, {_between(percent_exactly(harmed[1]), percent_exactly(harmed[2]))})"
     )
     over = f"{stored['people']} people of five families that nothing was tuned on"
     told = f"{percent(families[worst]['shown_directly'])} ({worst})"

@@ -11,8 +11,10 @@ from desirepath.learning.alignment.each_scene import answers_of, choose_each_sce
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.bundles import driving_files
 from desirepath.learning.policies.choosing import Answers, ChoosingPolicy
+from desirepath.learning.policies.importing import import_policy
 from desirepath.learning.policies.policy import PolicyError, network_of, read_policy
 from desirepath.learning.policies.shipped import load_policy
+from desirepath.npz import to_npz
 from desirepath.simulation.acting import ActFunction, EpisodicPolicy
 from desirepath.simulation.fast import evaluate, rollout
 from desirepath.simulation.scenes import draw_scenes
@@ -68,6 +70,19 @@ def test_what_is_not_finite_is_refused(own: ChoosingPolicy, broken: str) -> None
     arrays[broken] = np.full_like(arrays[broken], np.nan)
     with pytest.raises((PolicyError, LearningError), match=r"finite|scales"):
         ChoosingPolicy.from_parts(header, arrays)
+
+
+@pytest.mark.parametrize("part", ["pairs_named", "steps", "basis_mix", "layer_0002"])
+def test_what_does_not_fit_together_is_refused_as_it_is_brought(own: ChoosingPolicy, part: str) -> None:
+    header, arrays = own.to_parts()
+    arrays[part] = arrays[part][:, :-1]
+    content = to_npz({"format": own.file_format, **header}, arrays)
+    with pytest.raises(ValueError, match=r"shape|mismatch|align|layer"):
+        import_policy(content, "own.npz")
+
+
+def test_it_comes_in_as_it_went_out(own: ChoosingPolicy) -> None:
+    assert import_policy(own.to_bytes(), "own.npz").policy.digest() == own.digest()
 
 
 def test_policies_are_of_one_setup_and_some(own: ChoosingPolicy) -> None:

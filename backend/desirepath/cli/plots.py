@@ -49,7 +49,7 @@ def flow_field(
     if policy_b == policy:
         raise ValueError(f"policy_b = {policy_b!r}: is the same policy; give another one, or none")
     shown = _scene(named, setup, scene)
-    acts = [(_title(name), one.rollout_policy) for name, one in named.items()]
+    acts = [(_title(name), one.in_scene(shown).rollout_policy) for name, one in named.items()]
     made = flow_files(acts, get_setup(shown.setup), shown, cell_m=cell)
     say({**made.numbers, "files": _written(made, out)}, as_json)
 

@@ -15,12 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.errors import LearningError
+from desirepath.learning.measures.embedding import SIZE
+from desirepath.learning.measures.named import NAMES
 from desirepath.learning.measures.pairs import PairDifferences, measured
 from desirepath.learning.measures.step_basis import Doubles, Floats, StepBasis
 from desirepath.learning.policies.policy import DrivingPolicy, Policy, PolicyError, read_slowing
 from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
+from desirepath.learning.preferences.measures import MEASURES
 from desirepath.learning.preferences.posterior import PosteriorConfig
+from desirepath.learning.preferences.spans import SPANS_S
 from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.learning.rewards.step_weights import step_differences
 from desirepath.npz import Arrays
@@ -34,7 +38,7 @@ from desirepath.simulation.trajectory import Outcome, Trajectory
 CAUTION = 0.4
 """Standard deviations that are taken off what a rollout is expected to gain. Chosen on tuning families: of 24 people
 none was harmed by more than 0.00 with it, and it gained nearly as much as 0.1."""
-MOST_POLICIES = 200
+MOST_POLICIES, MOST_ANSWERS = 200, 500
 AT_ONCE = 20  # scenes, whose rollouts are in memory together
 OF_PAIRS = ("seen", "named", "embedding")
 
@@ -206,11 +210,14 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
         )
         pairs = PairDifferences(setup, *(_finite(arrays, f"pairs_{name}") for name in OF_PAIRS))
         answers = Answers(pairs, _finite(arrays, "steps"), arrays["chosen"].astype(np.bool_), bool(header["symmetry"]))
-        if not len(pairs) == len(answers.steps) == len(answers.chosen):
-            raise ValueError(f"{len(answers.chosen)} choices of {len(pairs)} pairs")
         basis = StepBasis.from_arrays(
             setup, {key.removeprefix("basis_"): part for key, part in arrays.items() if key.startswith("basis_")}
         )
+        n = len(answers.chosen)
+        shapes = [part.shape for part in (pairs.seen, pairs.named, pairs.embedding, answers.steps, answers.chosen)]
+        expected = [(n, len(SPANS_S), len(MEASURES)), (n, len(NAMES)), (n, SIZE), (n, basis.size), (n,)]
+        if shapes != expected or n > MOST_ANSWERS:
+            raise ValueError(f"answers have shapes {shapes}; needed are {expected}, at most {MOST_ANSWERS} answers")
         return cls(setup, policies, basis, answers, _finite(arrays, "scales"), str(header.get("made_for", "")))
 
 

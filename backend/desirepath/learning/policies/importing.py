@@ -17,8 +17,10 @@ import numpy as np
 from desirepath.learning.errors import LearningError
 from desirepath.learning.foreign.limited import LimitedNetwork
 from desirepath.learning.foreign.onnx_bounds import ROWS
+from desirepath.learning.policies.choosing import ChoosingPolicy
 from desirepath.learning.policies.foreign import ForeignPolicy
 from desirepath.learning.policies.policy import StoredPolicy, read_policy
+from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.npz import MIB, Bounds, NpzError, from_npz
 from desirepath.simulation.observation_bounds import observation_bounds
 from desirepath.simulation.setups import get_setup
@@ -57,6 +59,8 @@ def import_policy(
         if isinstance(own, ForeignPolicy):  # its network is opened and run as those of other files are
             low, high = observation_bounds(get_setup(own.setup))
             own.act(np.random.default_rng(0).uniform(low, high, (ROWS, len(low))).astype(np.float32))
+        if isinstance(own, ChoosingPolicy):
+            _choose_once(own, file)
         return ImportedPolicy(own, file, sha256)
     try:
         beside = manifest.decode() if manifest is not None else None
@@ -67,6 +71,13 @@ def import_policy(
         told = json.loads(reading.told)
     policy = read_policy(base64.b64decode(told["policy"]))
     return ImportedPolicy(policy, file, sha256, tuple(told["notes"]), told["made_from"])
+
+
+def _choose_once(policy: ChoosingPolicy, file: str) -> None:
+    try:
+        policy.places(scene_set(policy.setup, 1, purpose=Purpose.FIGURE, seed=0))
+    except (ArithmeticError, IndexError, TypeError, ValueError) as problem:
+        raise LearningError(f"{file}: it cannot choose in a scene of {policy.setup}: {problem}") from None
 
 
 def _own(content: bytes, file: str, setup: str) -> StoredPolicy:

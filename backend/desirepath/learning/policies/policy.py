@@ -126,6 +126,10 @@ class DrivingPolicy(StoredPolicy):
         """All of it that driving needs."""
         return self
 
+    def in_scene(self, scene: Scene) -> DrivingPolicy:
+        """What drives there, of a policy that is several: one and the same wherever in the scene it may be."""
+        return self
+
     def attended(self, scene: Scene) -> tuple[Trajectory, NDArray[np.float64]]:
         """Its rollout in the scene, and (steps, people) in [0, 1] how much it looked at each person: what explains a
         policy that is no one network. Raises LearningError where nothing does."""

@@ -90,10 +90,9 @@ def driving(files: ArtefactStore, policy: str) -> DrivingPolicy:
 
 def network_in(policy: DrivingPolicy, scene: Scene) -> Policy:
     """The network that drives there. Raises LearningError where none does."""
-    from desirepath.learning.policies.choosing import ChoosingPolicy
     from desirepath.learning.policies.policy import network_of
 
-    return policy.in_scene(scene) if isinstance(policy, ChoosingPolicy) else network_of(policy)
+    return network_of(policy.in_scene(scene))
 
 
 def condition_on(setup: str, weights: Mapping[str, float]) -> Policy:

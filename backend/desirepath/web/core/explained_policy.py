@@ -42,6 +42,7 @@ def explain_policy(
     """explanation.png, .svg and .csv. Of a policy with attention the method is its own. Raises AttributionError for an
     unknown method, command or moment, LearningError for a policy that nothing explains."""
     which, what = check_method(method, command)
+    policy = policy.in_scene(scene)
     if not isinstance(policy, Policy | ForeignPolicy):
         return attended_files(*policy.attended(scene), name=name, command=what, at_s=at_s, words=words)
     from desirepath.learning.policies.torch_actor import actor_of

@@ -216,10 +216,11 @@ def _flow(asked: dict[str, Any]) -> FigureFiles:
 
     policies = [(name, read_policy(base64.b64decode(content)).driving()) for name, content in asked["policies"]]
     setup = require_same(**{name: policy.setup for name, policy in policies})
+    scene = draw_scene(setup, asked["scene_seed"])
     return flow_files(
-        [(name, policy.rollout_policy) for name, policy in policies],
+        [(name, policy.in_scene(scene).rollout_policy) for name, policy in policies],
         get_setup(setup),
-        draw_scene(setup, asked["scene_seed"]),
+        scene,
         cell_m=asked["cell_m"],
         words=Words(**asked["words"]),
     )
