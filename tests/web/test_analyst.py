@@ -187,6 +187,7 @@ def test_launched_job_holds_only_what_differs_from_the_defaults(analyst, worked,
         ("conditioning_search", "tried", "reward_weight"),
         ("fine_tuning", "reward_weight", "tried"),
         ("thesis", "updates", "conditioned"),
+        ("each_scene", "policies", "updates"),
     ],
 )
 def test_each_algorithm_of_an_alignment_asks_for_its_own_fields(analyst, recipe, own, of_others):
@@ -194,7 +195,7 @@ def test_each_algorithm_of_an_alignment_asks_for_its_own_fields(analyst, recipe,
     assert f'name="recipe" value="{recipe}"' in form
     assert f'id="{own}"' in form
     assert f'id="{of_others}"' not in form
-    assert form.count("?recipe=") == 4  # the four to choose from
+    assert form.count("?recipe=") == 5  # the five to choose from
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,11 @@ STORED = {
     "tuning": SET,
     "words": SET | {"sentence": "Please be gentle.", "understood": {"smoother": 1.0}, "corrected": True},
     "meet_your_robot": SET | {"agreement": 4, "learned": {"closer": 1.0}, "corrected": False},
+    "method_comparison": {
+        "choice": "b",
+        "methods": {"a": "words", "b": "drawing"},
+        "weights": {"a": {"farther": 1.0}, "b": {}},
+    },
     "robot_drive": SET | {"liked": 6, "stops": []},
 }
 IN_WORDS = {
@@ -34,6 +39,7 @@ IN_WORDS = {
         "Changed to fewer and gentler turns 0.54, farther from the person 1.00",
         "meet_your_robot": "Is that you? 4 of 5; "
         "Learned from the answers closer to the person 1.00; Changed afterwards no",
+        "method_comparison": "A: words farther from the person 1.00; B: drawing nothing",
         "robot_drive": "How did you like the way it drove? 6 of 7; "
         "Weights at the end fewer and gentler turns 0.54, farther from the person 1.00",
     },

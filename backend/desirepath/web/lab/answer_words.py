@@ -59,6 +59,7 @@ class AnswerWords:
             "importance_ranking": self._ranking,
             "demonstration": self._demonstration,
             "think_aloud": self._voice,
+            "method_comparison": self._methods,
         }.get(kind)
         if tell is not None:
             return tell(value)
@@ -116,6 +117,12 @@ class AnswerWords:
 
     def _demonstration(self, value: Mapping[str, Any]) -> list[Said]:
         return [Said("", self.t(f"{WORDS}.{'no_path' if value.get('skipped') else 'path'}"))]
+
+    def _methods(self, value: Mapping[str, Any]) -> list[Said]:
+        """Which method each robot came from, and the weights that it drove by."""
+        methods, weights = value.get("methods") or {}, value.get("weights") or {}
+        said = {side: self.t(f"editor.values.{method}") for side, method in methods.items()}
+        return [Said(f"{side.upper()}: {name}", self._weighed(weights.get(side, {}))) for side, name in said.items()]
 
     def _voice(self, value: Mapping[str, Any]) -> list[Said]:
         if value.get("recording"):
