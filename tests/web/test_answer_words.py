@@ -39,7 +39,7 @@ IN_WORDS = {
         "Changed to fewer and gentler turns 0.54, farther from the person 1.00",
         "meet_your_robot": "Is that you? 4 of 5; "
         "Learned from the answers closer to the person 1.00; Changed afterwards no",
-        "method_comparison": "A: words farther from the person 1.00; B: drawing nothing",
+        "method_comparison": "A: words farther from the person 1.00; B: drawing all zero",
         "robot_drive": "How did you like the way it drove? 6 of 7; "
         "Weights at the end fewer and gentler turns 0.54, farther from the person 1.00",
     },
