@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from typing import Any, cast
 
 from fastapi import Request
@@ -13,7 +14,7 @@ from starlette.responses import Response
 
 from desirepath.store.example_study import example_id
 from desirepath.store.models import Participant, ProtocolVersion, Study
-from desirepath.study.protocol.freezing import thaw
+from desirepath.study.protocol.freezing import FrozenProtocol, ProtocolError, thaw
 from desirepath.web.core.dependencies import services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language, lab_page
 from desirepath.web.lab.answer_words import AnswerWords
@@ -39,10 +40,15 @@ def the_participant(s: DatabaseSession, study: Study, code: str) -> Participant:
 
 
 def answer_words(request: Request, s: DatabaseSession, study: Study) -> AnswerWords:
-    """The study's answers in the reader's words, by all versions of its protocol."""
+    """The study's answers in the reader's words, by all versions of its protocol that can be read: one with a kind of
+    step that was taken away must not keep anybody from the study's pages."""
     later = select(ProtocolVersion).where(ProtocolVersion.study_id == study.id).order_by(ProtocolVersion.number.desc())
     t = services_of(request).texts.get(lab_language(request))
-    return AnswerWords(t, [thaw(one) for one in (*s.scalars(later), study)])
+    versions: list[FrozenProtocol] = []
+    for one in (*s.scalars(later), study):
+        with suppress(ProtocolError):
+            versions.append(thaw(one))
+    return AnswerWords(t, versions)
 
 
 def study_tab(
