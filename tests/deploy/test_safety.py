@@ -440,6 +440,24 @@ def test_a_long_robot_that_turns_as_it_drives_stands_before_its_corner_reaches_s
     assert wheels.least > 0
 
 
+@pytest.mark.parametrize("w", [1.5, 3.0])
+@pytest.mark.parametrize(("slows", "drives"), [(0.5, 0.65), (1.0, 1.0), (2.5, 1.0)])
+@pytest.mark.parametrize("person", [(1.0, 0.7), (1.2, 0.8)])
+def test_commanded_to_turn_alone_while_it_rolls_it_stands_before_it_reaches_somebody(slows, drives, w, person):
+    """It turns at once, but rolls on, by then along an arc that nothing looked at before."""
+    rig = Rig(robot=HUSKY, rules=Rules(braking=slows))
+    rig.controller.wanted = STANDING
+    wheels = Wheels(rig, slows, person=person)
+    rig.supervisor.people([Person(*person)], lasting=True)
+    rig.drive()
+    rig.controller.wanted = Command(drives, 0.0)
+    rig.pass_time(0.7 if drives == 1.0 else 0.9)
+    assert wheels.speeds[0] > 0.3
+    rig.controller.wanted = Command(0.0, w)
+    rig.pass_time(3.0)
+    assert wheels.least > 0
+
+
 class Walker:
     """Somebody who walks, straight at the robot wherever it goes or as `velocity` says; the robot brakes by 2.5 m/s^2
     and is told of them 10 times a second, `late` s after they were seen."""

@@ -78,22 +78,28 @@ AT_ONCE = Braking()
 @dataclass(frozen=True)
 class Way:
     """How a robot goes on from where it was since_s ago: by its command for react_s, then driving and turning brake,
-    each in its time."""
+    each in its time; rolls: its driving brakes at once."""
 
     command: Command
     react_s: float
     driving: Braking = AT_ONCE
     turning: Braking = AT_ONCE
     since_s: float = 0.0
+    rolls: bool = False
+
+    @property
+    def drives_s(self) -> float:
+        """How long it drives as commanded."""
+        return 0.0 if self.rolls else self.react_s
 
     @property
     def all_s(self) -> float:
-        return self.react_s + max(self.driving.takes_s, self.turning.takes_s)
+        return max(self.drives_s + self.driving.takes_s, self.react_s + self.turning.takes_s)
 
     @property
     def far_m(self) -> float:
         """How far the robot's centre goes, at most."""
-        return abs(self.command.v) * (self.react_s + self.driving.worth_s)
+        return abs(self.command.v) * (self.drives_s + self.driving.worth_s)
 
     def speed(self, turns_m: float) -> float:
         """m/s, at most, of the fastest point of an outline that turning moves, so far from the centre."""
@@ -102,9 +108,13 @@ class Way:
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k, 3) x, y, yaw in the robot's frame of then, after (k,) seconds from 0 on, of which each two are joined by
         an arc."""
-        reacted, braked = np.minimum(times, self.react_s), times - self.react_s
-        went = self.command.v * (reacted + self.driving.gone(braked))
-        yaw = self.command.w * (reacted + self.turning.gone(braked))
+        went, yaw = (
+            speed * (np.minimum(times, react_s) + braking.gone(times - react_s))
+            for speed, react_s, braking in (
+                (self.command.v, self.drives_s, self.driving),
+                (self.command.w, self.react_s, self.turning),
+            )
+        )
         turned = np.diff(yaw) / 2
         chords = np.diff(went) * np.sinc(turned / np.pi)
         steps = chords * np.stack([np.cos(yaw[:-1] + turned), np.sin(yaw[:-1] + turned)])

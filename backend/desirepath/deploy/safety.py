@@ -495,14 +495,19 @@ class Supervisor:
 
     def _until_it_stands(self, now: float, command: Command, react_s: float, drives: Command) -> Way:
         """By this command for so long, then braking, from how it drives now where that is faster. It turns for as long
-        as it drives, so that it keeps to the arc, or for longer where turning brakes less."""
+        as it drives, so that it keeps to the arc, or for longer where turning brakes less. Commanded to turn alone, it
+        rolls on from how it drives now."""
         driving = turning = AT_ONCE
         slows, slows_turning = self._slows
-        if abs(command.v) > CREEPING:
+        rolls = abs(command.w) > TURNING and abs(command.v) <= CREEPING < abs(drives.v)
+        if rolls:
+            command = Command(math.copysign(CREEPING, drives.v), command.w)
+            driving = _brake(command.v, drives.v, slows)
+        elif abs(command.v) > CREEPING:
             driving = turning = _brake(command.v, drives.v, slows)
         if abs(command.w) > TURNING:
             turning = _brake(command.w, drives.w, slows_turning, driving.takes_s)
-        return Way(command, react_s, driving, turning, now - self._odometry.fresh_at)
+        return Way(command, react_s, driving, turning, now - self._odometry.fresh_at, rolls)
 
     @property
     def _slows(self) -> tuple[float, float]:
@@ -550,7 +555,8 @@ class Supervisor:
 
     def _slower(self, now: float, wanted: Command, touch: Touch) -> Command | None:
         """The same way at the fastest speed at which nothing is in the way, else turning alone, else braking by what
-        changes of speed allow, else, for somebody who walks, standing until they are past; None for none of these.
+        changes of speed allow, else, for somebody who walks, standing until they are past, or, rolling on, until it
+        stands; None for none of these.
         Where the last scan is older the robot has moved since: then slower for people alone, or braking."""
         passed, seen = now - self._changed, now - self._scans.fresh_at <= 2 * self.rules.tick_s
         if not seen and touch.who is None:
@@ -566,7 +572,9 @@ class Supervisor:
                 return command
         if (brakes := self._brakes(now, passed)) is not None:
             return brakes
-        waits = touch.who is not None and touch.who > 0 and self.limited(STANDING, passed) == STANDING
+        rolls = self._where is not None and abs(self._where.v) > CREEPING >= abs(wanted.v)
+        waits = rolls or (touch.who is not None and touch.who > 0)
+        waits = waits and self.limited(STANDING, passed) == STANDING
         return STANDING if waits and self._ahead(now, STANDING) is None else None
 
     def _brakes(self, now: float, passed_s: float) -> Command | None:
