@@ -458,6 +458,21 @@ def test_commanded_to_turn_alone_while_it_rolls_it_stands_before_it_reaches_some
     assert wheels.least > 0
 
 
+@pytest.mark.parametrize("v", [0.03, 0.1])
+@pytest.mark.parametrize(("w", "person"), [(2.0, (2.1, 0.75)), (3.0, (1.8, 0.95))])
+def test_commanded_to_turn_far_slower_than_it_rolls_it_stands_before_it_reaches_somebody(w, v, person):
+    rig = Rig(robot=HUSKY, rules=Rules(braking=0.5))
+    rig.controller.wanted = STANDING
+    wheels = Wheels(rig, 0.5, person=person)
+    rig.supervisor.people([Person(*person)], lasting=True)
+    rig.drive()
+    rig.controller.wanted = Command(1.0, 0.0)
+    rig.pass_time(2.0)
+    rig.controller.wanted = Command(v, w)
+    rig.pass_time(2.0)
+    assert wheels.least > 0
+
+
 class Walker:
     """Somebody who walks, straight at the robot wherever it goes or as `velocity` says; the robot brakes by 2.5 m/s^2
     and is told of them 10 times a second, `late` s after they were seen."""

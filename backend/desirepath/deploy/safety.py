@@ -495,13 +495,15 @@ class Supervisor:
 
     def _until_it_stands(self, now: float, command: Command, react_s: float, drives: Command) -> Way:
         """By this command for so long, then braking, from how it drives now where that is faster. It turns for as long
-        as it drives, so that it keeps to the arc, or for longer where turning brakes less. Commanded to turn alone, it
-        rolls on from how it drives now."""
+        as it drives, so that it keeps to the arc, or for longer where turning brakes less. Commanded to turn, so much
+        slower than it drives now that it still brakes to that by then, or alone, it rolls on."""
         driving = turning = AT_ONCE
         slows, slows_turning = self._slows
-        rolls = abs(command.w) > TURNING and abs(command.v) <= CREEPING < abs(drives.v)
+        along = max(math.copysign(1.0, drives.v) * command.v, CREEPING)
+        least = along + (slows * react_s if abs(command.v) > CREEPING else 0.0)
+        rolls = abs(command.w) > TURNING and abs(drives.v) > least
         if rolls:
-            command = Command(math.copysign(CREEPING, drives.v), command.w)
+            command = Command(math.copysign(along, drives.v), command.w)
             driving = _brake(command.v, drives.v, slows)
         elif abs(command.v) > CREEPING:
             driving = turning = _brake(command.v, drives.v, slows)
