@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import func, select
 
 from desirepath.jobs import aligning, free_form
-from desirepath.jobs.aligning import align
+from desirepath.jobs.aligning import align, comparison_rollouts
 from desirepath.jobs.alignments.conditioning_search import ConditioningSearchParams
 from desirepath.jobs.alignments.each_scene import EachSceneParams
 from desirepath.jobs.alignments.fine_tuning import FineTuningParams
@@ -178,6 +178,20 @@ def test_a_choice_per_scene_is_compared_and_nothing_else_says_that_it_is_better(
         snapshot=snapshot_of(services, answers=8), gate_scenes=50, comparisons=1, other=result["policy"]
     )
     assert len(aligned(begin(services, "align", lent.model_dump()), lent)["yoked"]) == 1, "it is lent as any"
+
+
+def test_a_robot_is_not_compared_with_one_that_drives_alike_where_that_decides(services):
+    params = EachSceneParams(snapshot=snapshot_of(services, answers=9), comparisons=3)
+    context = begin(services, "align", params.model_dump())
+    base = (load_policy("study_room/base"), "study_room/base")
+    assert comparison_rollouts(context, params, "base", base, base, with_alike=False) == []
+    assert len(comparison_rollouts(context, params, "base", base, base)) == 3
+
+
+def test_a_choice_per_scene_is_made_of_what_the_library_was_made_of(services):
+    params = EachSceneParams(snapshot=snapshot_of(services, answers=9), base="study_room/ensemble/0")
+    with pytest.raises(LearningError, match="made from study_room/base alone"):
+        align(begin(services, "align", params.model_dump()), params)
 
 
 def test_a_choice_per_scene_is_one_persons(services):

@@ -236,10 +236,10 @@ def test_nobody_is_shown_a_robot_as_theirs_that_is_not_surely_better(taught):
     assert (view.kind, view.payload["about"]["outcome"]) == ("debriefing", "not_surely_better"), "no empty step"
 
 
-@pytest.mark.parametrize(("preferred", "chosen", "then"), [(1, "b", "meet_your_robot"), (1, "a", "debriefing")])
-def test_who_must_have_preferred_their_robot_meets_it_only_then(walk, preferred, chosen, then):
+@pytest.mark.parametrize(("own_chosen", "then"), [(True, "meet_your_robot"), (False, "debriefing")])
+def test_who_must_have_preferred_their_robot_meets_it_only_then(walk, own_chosen, then):
     train = {"train": {"job": "align", "recipe": "each_scene"}}
-    walker = walk(LEARN, train, COMPARISON, {"meet_your_robot": {"scenes": 2, "preferred": preferred}})
+    walker = walk(LEARN, train, COMPARISON, {"meet_your_robot": {"scenes": 2, "preferred": 1}})
     for _ in range(3):
         key = walker.view.key
         walker.watch(key)
@@ -250,7 +250,7 @@ def test_who_must_have_preferred_their_robot_meets_it_only_then(walk, preferred,
     key = walker.view.key
     walker.watch(key)
     own = arms["own"]
-    walker.submit(key, {"choice": own if chosen == "b" else "ab".replace(own, "")})
+    walker.submit(key, {"choice": own if own_chosen else "ab".replace(own, "")})
     assert walker.view.kind == then
     if then == "debriefing":
         about = walker.view.payload["about"]
@@ -263,6 +263,7 @@ def test_who_must_have_preferred_their_robot_meets_it_only_then(walk, preferred,
         ({"prior": "earlier_participants"}, {}, {}, "own answers alone"),
         ({"ask_on": {"at_most": 2, "each": 2}}, {}, {}, "whose comparison decides"),
         ({}, {"arms": ["own", "other"]}, {}, "needs a comparison with base"),
+        ({}, {}, {"preferred": None}, "needs `preferred` of meet_your_robot"),
         ({}, {"scenes": 2}, {"preferred": 3}, "at most the comparison's scenes with base, 2"),
     ],
 )
@@ -271,7 +272,7 @@ def test_what_cannot_stand_beside_a_choice_per_scene_is_refused(tmp_path, train,
         LEARN,
         {"train": {"job": "align", "recipe": "each_scene", **train}},
         {"comparison": {"arms": ["base", "own"], "scenes": 1, **comparison}},
-        {"meet_your_robot": {"scenes": 2, **meet}},
+        {"meet_your_robot": {"scenes": 2, "preferred": 1, **meet}},
     ]
     with pytest.raises(ProtocolError, match=told):
         small_protocol(tmp_path, stages)

@@ -133,7 +133,10 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     comparisons: list[dict[str, Any]] = []
     further: dict[str, list[dict[str, Any]]] = {}
     if decision.passed and params.comparisons:
-        comparisons = comparison_rollouts(context, params, "base", (base, base_artefact.id), (aligned.policy, policy))
+        own_and_base = (base, base_artefact.id), (aligned.policy, policy)
+        comparisons = comparison_rollouts(
+            context, params, "base", *own_and_base, with_alike=not algorithm.asks_directly
+        )
         seen = {comparison["scene_seed"] for comparison in comparisons}
         for against, rival in _rivals(context, params, setup).items():
             count = params.neutral if isinstance(params, ConditionedAlignParams) and against == "neutral" else None
@@ -186,10 +189,13 @@ def comparison_rollouts(
     own: tuple[DrivingPolicy, str],
     seen: Collection[int] = (),
     count: int | None = None,
+    *,
+    with_alike: bool = True,
 ) -> list[dict[str, Any]]:
     """Trajectories of both policies in fresh scenes in which both arrive soon; pairs that look different come first.
 
     against: what the rival is called. seen: seeds of scenes that are shown already. count: default as with the base.
+    with_alike: pairs that can hardly be told apart fill up; without, there may be fewer.
     """
     setup = get_setup(require_same(rival=rival[0].setup, own=own[0].setup))
     candidates = scene_set(setup.name, COMPARISON_CANDIDATES, purpose=Purpose.COMPARISON, seed=params.seed)
@@ -205,7 +211,7 @@ def comparison_rollouts(
                 (alike if look_alike(of_rival, of_own, rules) else different).append((of_rival, of_own))
         if len(different) >= wanted:
             break
-    chosen = (different + alike)[:wanted]
+    chosen = (different + (alike if with_alike else []))[:wanted]
     return [
         {
             "scene": of_rival.scene.digest(),

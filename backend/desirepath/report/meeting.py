@@ -60,5 +60,6 @@ def meeting_section(met: Met | None) -> Section:
             for what, (mean, form) in means.items()
         ],
         f"After everything blind, {met.shown} people met the robot that learned from them, beside the usual one. "
+        "Who was shown none, or chose theirs less often than the protocol asks for, is not among them. "
         "They knew which was theirs, so nothing of this is in any test above or in what models learn from.",
     )

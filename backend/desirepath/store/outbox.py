@@ -28,12 +28,14 @@ class Queue(StrEnum):
     ANALYSTS = "analysts"
 
 
-AT_ONCE = ("instant", "each_scene")  # recipes that train nothing
+IN_SECONDS = "each_scene"  # a recipe that trains nothing, and takes a few
 
 
 def is_instant(job: Job) -> bool:
     """Is it a session's, and there within seconds?"""
-    return job.session_id is not None and job.params.get("recipe") in AT_ONCE
+    recipe = job.params.get("recipe")
+    soon = recipe == "instant" or (recipe == IN_SECONDS and job.priority <= PARTICIPANT_WAITS)
+    return job.session_id is not None and soon
 
 
 def queue_of(job: Job) -> Queue:

@@ -25,14 +25,21 @@ class EachSceneParams(ConditionedAlignParams):
 
 
 def align(context: JobContext, params: EachSceneParams, base: Policy, model: RewardModel) -> Aligned:
-    """Raises LearningError for answers of several people, and for a setup without policy library."""
+    """Raises LearningError for answers of several people, for a setup without policy library, and for policies that the
+    library was not made from."""
     from desirepath.jobs.aligned import gate_rule
     from desirepath.jobs.answers import preferences_of, snapshot_of
     from desirepath.learning.alignment.each_scene import answers_of, choose_each_scene
     from desirepath.learning.alignment.gate import at_gate
     from desirepath.learning.cards import DEPARTURES
     from desirepath.learning.errors import LearningError
+    from desirepath.learning.policies.shipped import load_policy
 
+    shipped = load_policy(f"{base.setup}/base")
+    if base.without_critic().digest() != shipped.without_critic().digest():
+        raise LearningError(f"base = {params.base!r}: the policy library was made from {base.setup}/base alone")
+    if params.conditioned not in (None, f"{base.setup}/conditioned"):
+        raise LearningError(f"conditioned = {params.conditioned!r}: the library is of {base.setup}/conditioned alone")
     of_participant = preferences_of(context, snapshot_of(context, params.snapshot)[1], independent=True)
     if len(of_participant) != 1:
         people = len(of_participant)
@@ -45,8 +52,13 @@ def align(context: JobContext, params: EachSceneParams, base: Policy, model: Rew
     return Aligned(
         policy=policy,
         gate=gate,
-        config={"recipe": params.recipe, "policies": len(policy.policies), "answers": len(answers.chosen)},
-        departures=[DEPARTURES["each_scene"], DEPARTURES["policy_library"]],
+        config={
+            "recipe": params.recipe,
+            "policies": len(policy.policies),
+            "answers": len(answers.chosen),
+            "judged": "directly",
+        },
+        departures=[DEPARTURES["each_scene"], DEPARTURES["policy_library"], DEPARTURES["recovery"]],
     )
 
 

@@ -127,7 +127,7 @@ class DrivingPolicy(StoredPolicy):
         return self
 
     def in_scene(self, scene: Scene) -> DrivingPolicy:
-        """What drives there, of a policy that is several: one and the same wherever in the scene it may be."""
+        """What drives in an episode that begins there, of a policy that is several."""
         return self
 
     def attended(self, scene: Scene) -> tuple[Trajectory, NDArray[np.float64]]:

@@ -56,8 +56,8 @@ BEGAN = "met_robot"
 class MeetYourRobotStage(LiveStage, Stage):
     """After the blind comparison: what was learned and how sure it is, in plain words; own and usual robot in the same
     scenes; whether that is them; the weights to correct it. Passed over where no own robot was shown: the debriefing
-    says why. reasons: what each robot looks at on its way is said, too. preferred: of the comparison's `scenes` with
-    base, the number in which the own robot must have been chosen; who chose it less often does not come here.
+    says why. reasons: what each robot looks at on its way is said, too. preferred: in how many of the comparison's
+    `scenes` with base the own robot must have been chosen; who chose it less often does not come here.
     """
 
     model_config = an_example({"setup": "study_room", "scenes": 3})
@@ -70,9 +70,8 @@ class MeetYourRobotStage(LiveStage, Stage):
 
     def plan(self, at: Planning) -> list[MeetYourRobotStep]:  # type: ignore[override]  # a list of steps
         own = {"kind": "meet_your_robot", "key": at.key, "stage": at.key, "reasons": self.reasons}
-        compared = at.of(ComparisonStage)
-        if self.preferred is not None and compared:
-            own["share"] = self.preferred / compared[0].scenes
+        if self.preferred is not None:
+            own["preferred"] = self.preferred
         return [MeetYourRobotStep.model_validate(own | self.step_fields)]
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
@@ -102,10 +101,10 @@ class MeetYourRobotStage(LiveStage, Stage):
 
 
 class MeetYourRobotStep(LiveStep):
-    """share: of the comparisons with base, in how many the own robot must have been chosen."""
+    """preferred: how often the own robot must have been chosen beside the usual one; 0: nobody asks."""
 
     kind: Literal["meet_your_robot"]
-    share: float = 0.0
+    preferred: int = 0
 
 
 class MetAnswer(LiveAnswer):
@@ -126,7 +125,8 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
     stages = {"meet_your_robot": MeetYourRobotStage}
     stored = {
         "agreement": "whether that is them: 1 not at all, 5 exactly",
-        "learned": "objective -> weight: what their answers taught",
+        "learned": "objective -> weight: what their answers taught; of a robot that goes by no weights "
+        "what comes closest",
         "statement": "what they were told of their preference: rather (the first of two objectives rather than "
         "the other), beyond (something that is none of the nine); null: none, as nothing was predicted well enough",
         "sure": "probability of what they were told, as it stood there; null: none",
@@ -164,9 +164,8 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         return {name: noted[name] for name in ("start", "believed") if name in noted}
 
     def is_asked(self, step: MeetYourRobotStep, moment: Moment) -> bool:
-        return moment.session.personalisation == "shown" and (
-            not step.share or was_preferred(moment.s, moment.session, step.share)
-        )
+        shown = moment.session.personalisation == "shown"
+        return shown and (not step.preferred or was_preferred(moment.s, moment.session, step.preferred))
 
     def may_come(self, step: MeetYourRobotStep, moment: Moment) -> bool:
         return moment.session.personalisation in (None, "shown")

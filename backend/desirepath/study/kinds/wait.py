@@ -104,6 +104,11 @@ class TrainStage(Stage):
             yield source.problem(
                 (*here, "ask_on"), "cannot stand beside recipe each_scene, whose comparison decides; ask more before it"
             )
+        if any(getattr(stage, "preferred", 0) is None for stage in stages):
+            message = (
+                "each_scene needs `preferred` of meet_your_robot: nothing else tells that the robot is better for them"
+            )
+            yield source.problem((*here, "recipe"), message)
         compared = next((stage for stage in stages if isinstance(stage, ComparisonStage)), None)
         if compared is not None and "base" not in compared.arms:
             yield source.problem(

@@ -41,10 +41,10 @@ def about_person(moment: Moment) -> dict[str, Any] | None:
     return facts
 
 
-def was_preferred(s: DatabaseSession, session: Session, share: float) -> bool:
-    """Whether the own robot was chosen in at least this share of the pairs with the usual one; not where none was."""
-    against_base = next((of for of in count_comparisons(s, session) if of["against"] == "base"), None)
-    return against_base is not None and against_base["own"] >= share * against_base["pairs"] - 1e-9
+def was_preferred(s: DatabaseSession, session: Session, times: int) -> bool:
+    """Whether the own robot was chosen at least so often beside the usual one."""
+    won = sum(int(of["own"]) for of in count_comparisons(s, session) if of["against"] == "base")
+    return won >= times
 
 
 def count_comparisons(s: DatabaseSession, session: Session) -> list[dict[str, Any]]:

@@ -41,6 +41,7 @@ class Believed:
     that the nine objectives describe this person and that the first matters more. answers: from how many. beyond: where
     the nine objectives do not describe them, so that weights are only what comes closest. statement: which one this
     person is told of it, None where their answers are not predicted better than chance, or nothing is probable enough.
+    closest: the robot that is shown goes by no weights, so that these are only what comes closest to it.
     """
 
     weights: dict[str, float]
@@ -51,6 +52,7 @@ class Believed:
     answers: int
     beyond: Beyond | None = None
     statement: Literal["rather", "beyond"] | None = None
+    closest: bool = False
 
     def as_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -83,7 +85,8 @@ def find_belief(
         statement = "rather" if rather_sure >= SAID_FROM else None
         if beyond is not None:
             statement = "beyond" if beyond.words else None
-    weights = _weights_of(s, shown)
+    of_shown = _weights_of(s, shown)
+    weights = of_shown
     if weights is None:
         weights = {name: float(w) for name, w in zip(names, posterior.mean_weights(), strict=True)}
     return Believed(
@@ -95,6 +98,7 @@ def find_belief(
         answers=len(answers),
         beyond=beyond,
         statement=statement,
+        closest=shown is not None and of_shown is None,
     )
 
 

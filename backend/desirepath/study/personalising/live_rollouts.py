@@ -80,9 +80,9 @@ def warm_up(setup: str) -> bool:
     return all(path_of(roll_out(policy, scene)).track for policy in (condition_on(setup, {}), shipped_base(setup)))
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4)
 def driving(files: ArtefactStore, policy: str) -> DrivingPolicy:
-    """A stored policy: read once, as what it believes of somebody takes longer to work out than a rollout."""
+    """A stored policy; the last few stay, since each move of a slider or a place asks for one again."""
     from desirepath.learning.policies.policy import read_policy
 
     return read_policy(files.get(policy)).driving()

@@ -25,7 +25,8 @@ def bundle_for(
     s: DatabaseSession, files: ArtefactStore, session: Session | None, run: RobotRun | None
 ) -> Callable[[], bytes]:
     """What makes the bundle: of a run, the conditioned policy of its setup, whose weights the robot hears; of somebody
-    without one, the policy that was trained for them, else the conditioned one at what they taught. Raises Refused
+    without one, the policy that was made for them where a scan is all it needs, else the conditioned one at what they
+    taught. Raises Refused
     where they taught nothing."""
     from desirepath.learning.policies.bundles import driving_files, zipped
 
@@ -45,13 +46,16 @@ def conditioned_bundle(setup: str) -> bytes:
 
 
 def _personal(s: DatabaseSession, files: ArtefactStore, session: Session) -> StoredPolicy:
+    from desirepath.learning.policies.choosing import ChoosingPolicy
     from desirepath.learning.policies.policy import read_policy
 
     job = ready_job(s, session)
     learned = job.result_as(Learned) if job is not None else None
     artefact = s.get(Artefact, learned.policy) if learned is not None else None
     if artefact is not None:
-        return read_policy(files.get(artefact.id))
+        policy = read_policy(files.get(artefact.id))
+        if not isinstance(policy, ChoosingPolicy):  # which needs to know more of the place than a scan tells
+            return policy
     believed = find_belief(s, files, session)
     if believed is None:
         raise Refused(409, "nothing_learned", "This participant has answered nothing yet that a robot learns from.")

@@ -133,8 +133,9 @@ def _from_elsewhere(files: ArtefactStore, policy: str, weights: str, seed: int) 
     from desirepath.simulation.setups import get_setup
 
     acting = policy_conditioned_on(files.get(policy), f"{policy}@{weights}" if weights else policy)
-    starts = spread_starts(draw_scene(acting.setup, seed), STARTS + 1)[1:]
-    found = rollouts_from({"": acting.rollout_policy}, get_setup(acting.setup), starts)[""] if starts else []
+    scene = draw_scene(acting.setup, seed)
+    starts, drives = spread_starts(scene, STARTS + 1)[1:], acting.in_scene(scene).rollout_policy
+    found = rollouts_from({"": drives}, get_setup(acting.setup), starts)[""] if starts else []
     return tuple(one.poses for one in found)
 
 
