@@ -320,7 +320,7 @@ def test_no_file_is_left_of_a_derived_policys_rollouts_when_its_answers_are_eras
     before: set[str] = set()
     prepared = aligning.comparison_rollouts
 
-    def erase_first(*given: object) -> object:
+    def erase_first(*given: object, **named: object) -> object:
         before.update(path.name for path in (settings.data / "artefacts").rglob("*") if path.is_file())
         if erased == "quarantined":
             with database.transaction() as s:
@@ -330,7 +330,7 @@ def test_no_file_is_left_of_a_derived_policys_rollouts_when_its_answers_are_eras
                 people = list(s.scalars(select(Participant.id).where(Participant.study_id == study)))
             for person in people:
                 erase_participant(database, files, person, "tester", data=settings.data, compact=False)
-        return prepared(*given)
+        return prepared(*given, **named)
 
     monkeypatch.setattr(aligning, "comparison_rollouts", erase_first)
     with pytest.raises(ArtefactError, match="quarantined" if erased == "quarantined" else "not there any more"):
