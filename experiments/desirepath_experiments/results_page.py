@@ -177,9 +177,9 @@ def _people_per_scene() -> Result:
     families, harmed = stored["families"], stored["harmed_direct_before_of_shown"]
     worst = min(families, key=lambda name: families[name]["shown_directly"])
     what = (
-        f"People who prefer a policy per scene in {NEEDED} of up to six blind pairs after 9 right answers, and are shown "
-        f"it (one policy after 15: {percent(stored['shown_at_once'])}). Their gain, in typical differences of a pair: median "
-        f"{np.median(shown):.2f}; truly worse off by more than {NOTHING}: {percent_exactly(harmed[0])}, "
+        f"People who prefer a policy per scene in {NEEDED} of up to six blind pairs after 9 right answers, and are "
+        f"shown it (one policy after 15: {percent(stored['shown_at_once'])}). Their gain, in typical differences of a "
+        f"pair: median {np.median(shown):.2f}; truly worse off by more than {NOTHING}: {percent_exactly(harmed[0])}, "
         f"{_between(percent_exactly(harmed[1]), percent_exactly(harmed[2]))}"
     )
     over = f"{stored['people']} people of five families that nothing was tuned on"

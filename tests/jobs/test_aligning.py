@@ -175,7 +175,7 @@ def test_a_choice_per_scene_is_compared_and_nothing_else_says_that_it_is_better(
         assert {parent.role for parent in tree.parents} == {"base", "reward_model", "answers"}
         assert len(tree.all_answers()) == 9
     lent = InstantParams(
-        snapshot=snapshot_of(services, answers=8), gate_scenes=50, comparisons=1, other=result["policy"]
+        snapshot=snapshot_of(services, answers=10), gate_scenes=50, comparisons=1, other=result["policy"]
     )
     assert len(aligned(begin(services, "align", lent.model_dump()), lent)["yoked"]) == 1, "it is lent as any"
 
