@@ -519,6 +519,13 @@ class Walker:
 DISC = Robot("turtlebot2", 0.18, None)
 
 
+def test_who_brakes_for_longer_than_anybody_looks_ahead_is_refused():
+    with pytest.raises(InputError, match=r"braking = 0.02 m/s.* at most 10 s"):
+        Rig(robot=HUSKY, rules=Rules(braking=0.02))
+    with pytest.raises(InputError, match="at most 10 s"):
+        Rig(robot=HUSKY, rules=Rules(v_change=1e-6))
+
+
 @pytest.mark.parametrize("late", [0.0, 0.1])
 @pytest.mark.parametrize("speed", [0.7, 1.0, 1.6])
 @pytest.mark.parametrize(("robot", "drives"), [(DISC, 0.65), (WAFFLE, 0.26), (HUSKY, 1.0)])

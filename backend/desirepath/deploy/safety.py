@@ -91,6 +91,10 @@ class Rules:
             raise InputError(f"rule tick_s = {self.tick_s:g}: must be at most a third of stale_s, {self.stale_s:g}")
 
 
+LONGEST_BRAKING_S = 10.0
+"""Ours: what is looked at before each command grows with it."""
+
+
 class Limits(Protocol):
     """What a robot can: m/s, rad/s, and those a second (None: as quick as commanded)."""
 
@@ -208,7 +212,7 @@ class Supervisor:
     ) -> None:
         """clock: seconds that only go on (`time.monotonic`). told: hears of every change of state. needs_people: it is
         not started before `people` said where they are. body: the robot's outline, if not the controller's. Raises
-        InputError for a robot that cannot stand."""
+        InputError for a robot that cannot stand, or that takes too long to."""
         limits = controller.limits
         if not (limits.v_min <= 0 < limits.v_max and limits.w_max > 0):
             raise InputError(
@@ -216,6 +220,12 @@ class Supervisor:
                 "v_min <= 0 < v_max and w_max > 0 are needed; a robot that cannot stand cannot stop"
             )
         self.controller, self.rules = controller, rules or Rules()
+        slowest = min(self.rules.braking, self.rules.v_change or math.inf, limits.v_change or math.inf)
+        if limits.v_max / slowest > LONGEST_BRAKING_S:
+            raise InputError(
+                f"braking = {slowest:g} m/s^2 from v_max = {limits.v_max:g} m/s: must take at most "
+                f"{LONGEST_BRAKING_S:g} s; nobody looks farther ahead"
+            )
         self._clock, self._told = clock, told
         self.state, self.reason = State.OFF, "not armed yet"
         self.command = STANDING
