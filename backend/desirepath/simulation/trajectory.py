@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
@@ -100,6 +100,11 @@ class Trajectory(Stored):
             )
         except (KeyError, TypeError, ValueError) as problem:
             raise ValueError(f"not a desirepath trajectory (.npz): {problem}") from None
+
+
+def arrived(trajectories: Sequence[Trajectory]) -> NDArray[np.bool_]:
+    """(n,) which of them reached the goal."""
+    return np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in trajectories])
 
 
 def require_steps(trajectories: Iterable[Trajectory]) -> None:

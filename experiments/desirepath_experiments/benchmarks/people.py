@@ -29,7 +29,7 @@ from desirepath.learning.policies.shipped import load_conditioned, load_policy, 
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
-from desirepath.simulation.trajectory import Outcome, Trajectory
+from desirepath.simulation.trajectory import Trajectory
 from desirepath_experiments.benchmarks.results import Progress
 
 Doubles = NDArray[np.float64]
@@ -179,8 +179,3 @@ class RobotOfLibrary:
 
 def roll_out(policy: Policy, scenes: Sequence[Scene]) -> list[Trajectory]:
     return list(rollout(get_setup(policy.setup), policy.rollout_policy, list(scenes)))
-
-
-def arrived(trajectories: Sequence[Trajectory]) -> NDArray[np.bool_]:
-    """(n,) which of them reached the goal."""
-    return np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in trajectories])

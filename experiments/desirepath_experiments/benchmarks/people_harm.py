@@ -33,11 +33,10 @@ from desirepath.learning.preferences.sureness import Sureness
 from desirepath.learning.rewards.step_weights import step_differences
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.trajectory import Trajectory
+from desirepath.simulation.trajectory import Trajectory, arrived
 from desirepath_experiments.benchmarks.people import (
     Doubles,
     RobotOfLibrary,
-    arrived,
     measure_everybody,
     read_families,
     roll_out,

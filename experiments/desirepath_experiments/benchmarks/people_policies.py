@@ -35,13 +35,12 @@ from desirepath.learning.preferences.free_posterior import FreeConfig, FreePoste
 from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.learning.rewards.step_weights import step_differences
 from desirepath.learning.scene_sets import Purpose, scene_set
-from desirepath.simulation.trajectory import Trajectory
+from desirepath.simulation.trajectory import Trajectory, arrived
 from desirepath_experiments.benchmarks.people import (
     FAMILY,
     REWARD,
     Doubles,
     RobotOfLibrary,
-    arrived,
     measure_everybody,
     read_families,
     roll_out,

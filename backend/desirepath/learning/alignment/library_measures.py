@@ -14,7 +14,7 @@ from desirepath.learning.rewards.step_weights import step_differences
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
-from desirepath.simulation.trajectory import Outcome
+from desirepath.simulation.trajectory import arrived
 
 
 def measure_against(
@@ -27,16 +27,15 @@ def measure_against(
     parts: dict[str, list[Doubles]] = {}
     for policy in policies:
         own = list(rollout(setup, policy.rollout_policy, list(scenes)))
-        arrived = np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in own])
-        both = np.flatnonzero(arrived & np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in usual]))
+        arrives = arrived(own)
+        both = np.flatnonzero(arrives & arrived(usual))
         if not len(both):  # what never arrives gains nothing
             own, both = usual, np.arange(1)
         firsts, pairs = [own[k] for k in both], [(own[k], usual[k]) for k in both]
-        measured_parts = {"steps": step_differences(basis, pairs).mean(0), "success": np.array(arrived.mean())}
+        measured_parts = {"steps": step_differences(basis, pairs).mean(0), "success": np.array(arrives.mean())}
         for symmetry, prefix in ((False, ""), (True, "mirrored_")):
-            of_usual = known[symmetry][0][both], known[symmetry][1][both]
             of_own = measured(setup.name, firsts, left_right_symmetry=symmetry)
-            differences = PairDifferences.between(setup.name, pairs, of_own, of_usual)
+            differences = PairDifferences.between(setup.name, of_own, known[symmetry][both])
             measured_parts |= {
                 f"{prefix}seen": differences.seen.mean(0),
                 f"{prefix}named": differences.named.mean(0),

@@ -14,15 +14,25 @@ from desirepath.learning.measures.embedding import embed
 from desirepath.learning.measures.named import named_measures
 from desirepath.learning.measures.steps import reference
 from desirepath.learning.policies.mirroring import mirror_of
-from desirepath.learning.preferences.spans import seen_differences
+from desirepath.learning.preferences.spans import seen_measures
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]
-Measured = tuple[Doubles, Doubles]
-"""Named measures (n, measures) and embedding (n, features) of trajectories."""
 MOST_PREDICTED = 100  # pairs that stand for all that are to be predicted; own choice
 LARGEST = 4.0  # typical differences: a larger one says no more
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Of n trajectories: seen (n, spans, 7), named measures (n, measures), embedding (n, features)."""
+
+    seen: Doubles
+    named: Doubles
+    embedding: Doubles
+
+    def __getitem__(self, rows: NDArray[np.int64] | slice) -> Measured:
+        return Measured(self.seen[rows], self.named[rows], self.embedding[rows])
 
 
 @dataclass(frozen=True)
@@ -42,22 +52,19 @@ class PairDifferences:
         """left_right_symmetry: of what a pair and its mirror image have in common, for people who would answer both
         alike. Raises SetupError for trajectories of several setups, ValueError for none."""
         trajectories = [trajectory for pair in pairs for trajectory in pair]
-        return cls._of(setup, pairs, measured(setup, trajectories, left_right_symmetry=left_right_symmetry))
+        in_turn = measured(setup, trajectories, left_right_symmetry=left_right_symmetry)
+        return cls.between(setup, in_turn[0::2], in_turn[1::2])
 
     @classmethod
-    def between(
-        cls, setup: str, pairs: Sequence[tuple[Trajectory, Trajectory]], first: Measured, second: Measured
-    ) -> PairDifferences:
+    def between(cls, setup: str, first: Measured, second: Measured) -> PairDifferences:
         """As `of`, where what all firsts and all seconds measure is known already."""
-        in_turn = tuple(
-            np.stack(both, axis=1).reshape(-1, both[0].shape[1]) for both in zip(first, second, strict=True)
+        named, embedding = _units(setup)
+        return cls(
+            setup,
+            first.seen - second.seen,
+            named.scaled(first.named - second.named),
+            embedding.scaled(first.embedding - second.embedding),
         )
-        return cls._of(setup, pairs, (in_turn[0], in_turn[1]))
-
-    @classmethod
-    def _of(cls, setup: str, pairs: Sequence[tuple[Trajectory, Trajectory]], in_turn: Measured) -> PairDifferences:
-        units = _units(setup)
-        return cls(setup, seen_differences(pairs), units[0].scaled(in_turn[0]), units[1].scaled(in_turn[1]))
 
     def __len__(self) -> int:
         return len(self.seen)
@@ -86,9 +93,9 @@ class _Unit:
     typical: Doubles
     length: float
 
-    def scaled(self, values: Doubles) -> Doubles:
-        """(pairs, columns) of values of first and second in turn."""
-        return np.clip((values[0::2] - values[1::2]) / self.typical, -LARGEST, LARGEST) / self.length
+    def scaled(self, differences: Doubles) -> Doubles:
+        """(pairs, columns) of first minus second."""
+        return np.clip(differences / self.typical, -LARGEST, LARGEST) / self.length
 
 
 def measured(setup: str, trajectories: Sequence[Trajectory], *, left_right_symmetry: bool = False) -> Measured:
@@ -98,10 +105,10 @@ def measured(setup: str, trajectories: Sequence[Trajectory], *, left_right_symme
         mirror = mirror_of(get_setup(setup))
         mirrored = _both([mirror.seen_in(trajectory) for trajectory in trajectories])
         named, features = (named + mirrored[0]) / 2, (features + mirrored[1]) / 2
-    return named, features
+    return Measured(seen_measures(trajectories), named, features)
 
 
-def _both(trajectories: Sequence[Trajectory]) -> Measured:
+def _both(trajectories: Sequence[Trajectory]) -> tuple[Doubles, Doubles]:
     return named_measures(trajectories), embed(trajectories)
 
 
@@ -109,8 +116,9 @@ def _both(trajectories: Sequence[Trajectory]) -> Measured:
 def _units(setup: str) -> tuple[_Unit, _Unit]:
     units = []
     for values in _both(reference(setup).trajectories):
-        typical = np.maximum((values[0::2] - values[1::2]).std(0), 1e-6)
-        lengths = np.square(_Unit(typical, 1.0).scaled(values)).sum(1)
+        differences = values[0::2] - values[1::2]
+        typical = np.maximum(differences.std(0), 1e-6)
+        lengths = np.square(_Unit(typical, 1.0).scaled(differences)).sum(1)
         units.append(_Unit(typical, float(np.sqrt(lengths.mean()))))
     return units[0], units[1]
 

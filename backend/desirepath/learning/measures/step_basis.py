@@ -127,6 +127,11 @@ class StepBasis(StoredArrays):
         )
         return of_trajectories
 
+    def between(self, first: Doubles, second: Doubles) -> Doubles:
+        """(n, K) first minus second of pairs of trajectories' means; a typical pair has length 1."""
+        found: Doubles = (first - second) / np.sqrt(2 * np.trace(self.covariance))
+        return found
+
     def to_arrays(self) -> dict[str, Floats]:
         """By name, for storage."""
         return {

@@ -22,7 +22,7 @@ from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
-from desirepath.simulation.trajectory import Outcome, Trajectory
+from desirepath.simulation.trajectory import Trajectory, arrived
 
 FIRST_SEED = 900  # of query scenes and reporting scenes: of no shipped set, no card and no other benchmark
 MANNER_SEED = 2_900
@@ -111,10 +111,7 @@ class Candidates:
     @cached_property
     def arrived(self) -> NDArray[np.bool_]:
         """(settings, scenes) both the candidate and the base policy arrive."""
-        base = np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in self.base])
-        return np.asarray(
-            np.array([[trajectory.outcome == Outcome.SUCCESS for trajectory in of] for of in self.rolled_out]) & base
-        )
+        return np.asarray(np.array([arrived(of) for of in self.rolled_out]) & arrived(self.base))
 
     @cached_property
     def differences(self) -> tuple[PairDifferences, ...]:

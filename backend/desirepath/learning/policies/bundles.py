@@ -30,6 +30,8 @@ from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import Setup, get_setup, require_lidar
 
+BY_SCAN = (Policy, ConditionedPolicy, AdaptablePolicy, ForeignPolicy)
+"""Kinds of policy that go by what a robot's scan tells."""
 VECTORS = "test_vectors.json"
 VECTOR_SCENES = range(7_000, 7_010)
 """Seeds of the scenes that test vectors are taken from, one each."""
@@ -62,7 +64,7 @@ def bundle_files(stored: StoredPolicy, weights: str = "") -> dict[str, bytes]:
 
 def driving_files(policy: StoredPolicy) -> dict[str, bytes]:
     """Of these, what `desirepath.deploy` drives by. Raises as `bundle_files`."""
-    if not isinstance(policy, Policy | ConditionedPolicy | AdaptablePolicy | ForeignPolicy):
+    if not isinstance(policy, BY_SCAN):
         raise LearningError(f"{type(policy).__name__} of {policy.setup} reads what a robot's scan does not tell")
     require_lidar(get_setup(policy.setup))
     return {MANIFEST: _json(bundle_manifest(policy)), POLICY: policy.to_bytes()}

@@ -26,14 +26,13 @@ from desirepath.learning.preferences.measures import MEASURES
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.spans import SPANS_S
 from desirepath.learning.preferences.step_posterior import StepPosterior
-from desirepath.learning.rewards.step_weights import step_differences
 from desirepath.npz import Arrays
 from desirepath.simulation.acting import EpisodeActs, Rows, SensingPolicy, begin
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup, require_same
 from desirepath.simulation.stored import StoredArrays
-from desirepath.simulation.trajectory import Outcome, Trajectory
+from desirepath.simulation.trajectory import Trajectory, arrived
 
 CAUTION = 0.4
 """Standard deviations that are taken off what a rollout is expected to gain. Chosen on tuning families by 15 answers,
@@ -84,13 +83,13 @@ class RolloutDifferences:
         left_right_symmetry: bool = False,
     ) -> RolloutDifferences:
         """usual, own: rollouts of the base policy and of each of the others, in the same scenes."""
-        together = [(mine, other) for of_one in own for mine, other in zip(of_one, usual, strict=True)]
-        of_usual = measured(basis.setup, usual, left_right_symmetry=left_right_symmetry)
-        again = np.tile(np.arange(len(usual)), len(own))
-        of_own = measured(basis.setup, [mine for mine, _ in together], left_right_symmetry=left_right_symmetry)
-        pairs = PairDifferences.between(basis.setup, together, of_own, (of_usual[0][again], of_usual[1][again]))
-        usable = np.array([_arrived(of_one) for of_one in own]) & _arrived(usual)
-        return cls(usable, pairs, step_differences(basis, together))
+        everyone = [trajectory for of_one in (usual, *own) for trajectory in of_one]
+        n = len(usual)
+        of_all = measured(basis.setup, everyone, left_right_symmetry=left_right_symmetry)
+        means, again = basis.means(everyone), np.tile(np.arange(n), len(own))
+        usable = np.array([arrived(of_one) for of_one in own]) & arrived(usual)
+        pairs = PairDifferences.between(basis.setup, of_all[n:], of_all[again])
+        return cls(usable, pairs, basis.between(means[n:], means[again]))
 
     def expected(self, answers: Answers, scales: Doubles, caution: float = CAUTION) -> Doubles:
         """(n, scenes) what each rollout is expected to gain over the base policy's by both posteriors, less the
@@ -264,10 +263,6 @@ def roll_out_all(
     trajectories = rollout(get_setup(basis.setup), side_by_side, [*scenes] * len(policies))
     usual, *own = [trajectories[k : k + len(scenes)] for k in range(0, len(trajectories), len(scenes))]
     return RolloutDifferences.of(basis, usual, own, left_right_symmetry=left_right_symmetry)
-
-
-def _arrived(trajectories: Sequence[Trajectory]) -> NDArray[np.bool_]:
-    return np.array([trajectory.outcome == Outcome.SUCCESS for trajectory in trajectories])
 
 
 def _smallest(layer: Floats) -> NDArray[np.floating[Any]]:

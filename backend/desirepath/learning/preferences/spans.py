@@ -55,12 +55,17 @@ def seen_differences(pairs: Sequence[tuple[Trajectory, Trajectory]]) -> Doubles:
     """(n, spans, 7) measures of each pair's first trajectory minus its second's, of as much as each of SPANS_S looks
     at.
     """
-    trajectories = [trajectory for pair in pairs for trajectory in pair]
+    seen = seen_measures([trajectory for pair in pairs for trajectory in pair])
+    return np.asarray(seen[0::2] - seen[1::2])
+
+
+def seen_measures(trajectories: Sequence[Trajectory]) -> Doubles:
+    """(n, spans, 7) measures of each, of as much as each of SPANS_S looks at."""
     judged = [
         measures(trajectories if s is None else [beginning(trajectory, s) for trajectory in trajectories])
         for s in SPANS_S
     ]
-    return np.stack([values[0::2] - values[1::2] for values in judged], axis=1)
+    return np.stack(judged, axis=1)
 
 
 def seen_in(queries: Sequence[Query]) -> Doubles:

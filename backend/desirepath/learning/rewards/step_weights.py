@@ -55,8 +55,7 @@ def step_posterior(
 def step_differences(basis: StepBasis, pairs: Sequence[tuple[Trajectory, Trajectory]]) -> Doubles:
     """(n, K) first minus second of each pair's means; a typical pair of the basis has length 1."""
     means = basis.means([one for pair in pairs for one in pair])
-    found: Doubles = (means[0::2] - means[1::2]) / np.sqrt(2 * np.trace(basis.covariance))
-    return found
+    return basis.between(means[0::2], means[1::2])
 
 
 def step_posterior_of(preferences: Sequence[Preference], basis: StepBasis) -> StepPosterior:

@@ -37,7 +37,7 @@ from desirepath.study.kinds.live import (
     startable,
 )
 from desirepath.study.kinds.questionnaire import within
-from desirepath.study.kinds.wait import TrainStage
+from desirepath.study.kinds.wait import EACH_SCENE, TrainStage
 from desirepath.study.personalising.about_person import was_preferred
 from desirepath.study.personalising.alignment_jobs import ready_job
 from desirepath.study.personalising.believed import find_belief
@@ -69,10 +69,9 @@ class MeetYourRobotStage(LiveStage, Stage):
     for_everybody = True
 
     def plan(self, at: Planning) -> list[MeetYourRobotStep]:  # type: ignore[override]  # a list of steps
-        own = {"kind": "meet_your_robot", "key": at.key, "stage": at.key, "reasons": self.reasons}
-        if self.preferred is not None:
-            own["preferred"] = self.preferred
-        return [MeetYourRobotStep.model_validate(own | self.step_fields)]
+        own = {"kind": "meet_your_robot", "key": at.key, "stage": at.key}
+        asked = {"reasons": self.reasons, "preferred": self.preferred or 0}
+        return [MeetYourRobotStep.model_validate(own | self.step_fields | asked)]
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
         return TAKES_S
@@ -85,6 +84,10 @@ class MeetYourRobotStage(LiveStage, Stage):
             yield source.problem(here, "needs the comparison before it: it shows whose robot was whose")
         elif any(isinstance(stage, AppointmentStage) for stage in before[compared[0] :]):
             yield source.problem(here, "must stand in the comparison's appointment, whose robot it shows")
+        chooses = any(isinstance(stage, TrainStage) and stage.recipe == EACH_SCENE for stage in before)
+        if self.preferred is None and chooses:
+            told = "recipe each_scene needs `preferred` of meet_your_robot: nothing else tells that the robot is better"
+            yield source.problem((*here, "preferred"), told)
         if self.preferred is not None and compared:
             against = before[compared[0]]
             assert isinstance(against, ComparisonStage)  # noqa: S101  looked for above

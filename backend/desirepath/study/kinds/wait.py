@@ -37,10 +37,10 @@ class TrainStage(Stage):
     environment. recipe (of `align`): `instant` is there at once (a conditioning search runs behind it and takes its
     place where it is better), `fine_tuning` trains on the learned reward, `thesis` as in thesis 6.4; `each_scene`
     chooses, in each scene, among many policies: what the answers let expect decides nothing, the comparison does
-    (`meet_your_robot` with `preferred`). prior (of
-    `align`): by the light of what own answers are read before a policy is called surely better for this person; `none`
-    of others', `earlier_participants` of those of the study, the same version and group who consented to training.
-    ask_on (of `align`): further pairs where what was learned is not surely better for this very person.
+    (`meet_your_robot` with `preferred`). prior (of `align`): by the light of what own answers are read before a policy
+    is called surely better for this person; `none` of others', `earlier_participants` of those of the study, the same
+    version and group who consented to training. ask_on (of `align`): further pairs where what was learned is not surely
+    better for this very person.
     """
 
     model_config = an_example({"job": "align", "recipe": "instant", "while": {"questionnaire": "usability"}})
@@ -104,11 +104,6 @@ class TrainStage(Stage):
             yield source.problem(
                 (*here, "ask_on"), "cannot stand beside recipe each_scene, whose comparison decides; ask more before it"
             )
-        if any(getattr(stage, "preferred", 0) is None for stage in stages):
-            message = (
-                "each_scene needs `preferred` of meet_your_robot: nothing else tells that the robot is better for them"
-            )
-            yield source.problem((*here, "recipe"), message)
         compared = next((stage for stage in stages if isinstance(stage, ComparisonStage)), None)
         if compared is not None and "base" not in compared.arms:
             yield source.problem(

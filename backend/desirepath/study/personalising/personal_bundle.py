@@ -26,8 +26,7 @@ def bundle_for(
 ) -> Callable[[], bytes]:
     """What makes the bundle: of a run, the conditioned policy of its setup, whose weights the robot hears; of somebody
     without one, the policy that was made for them where a scan is all it needs, else the conditioned one at what they
-    taught. Raises Refused
-    where they taught nothing."""
+    taught. Raises Refused where they taught nothing."""
     from desirepath.learning.policies.bundles import driving_files, zipped
 
     if run is not None and (session is None or session.id == run.session_id):
@@ -46,7 +45,7 @@ def conditioned_bundle(setup: str) -> bytes:
 
 
 def _personal(s: DatabaseSession, files: ArtefactStore, session: Session) -> StoredPolicy:
-    from desirepath.learning.policies.choosing import ChoosingPolicy
+    from desirepath.learning.policies.bundles import BY_SCAN
     from desirepath.learning.policies.policy import read_policy
 
     job = ready_job(s, session)
@@ -54,7 +53,7 @@ def _personal(s: DatabaseSession, files: ArtefactStore, session: Session) -> Sto
     artefact = s.get(Artefact, learned.policy) if learned is not None else None
     if artefact is not None:
         policy = read_policy(files.get(artefact.id))
-        if not isinstance(policy, ChoosingPolicy):  # which needs to know more of the place than a scan tells
+        if isinstance(policy, BY_SCAN):
             return policy
     believed = find_belief(s, files, session)
     if believed is None:
