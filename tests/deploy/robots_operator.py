@@ -61,7 +61,7 @@ class Operator(Node):
                 rclpy.spin_once(self, timeout_sec=0.05)
 
     def drive_to_stop_topic(self) -> None:
-        """Again where a busy machine kept scans back just then, and it stood for want of one before it heard the topic."""
+        """Again where a busy machine kept scans back just then: it stood for want of one before it heard the topic."""
         for _ in range(5):
             self.drive()
             self.stop.publish(Bool(data=True))
