@@ -15,6 +15,7 @@ from typing import Any
 import structlog
 
 from desirepath.jobs.alignment import REGISTRY, AlignParams, ConditionedAlignParams
+from desirepath.jobs.alignments.each_scene import EachSceneParams
 from desirepath.jobs.answers import (
     describe_model,
     earlier_people,
@@ -27,6 +28,7 @@ from desirepath.jobs.answers import (
 )
 from desirepath.jobs.context import JobContext
 from desirepath.jobs.free_form import free_form
+from desirepath.jobs.in_general import policy_in_general
 from desirepath.jobs.kept_artefacts import (
     find_artefact,
     keep,
@@ -61,7 +63,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     The result holds `policy` (artefact id), `passed`, and `comparisons`: [{scene, scene_seed, base, own, look_alike}],
     `scene` a hash, `base` and `own` ids of stored trajectories; empty where the policy may not be shown. `yoked`: the
     same with `other` instead of `base`, in other scenes, where another participant's policy or a stand-in is named;
-    `neutral`: with the conditioned policy without preferences, where that is asked for. Of one person's answers, where
+    `neutral`: with the conditioned policy without preferences, where that is asked for; `population`: with the one by
+    what earlier participants want, and how that was made (`in_general`). Of one person's answers, where
     `surely_better` asks: `personal` (`PersonalVerdict`: below it is not shown as theirs), `check` (`PredictiveCheck`).
     """
     began = time.monotonic()
@@ -138,8 +141,12 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
             context, params, "base", *own_and_base, with_alike=not algorithm.asks_directly
         )
         seen = {comparison["scene_seed"] for comparison in comparisons}
-        for against, rival in _rivals(context, params, setup).items():
-            count = params.neutral if isinstance(params, ConditionedAlignParams) and against == "neutral" else None
+        rivals = _rivals(context, params, setup)
+        if isinstance(params, EachSceneParams) and params.population:
+            own["in_general"], in_general = policy_in_general(context, params, (base, base_artefact), snapshot_artefact)
+            rivals |= {"population": in_general} if in_general is not None else {}
+        for against, rival in rivals.items():
+            count = getattr(params, against) if against in ("neutral", "population") else None
             further[against] = comparison_rollouts(
                 context, params, against, rival, (aligned.policy, policy), seen, count
             )
@@ -157,7 +164,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         **own,
         "comparisons": comparisons,
         "yoked": further.get("other", []),
-        **({"neutral": further["neutral"]} if "neutral" in further else {}),
+        **{against: further[against] for against in ("neutral", "population") if against in further},
         "seconds": round(time.monotonic() - began, 2),
     }
 

@@ -21,6 +21,7 @@ from desirepath.report.study_data import Comparison, Guess
 ARMS = {
     "base": "the base policy",
     "neutral": "the conditioned policy without preferences",
+    "population": "the policy by what earlier participants want",
     "other": "another participant's policy",
 }
 """What the own policy can be compared with, in the report's order."""

@@ -248,7 +248,12 @@ def disagreement_picture(findings: Findings) -> Picture:
 
 def personalised_picture(findings: Findings) -> Picture:
     """How often the own policy was preferred."""
-    words = {"base": "base policy", "neutral": "conditioned policy", "other": "another participant's"}
+    words = {
+        "base": "base policy",
+        "neutral": "conditioned policy",
+        "population": "earlier participants'",
+        "other": "another participant's",
+    }
     with mpl.rc_context(STYLE):
         figure, (ax,) = blank(1, 4.6, 0.7 + 0.35 * len(findings.personalised))
         _shares(ax, [(f"own, not {words[of.against]}", of.share, DATA[0]) for of in findings.personalised])

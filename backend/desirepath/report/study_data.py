@@ -98,9 +98,9 @@ def find_topic(rating: Rating, topics: Mapping[str, set[str]]) -> str:
 
 @dataclass(frozen=True)
 class Comparison:
-    """One blind comparison of two policies. chosen, rejected: arms (own, base, other, neutral). opponent: what is the
-    same for equal policies that stood against the own one, where the data set tells. stand_in: it was made from a
-    simulated person's answers."""
+    """One blind comparison of two policies. chosen, rejected: arms (own, base, other, neutral,
+    population). opponent: what is the same for equal policies that stood against the own one, where the data set tells.
+    stand_in: it was made from a simulated person's answers."""
 
     person: str
     chosen: str

@@ -55,6 +55,8 @@ from desirepath.store.robot_recordings import delete_runs, recordings_of
 from desirepath.store.snapshots import SnapshotError, retake_snapshot
 
 ORPHAN_AGE_S = 3600.0  # ours: a file without a row this old was left by a crash, not by a save that is still running
+IN_GENERAL = "in_general"  # in the configuration of a policy that holds several people's answers
+EARLIER = ("earlier", "people")  # parameters of jobs that list the snapshots of who was there before, with commas
 HASHES = re.compile(r"[0-9a-f]{64}")
 
 
@@ -124,6 +126,7 @@ def erase_participant(
         s.flush()
         taken_apart = _quarantine(s, doomed)
         counts |= _delete_rows(s, participant, doomed)
+        _unlist(s, doomed)
         for sha in sorted(
             doomed.trajectories | doomed.demonstrations | doomed.recordings | doomed.artefacts | doomed.opened
         ):
@@ -171,7 +174,7 @@ def _find(s: Session, participant: Participant) -> _Doomed:
     own |= rolled_out[True]
     used |= rolled_out[False]
     for job in s.execute(select(Job.id, Job.session_id, Job.study_id, Job.params, Job.result)):
-        payload = [job.params, job.result]
+        payload = [{key: value for key, value in job.params.items() if key not in EARLIER}, job.result]
         # Another study may have a participant of the same code.
         same_study = job.study_id == participant.study_id or mentions(payload, doomed.pooled)
         named = mentions(payload, doomed.ids) or (same_study and mentions(payload, {doomed.code}))
@@ -209,7 +212,8 @@ def _owners_of_artefacts(s: Session) -> dict[str, set[str]]:
 
 
 def _quarantine(s: Session, doomed: _Doomed) -> dict[str, list[str]]:
-    """Mark what was made from their and others' answers. Snapshots and reports hold the answers: their files go, too.
+    """Mark what was made from their and others' answers. Snapshots, reports and policies in general hold the answers:
+    their files go, too.
 
     Returns snapshot id -> the response ids of the others in it, for the snapshots that were still good.
     """
@@ -224,9 +228,28 @@ def _quarantine(s: Session, doomed: _Doomed) -> dict[str, list[str]]:
             others[artefact.id] = list(s.scalars(answers))
         artefact.quarantined_at = artefact.quarantined_at or utc_now()
         artefact.card = _without(artefact.card, {*doomed.ids, doomed.code})
-        if artefact.kind in ("snapshot", "demonstrations", "evaluation"):
+        holds = IN_GENERAL in (artefact.card.get("config") or {})
+        if holds or artefact.kind in ("snapshot", "demonstrations", "evaluation"):
             doomed.opened.add(artefact.id)
     return others
+
+
+def _unlist(s: Session, doomed: _Doomed) -> None:
+    """Take the erased snapshots from the lists of who was there before, in others' jobs and the commands on cards."""
+
+    def without(text: str) -> str:
+        for one in doomed.artefacts:
+            text = text.replace(f"{one},", "").replace(f",{one}", "").replace(one, "")
+        return text
+
+    for job in s.scalars(select(Job)):
+        lists = {key: job.params[key] for key in EARLIER if job.params.get(key)}
+        if lists:
+            job.params = {**job.params, **{key: without(listed) for key, listed in lists.items()}}
+    for artefact in s.scalars(select(Artefact).where(Artefact.kind.in_(("policy", "reward_model")))):
+        command = artefact.card.get("command") or ""
+        if without(command) != command:
+            artefact.card = {**artefact.card, "command": without(command)}
 
 
 def replace_artefacts(s: Session, files: ArtefactStore, study_id: str, others: dict[str, list[str]]) -> dict[str, str]:

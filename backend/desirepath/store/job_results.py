@@ -34,10 +34,11 @@ class Rollouts(JobResult):
     base: str | None = None
     other: str | None = None
     neutral: str | None = None
+    population: str | None = None
     social_cost: str | None = None
 
     def of(self, who: str) -> str:
-        """The trajectory of `own`, `base`, `other`, `neutral` or `social_cost`. Raises KeyError where there is none."""
+        """The trajectory of `own`, `base` or another of these. Raises KeyError where there is none."""
         trajectory = getattr(self, who)
         if not isinstance(trajectory, str):
             raise KeyError(f"rollouts in scene {self.scene} have none of {who!r}")
@@ -58,7 +59,8 @@ class Learned(JobResult):
 
 class AlignResult(Learned):
     """yoked: comparisons with another participant's policy or a stand-in's; neutral: with the conditioned policy
-    without preferences. personal: `PersonalVerdict`; check: `PredictiveCheck`; prior: by the light of how many it was
+    without preferences; population: with the one by what earlier participants want, in_general: how that was made
+    (`PeopleInGeneral`). personal: `PersonalVerdict`; check: `PredictiveCheck`; prior: by the light of how many it was
     judged. free_form: not described by the nine objectives. Alignments may add measurements of their own."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
@@ -72,6 +74,8 @@ class AlignResult(Learned):
     prior: dict[str, Any] | None = None
     yoked: list[Rollouts] = []
     neutral: list[Rollouts] = []
+    population: list[Rollouts] = []
+    in_general: dict[str, Any] | None = None
     free_form: bool = False
 
 

@@ -20,6 +20,7 @@ AGAINST = {
     "base": "the usual robot",
     "dwa": "the dynamic window approach",
     "neutral": "the conditioned robot without preferences",
+    "population": "the robot that learned from all earlier participants",
     "other": "the robot that learned from another participant",
 }
 _SCHEMES = {

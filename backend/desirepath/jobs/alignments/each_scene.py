@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal
 
 from desirepath.jobs.alignment import Aligned, Alignment, ConditionedAlignParams
-from desirepath.jobs.params import from_source
+from desirepath.jobs.params import MOST_NAMED, from_source
 
 if TYPE_CHECKING:
     from desirepath.jobs.context import JobContext
@@ -16,12 +16,15 @@ if TYPE_CHECKING:
 class EachSceneParams(ConditionedAlignParams):
     """In each scene the policy of the library whose rollout there the answers let expect most of.
 
-    policies: how many it has to choose from, beside the base policy.
+    policies: how many it has to choose from, beside the base policy. population: in so many further scenes it is
+    compared with the policy by what earlier participants want; people: their snapshots, the newest first.
     """
 
     recipe: Literal["each_scene"] = from_source("ours_each_scene", "each_scene")
     gate_scenes: int = from_source("ours_known_rollouts", 50, ge=50, le=5_000, advanced=True)
     policies: int = from_source("ours", 24, ge=1, le=99, advanced=True)
+    population: int = from_source("from_protocol", 0, ge=0, le=10, advanced=True)
+    people: str = from_source("from_protocol_population", "", advanced=True, max_length=MOST_NAMED)
 
 
 def align(context: JobContext, params: EachSceneParams, base: Policy, model: RewardModel) -> Aligned:

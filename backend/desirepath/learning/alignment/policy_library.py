@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,7 @@ from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.measures.step_basis import Doubles, Floats
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.preferences.free_posterior import FreePosterior
 from desirepath.learning.preferences.measures import MEASURES
-from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.npz import Arrays
 from desirepath.simulation.stored import StoredArrays
 
@@ -35,6 +33,25 @@ SLOWEST = 2.0
 """How much longer than the base policy a policy may take, in what the slowest setting of the conditioned policy does:
 rewards per step are gained by dawdling where one is liked to be, which nobody watches."""
 TIME = MEASURES.index("time_s")
+
+
+class Believed(Protocol):
+    """What answers say by what trajectories measure, of one person (`FreePosterior`) or of several."""
+
+    @property
+    def left_right_symmetry(self) -> bool: ...
+
+    def advantages(self, differences: PairDifferences) -> tuple[Doubles, Doubles]:
+        """(n,) how much better the first of each pair is expected to be, and its standard deviation."""
+        ...
+
+
+class BelievedOfSteps(Protocol):
+    """The same by means over steps, of one person (`StepPosterior`) or of several."""
+
+    def advantages(self, differences: Doubles) -> tuple[Doubles, Doubles]:
+        """As of `Believed`, of (n, K)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -154,14 +171,14 @@ def mix_policies(base: Policy, actors: Sequence[Sequence[NDArray[np.floating[Any
     return Policy(base.setup, base.shape, actor, base.critic, (base.actor,))
 
 
-def expected_gains(measures: LibraryMeasures, believed: FreePosterior, steps: StepPosterior) -> Doubles:
+def expected_gains(measures: LibraryMeasures, believed: Believed, steps: BelievedOfSteps) -> Doubles:
     """(n,) what each is expected to gain over the base policy, by both posteriors together."""
     total: Doubles = gains_by_posterior(measures, believed, steps).sum(axis=0)
     return total
 
 
 def gains_by_posterior(
-    measures: LibraryMeasures, believed: FreePosterior, steps: StepPosterior, among: LibraryMeasures | None = None
+    measures: LibraryMeasures, believed: Believed, steps: BelievedOfSteps, among: LibraryMeasures | None = None
 ) -> Doubles:
     """(2, n) what each is expected to gain over the base policy by the free-form and by the step posterior, each in the
     largest gain among these (or among those given), less doubt."""
@@ -175,14 +192,13 @@ def gains_by_posterior(
 
 
 def expected_by_posterior(
-    measures: LibraryMeasures, believed: FreePosterior, steps: StepPosterior
+    measures: LibraryMeasures, believed: Believed, steps: BelievedOfSteps
 ) -> tuple[tuple[Doubles, Doubles], tuple[Doubles, Doubles]]:
-    mirrored = believed.config.posterior.left_right_symmetry
-    seen = measures.mirrored if mirrored else measures.pairs
+    seen = measures.mirrored if believed.left_right_symmetry else measures.pairs
     return believed.advantages(seen), steps.advantages(measures.steps)
 
 
-def best_of(library: PolicyLibrary, believed: FreePosterior, steps: StepPosterior) -> int:
+def best_of(library: PolicyLibrary, believed: Believed, steps: BelievedOfSteps) -> int:
     """The place of the policy that is expected to gain most, of those that are allowed."""
     expected = expected_gains(library.measures, believed, steps)
     return int(np.where(library.allowed, expected, -np.inf).argmax())

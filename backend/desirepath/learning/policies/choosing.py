@@ -54,6 +54,15 @@ class Answers:
     chosen: NDArray[np.bool_]
     left_right_symmetry: bool = False
 
+    caution = CAUTION
+
+    @property
+    def setup(self) -> str:
+        return self.pairs.setup
+
+    def __len__(self) -> int:
+        return len(self.chosen)
+
     @cached_property
     def believed(self) -> tuple[FreePosterior, StepPosterior]:
         """What they say, by both posteriors."""
@@ -61,6 +70,56 @@ class Answers:
         return (
             FreePosterior.from_answers(self.pairs, self.chosen, config),
             StepPosterior.from_answers(self.steps, self.chosen),
+        )
+
+
+class _MeanOverPeople:
+    """What one more person of these is expected to want: the mean of what each one's posterior expects, in the scale of
+    each; how unsure: by how much they differ, and how unsure each posterior is."""
+
+    def __init__(
+        self, posteriors: Sequence[FreePosterior] | Sequence[StepPosterior], scales: Doubles, symmetry: bool
+    ) -> None:
+        self._posteriors, self._scales, self.left_right_symmetry = posteriors, scales, symmetry
+
+    def advantages(self, differences: Any) -> tuple[Doubles, Doubles]:
+        means, deviations = map(
+            np.array, zip(*(posterior.advantages(differences) for posterior in self._posteriors), strict=True)
+        )
+        means, deviations = means / self._scales[:, None], deviations / self._scales[:, None]
+        spread = means.var(0, ddof=1) if len(means) > 1 else 0.0
+        return means.mean(0), np.sqrt(spread + np.square(deviations).mean(0))
+
+
+@dataclass(frozen=True)
+class PeopleInGeneral:
+    """What several people answered, each for themselves. of_people (n, 2): the largest gain that each one's posteriors
+    expect of any policy on average: in these, everybody counts alike."""
+
+    people: tuple[Answers, ...]
+    of_people: Doubles
+
+    caution = 0.3
+    """As CAUTION, of what one more person wants. Chosen on populations of the tuning families (6 of them, two seeds): with 0.2 more of the new people are harmed."""
+
+    @property
+    def setup(self) -> str:
+        return self.people[0].setup
+
+    @property
+    def left_right_symmetry(self) -> bool:
+        return self.people[0].left_right_symmetry
+
+    def __len__(self) -> int:
+        return sum(map(len, self.people))
+
+    @cached_property
+    def believed(self) -> tuple[_MeanOverPeople, _MeanOverPeople]:
+        free, steps = ([person.believed[k] for person in self.people] for k in range(2))
+        symmetry = self.left_right_symmetry
+        return (
+            _MeanOverPeople(free, self.of_people[:, 0], symmetry),
+            _MeanOverPeople(steps, self.of_people[:, 1], symmetry),
         )
 
 
@@ -91,7 +150,7 @@ class RolloutDifferences:
         pairs = PairDifferences.between(basis.setup, of_all[n:], of_all[again])
         return cls(usable, pairs, basis.between(means[n:], means[again]))
 
-    def expected(self, answers: Answers, scales: Doubles, caution: float = CAUTION) -> Doubles:
+    def expected(self, answers: Answers | PeopleInGeneral, scales: Doubles) -> Doubles:
         """(n, scenes) what each rollout is expected to gain over the base policy's by both posteriors, less the
         caution; minus infinity of those that are not usable. scales (2,): gains that count as much by the one as by
         the other."""
@@ -100,7 +159,7 @@ class RolloutDifferences:
         for (mean, deviation), scale in zip(
             (free.advantages(self.pairs), steps.advantages(self.steps)), scales, strict=True
         ):
-            gains += (mean - caution * deviation) / scale
+            gains += (mean - answers.caution * deviation) / scale
         return np.where(self.usable, gains.reshape(self.usable.shape), -np.inf)
 
 
@@ -112,7 +171,7 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
     setup: str
     policies: tuple[Policy, ...]
     basis: StepBasis
-    answers: Answers
+    answers: Answers | PeopleInGeneral
     scales: Doubles
     made_for: str = ""
 
@@ -122,13 +181,13 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
 
     def __post_init__(self) -> None:
         named = {f"policy {k}": policy.setup for k, policy in enumerate(self.policies)}
-        require_same(setup=self.setup, basis=self.basis.setup, answers=self.answers.pairs.setup, **named)
+        require_same(setup=self.setup, basis=self.basis.setup, answers=self.answers.setup, **named)
         if not 2 <= len(self.policies) <= MOST_POLICIES:
             raise PolicyError(
                 f"policies = {len(self.policies)}: needs the base policy and 1 to {MOST_POLICIES - 1} more"
             )
-        if len(self.answers.chosen) > MOST_ANSWERS:
-            raise PolicyError(f"answers = {len(self.answers.chosen)}: at most {MOST_ANSWERS}")
+        if len(self.answers) > MOST_ANSWERS:
+            raise PolicyError(f"answers = {len(self.answers)}: at most {MOST_ANSWERS}")
         if self.scales.shape != (2,) or not (np.isfinite(self.scales) & (self.scales > 0)).all():
             raise PolicyError(f"scales = {self.scales.tolist()}: needs two numbers above 0")
 
@@ -157,8 +216,8 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
             "setup": self.setup,
             "chooses": "in each scene the policy whose rollout there is expected to be liked most, else the first",
             "policies": [policy.digest() for policy in self.policies],
-            "answers": len(self.answers.chosen),
-            "caution": CAUTION,
+            "answers": len(self.answers),
+            "caution": self.answers.caution,
             "policy_sha256": self.digest(),
         }
 
@@ -184,12 +243,21 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
             }
             for policy in self.policies
         ]
-        answers = self.answers
-        arrays |= {f"pairs_{name}": getattr(answers.pairs, name) for name in OF_PAIRS}
-        arrays |= {"steps": answers.steps, "chosen": answers.chosen, "scales": self.scales}
+        people = self.answers.people if isinstance(self.answers, PeopleInGeneral) else (self.answers,)
+        arrays |= {f"pairs_{name}": np.concatenate([getattr(one.pairs, name) for one in people]) for name in OF_PAIRS}
+        arrays |= {"steps": np.concatenate([one.steps for one in people]), "scales": self.scales}
+        arrays |= {"chosen": np.concatenate([one.chosen for one in people])}
         arrays |= {f"basis_{name}": part for name, part in self.basis.to_arrays().items()}
-        symmetry = answers.left_right_symmetry
-        return {"setup": self.setup, "made_for": self.made_for, "symmetry": symmetry, "policies": policies}, arrays
+        header: dict[str, object] = {
+            "setup": self.setup,
+            "made_for": self.made_for,
+            "symmetry": self.answers.left_right_symmetry,
+            "policies": policies,
+        }
+        if isinstance(self.answers, PeopleInGeneral):
+            header["people"] = [len(one) for one in people]
+            arrays["of_people"] = self.answers.of_people
+        return header, arrays
 
     @classmethod
     def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> Self:
@@ -220,7 +288,10 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
         expected = [(n, len(SPANS_S), len(MEASURES)), (n, len(NAMES)), (n, SIZE), (n, basis.size), (n,)]
         if shapes != expected:
             raise ValueError(f"answers have shapes {shapes}; needed are {expected}")
-        return cls(setup, policies, basis, answers, _finite(arrays, "scales"), str(header.get("made_for", "")))
+        believer: Answers | PeopleInGeneral = answers
+        if "people" in header:
+            believer = _several(answers, [int(count) for count in header["people"]], _finite(arrays, "of_people"))
+        return cls(setup, policies, basis, believer, _finite(arrays, "scales"), str(header.get("made_for", "")))
 
 
 class _ChoosesAndDrives(SensingPolicy):
@@ -263,6 +334,21 @@ def roll_out_all(
     trajectories = rollout(get_setup(basis.setup), side_by_side, [*scenes] * len(policies))
     usual, *own = [trajectories[k : k + len(scenes)] for k in range(0, len(trajectories), len(scenes))]
     return RolloutDifferences.of(basis, usual, own, left_right_symmetry=left_right_symmetry)
+
+
+def _several(answers: Answers, counts: Sequence[int], of_people: Doubles) -> PeopleInGeneral:
+    """Everybody's, of who stands behind whom. Raises ValueError for counts or scales that do not fit."""
+    if min(counts, default=0) < 1 or sum(counts) != len(answers) or of_people.shape != (len(counts), 2):
+        raise ValueError(f"people = {list(counts)}: {len(answers)} answers and {of_people.shape} scales do not fit")
+    if not (of_people > 0).all():
+        raise ValueError("of_people: needs numbers above 0")
+    ends = np.cumsum(counts)
+    rows = [slice(int(end - count), int(end)) for end, count in zip(ends, counts, strict=True)]
+    people = [
+        Answers(answers.pairs[row], answers.steps[row], answers.chosen[row], answers.left_right_symmetry)
+        for row in rows
+    ]
+    return PeopleInGeneral(tuple(people), of_people)
 
 
 def _smallest(layer: Floats) -> NDArray[np.floating[Any]]:

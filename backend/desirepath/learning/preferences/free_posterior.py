@@ -97,6 +97,10 @@ class FreePosterior:
             posterior = posterior.updated(differences[[k]], bool(choice))
         return posterior
 
+    @property
+    def left_right_symmetry(self) -> bool:
+        return self.config.posterior.left_right_symmetry
+
     def updated(self, difference: PairDifferences, a_chosen: bool) -> FreePosterior:
         """After one more answer, to one pair."""
         probability = float(self.objectives.predict(difference.seen)[0])
@@ -244,7 +248,7 @@ class FreePosterior:
 
     @cached_property
     def _reference(self) -> PairDifferences:
-        return reference_differences(self.setup, self.config.posterior.left_right_symmetry)
+        return reference_differences(self.setup, self.left_right_symmetry)
 
     def _see(self, differences: PairDifferences, way: str) -> Seen:
         if way in self._priors:

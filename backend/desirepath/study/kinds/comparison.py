@@ -22,7 +22,7 @@ from desirepath.study.personalising.lending import policy_key
 from desirepath.study.steps import Pace, Planning, Stage, Step
 from desirepath.study.wire import AboutQuery, ChoiceAnswer
 
-MADE_FOR = {"base": "comparisons", "neutral": "neutral", "other": "yoked"}
+MADE_FOR = {"base": "comparisons", "neutral": "neutral", "population": "population", "other": "yoked"}
 """Opponent -> where a job's result has the rollouts against it."""
 
 
@@ -35,7 +35,10 @@ class ComparisonStage(Stage):
     and was lent to nobody else yet, where there is one, so that people who finish together are lent different ones. Who
     prefers the own one there does not merely like what everybody likes. `stand_ins`: before there is one, a simulated
     person's is lent, from the setup's card. `neutral`: likewise against the conditioned policy without preferences,
-    which is of the own one's kind (own against base compares two kinds of policy, too).
+    which is of the own one's kind (own against base compares two kinds of policy, too). `population` (with recipe
+    `each_scene`): likewise against the policy that chooses by what earlier participants want, made of those of the
+    same study, version and group who consented to training; from the fifth on, where what it expects comes true for
+    those who are left out of it.
     """
 
     model_config = an_example({"arms": ["base", "own"], "scenes": 3})
@@ -43,7 +46,7 @@ class ComparisonStage(Stage):
     once = True
     for_everybody = True
 
-    arms: tuple[Literal["base", "dwa", "neutral", "own", "other"], ...] = ("base", "own")
+    arms: tuple[Literal["base", "dwa", "neutral", "population", "own", "other"], ...] = ("base", "own")
     scenes: int = Field(3, ge=1, le=10)
     stand_ins: bool = False
     blind: Literal[True] = True
@@ -54,9 +57,10 @@ class ComparisonStage(Stage):
     @classmethod
     def _can_be(cls, arms: tuple[str, ...]) -> tuple[str, ...]:
         if arms != ("dwa", "own"):
-            in_order = tuple(arm for arm in ("base", "neutral", "own", "other") if arm in arms)
+            in_order = tuple(arm for arm in ("base", "neutral", "population", "own", "other") if arm in arms)
             if arms != in_order or "own" not in arms or len(arms) < 2:
-                raise ValueError("must be [dwa, own], or own and some of the others of [base, neutral, own, other]")
+                arms_in_order = "[base, neutral, population, own, other]"
+                raise ValueError(f"must be [dwa, own], or own and some of the others of {arms_in_order}")
         return arms
 
     @property
@@ -83,7 +87,7 @@ class ComparisonStage(Stage):
                     "number": number,
                     "of": len(against),
                     "sides_swapped": bool(at.random.integers(2)),
-                    **({"against": opponent} if opponent in ("neutral", "other") else {}),
+                    **({} if opponent in ("base", "dwa") else {"against": opponent}),
                 }
             )
             for number, opponent in enumerate(against, 1)
@@ -105,11 +109,11 @@ class PairStep(Step):
 
 
 class ComparisonStep(PairStep):
-    """sides_swapped: the own policy's trajectory is shown as A. against: base (also DWA), neutral or other."""
+    """sides_swapped: the own policy's trajectory is shown as A. against: base (also DWA), or which other arm."""
 
     kind: Literal["comparison"]
     sides_swapped: bool
-    against: Literal["base", "neutral", "other"] = "base"
+    against: Literal["base", "neutral", "population", "other"] = "base"
 
 
 S = TypeVar("S", bound=PairStep)

@@ -52,7 +52,7 @@ def count_comparisons(s: DatabaseSession, session: Session) -> list[dict[str, An
     pairs: Counter[str] = Counter()
     own: Counter[str] = Counter()
     for arms, value in s.execute(_select_answered(session, "comparison")):
-        against = next((opponent for opponent in ("neutral", "other") if opponent in arms), "base")
+        against = next((opponent for opponent in ("neutral", "population", "other") if opponent in arms), "base")
         against = "stand_in" if arms.get("stand_in") else "dwa" if "dwa" in arms.values() else against
         pairs[against] += 1
         own[against] += value["choice"] == arms["own"]

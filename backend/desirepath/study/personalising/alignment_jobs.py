@@ -73,6 +73,10 @@ def start_training(acting: Acting) -> None:
         lent = lend_policy(s, session, setup=snapshot.setup, stand_ins=training.stand_ins)
     neutral = {"neutral": training.scenes} if "neutral" in training.opponents else {}
     earlier = earlier_snapshots(s, session) if training.prior == "earlier_participants" else []
+    in_general = {}
+    if "population" in training.opponents:
+        people = ",".join(earlier_snapshots(s, session))
+        in_general = {"population": training.scenes, "people": people} if people else {}
     priority = _priority(session, training)
     recipes = {training.recipe: priority}
     if training.recipe == "instant":
@@ -88,6 +92,7 @@ def start_training(acting: Acting) -> None:
                 "other": None,
                 **lent,
                 **neutral,
+                **in_general,
                 **({"earlier": ",".join(earlier)} if earlier else {}),
                 "surely_better": SURELY_BETTER,
                 "symmetry": acting.frozen.protocol.symmetry,

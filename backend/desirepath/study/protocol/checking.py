@@ -81,14 +81,17 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
             )
             yield at(first("train"), message)
         if learning.prior != "none":
-            yield from _prior(protocol, learning, ("stages", first("train"), "train", "prior"), source)
+            yield from _earlier(protocol, learning, ("stages", first("train"), "train", "prior"), source)
         own = kinds[: first("train")].count("appointment")
         for index, kind in enumerate(kinds):
             if kind in (*taught_by, "comparison") and kinds[:index].count("appointment") != own:
                 yield at(index, "stands in another appointment than train, which learns from and shows its own only")
         compared = protocol.stage_of(ComparisonStage)
         if compared is not None:
-            yield from _arms(compared, learning, ("stages", first("comparison"), "comparison"), source)
+            at_comparison = ("stages", first("comparison"), "comparison")
+            yield from _arms(compared, learning, at_comparison, source)
+            if "population" in compared.arms:
+                yield from _earlier(protocol, learning, (*at_comparison, "arms"), source)
     if "comparison" in kinds and first("comparison") < first("train"):
         yield at(first("comparison"), "needs a train stage before it that makes the participant's own policy")
     asked_in, taught = (protocol.query_set or "").partition("/")[0], setups_with("conditioned")
@@ -111,8 +114,8 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
             yield source.problem(("stages", index, "when"), f"cannot stand beside {entry.kind}, which everybody meets")
 
 
-def _prior(protocol: Protocol, learning: TrainStage, here: Path, source: Source) -> Iterator[Problem]:
-    """Where nobody can be learned from before."""
+def _earlier(protocol: Protocol, learning: TrainStage, here: Path, source: Source) -> Iterator[Problem]:
+    """Where nobody who took part before can be learned from."""
     consent = protocol.stage_of(ConsentStage)
     if learning.job != "align":
         yield source.problem(here, "needs job align: nothing is learned from others' paths")
@@ -125,12 +128,14 @@ def _prior(protocol: Protocol, learning: TrainStage, here: Path, source: Source)
 def _arms(compared: ComparisonStage, learning: TrainStage, here: Path, source: Source) -> Iterator[Problem]:
     """Opponents that there cannot be after that training."""
     if (learning.job == "align") == ("dwa" in compared.arms):
-        arms = "own with some of base, neutral and other" if learning.job == "align" else "[dwa, own]"
+        arms = "own with some of base, neutral, population and other" if learning.job == "align" else "[dwa, own]"
         yield source.problem((*here, "arms"), f"must be {arms} after a train stage with job {learning.job}")
     elif learning.recipe != "instant" and ("neutral" in compared.arms or compared.stand_ins):
         what = "arms" if "neutral" in compared.arms else "stand_ins"
         message = "needs recipe instant: it is the conditioned policy, and the own one would be of another kind"
         yield source.problem((*here, what), message)
+    elif "population" in compared.arms and learning.recipe != EACH_SCENE:
+        yield source.problem((*here, "arms"), f"population needs recipe {EACH_SCENE}: it is a choice per scene, too")
     elif compared.stand_ins and "other" not in compared.arms:
         yield source.problem((*here, "stand_ins"), "lend policies of others; add other to the arms, or remove it")
 

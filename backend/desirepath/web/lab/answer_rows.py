@@ -68,7 +68,7 @@ class Answer:
             right: bool | None = self.response.value.get("right")
             return right
         arms = (self.trial.arms or {}) if self.trial else {}
-        own = None if {"other", "neutral"} & arms.keys() else arms.get("own")
+        own = None if {"other", "neutral", "population"} & arms.keys() else arms.get("own")
         return None if own is None else self.response.value.get("choice") == own
 
     @property
