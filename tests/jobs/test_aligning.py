@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,7 +24,7 @@ from desirepath.jobs.kept_artefacts import ArtefactError
 from desirepath.jobs.kinds import RewardModelParams
 from desirepath.jobs.runners import learn_reward_model
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.choosing import ChoosingPolicy
+from desirepath.learning.policies.choosing import ChoosingPolicy, PeopleInGeneral
 from desirepath.learning.policies.policy import Policy, read_policy
 from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.learning.policies.stand_ins import load_stand_ins
@@ -35,7 +36,7 @@ from desirepath.store.artefacts import ArtefactStore, lineage, load_trajectory
 from desirepath.store.database import Database
 from desirepath.store.erasure import erase_participant
 from desirepath.store.job_results import AlignResult, RewardModelResult
-from desirepath.store.models import Artefact, Job, Participant, Response, TrajectoryRow, utc_now
+from desirepath.store.models import Artefact, Job, Participant, Response, Session, TrajectoryRow, utc_now
 from desirepath.store.outbox import enqueue_job
 from desirepath.store.shipped_policies import policy_artefact, register_shipped
 from desirepath.store.snapshots import take_snapshot
@@ -411,3 +412,60 @@ def test_an_erasure_while_the_job_runs_leaves_no_file_of_what_was_derived(
     with database.session() as s:
         of_base = TrajectoryRow.made_by == policy_artefact(s, "study_room/base").id
         assert set(files.names()) - before <= set(s.scalars(select(TrajectoryRow.id).where(of_base)))
+
+
+def with_those_before(snapshot: str, people: list[str]) -> EachSceneParams:
+    return EachSceneParams(
+        snapshot=snapshot, gate_scenes=50, comparisons=1, policies=3, population=2, people=",".join(people)
+    )
+
+
+@pytest.fixture(scope="module")
+def five(services) -> list[str]:
+    """Snapshots of five who want the same."""
+    return [snapshot_of(services, answers=8 + k, name=f"Before {k}") for k in range(5)]
+
+
+def test_the_own_policy_is_compared_with_what_those_before_want_and_nothing_of_who_is_erased_stays(services, five):
+    settings, database, files = services
+    own = snapshot_of(services, answers=9, oracle="network:31")
+    params = with_those_before(own, five)
+    context = begin(services, "align", params.model_dump())
+    result = aligned(context, params)
+    told = result["in_general"]
+    assert (told["people"], told["passed"]) == (5, True)
+    assert told["at_least"] > 0.55
+    assert 1 <= len(result["population"]) <= 2
+    shown = {pair["scene_seed"] for pair in result["comparisons"]}
+    assert not shown & {pair["scene_seed"] for pair in result["population"]}
+    with database.session() as s:
+        made_by = s.scalars(select(Artefact.id).where(Artefact.name.startswith("policy in general"))).one()
+        assert {own, *five} <= {parent.artefact.id for parent in lineage(s, made_by).parents}
+        answered = select(Response.id).where(Response.id.in_(lineage(s, five[0]).all_answers()))
+        whose = select(Session.participant_id).join(Response).where(Response.id.in_(answered)).distinct()
+        person = s.scalars(whose).one()
+    policy = read_policy(files.get(made_by))
+    assert isinstance(policy, ChoosingPolicy)
+    assert isinstance(policy.answers, PeopleInGeneral)
+    assert [len(one) for one in policy.answers.people] == [8, 9, 10, 11, 12]
+
+    erase_participant(database, files, person, "tester", data=settings.data, compact=False)
+    with database.session() as s:
+        assert s.get_one(Artefact, made_by).quarantined_at is not None
+        assert s.get_one(Artefact, result["policy"]).quarantined_at is None, "learned from own answers alone"
+        assert s.get_one(Job, context.job.id).params["people"] == ",".join(five[1:])
+        left = s.scalars(select(Artefact.card)).all()
+    assert made_by not in files.names(), "it held their answers"
+    assert all(five[0] not in json.dumps(card) for card in left)
+    again = aligned(begin(services, "align", params.model_dump()), params)
+    assert again["in_general"] == {"people": 4, "passed": False}, "four are too few"
+    assert "population" not in again
+
+
+def test_people_who_want_different_things_are_no_population(services):
+    wants = ["min-human-distance", "network:31", "network:7", "thresholds:2", "network:5", "lexicographic:3"]
+    people = [snapshot_of(services, answers=8, name=f"Apart {k}", oracle=want) for k, want in enumerate(wants)]
+    params = with_those_before(snapshot_of(services, answers=9), people)
+    result = aligned(begin(services, "align", params.model_dump()), params)
+    assert (result["in_general"]["people"], result["in_general"]["passed"]) == (6, False)
+    assert "population" not in result

@@ -77,3 +77,23 @@ def test_a_prior_that_there_cannot_be_is_refused(twenty_queries, change, told):
     with pytest.raises(ProtocolError) as refused:
         freeze_text(text_of(twenty_queries, **change))
     assert any("prior" in problem.field and told in problem.message for problem in refused.value.problems)
+
+
+def test_those_before_are_an_arm_of_their_own_where_the_protocol_says_so(database, files, twenty_queries):
+    text = text_of(twenty_queries, "none").replace("recipe: instant,", "recipe: each_scene,")
+    text = text.replace("arms: [base, own]", "arms: [base, population, own]")
+    text = text.replace("scenes: 3, view: top_down}", "scenes: 3, view: top_down, preferred: 2}")
+    with database.transaction() as s:
+        study = create_study(s, files, freeze_text(text), name="In general", created_by=None)
+    walkers = [answered(database, files, study) for _ in range(3)]
+    with database.session() as s:
+        jobs = {job.session_id: job.params for job in s.scalars(select(Job))}
+    first, second, last = (jobs[walker.session.id] for walker in walkers)
+    assert "people" not in first
+    assert last["people"].split(",") == [second["snapshot"], first["snapshot"]]
+    assert last["population"] == last["comparisons"]
+    erase_participant(database, files, walkers[0].session.participant_id, "tests")
+    with database.session() as s:
+        kept = {job.session_id: job.params for job in s.scalars(select(Job))}
+    assert kept[walkers[2].session.id]["people"] == second["snapshot"]
+    assert kept[walkers[1].session.id]["people"] == "", "their own robot stays, though there is nobody before them now"

@@ -257,12 +257,42 @@ def test_who_must_have_preferred_their_robot_meets_it_only_then(walk, own_chosen
         assert (about["outcome"], about["compared"]) == ("shown", [{"against": "base", "own": 0, "pairs": 1}])
 
 
+def test_what_those_before_want_is_an_arm_of_the_comparison_and_of_the_report(walk, files):
+    consent = {"consent": {"text": "consent.md", "version": "1", "purposes": {"training": {"en": "Learn from it?"}}}}
+    given = {"given": True, "version": "1", "purposes": {"training": True}}
+    train = {"train": {"job": "align", "recipe": "each_scene"}}
+    arms = {"comparison": {"arms": ["base", "population", "own"], "scenes": 1, "guess": False}}
+    walker = walk(LEARN, train, arms, consent_stage=consent, consent=given)
+    for _ in range(3):
+        key = walker.view.key
+        walker.watch(key)
+        walker.submit(key, {"choice": "a"})
+    with walker.database.session() as s:
+        query = queries_of_study(s, walker.files, s.get_one(Study, walker.session.study_id))[0]
+    learned(walker, population=[{"population": query.trajectory_a, "own": query.trajectory_b}])
+    for _ in range(2):
+        with walker.database.session() as s:
+            arms = s.scalars(select(Trial).where(Trial.step_key == walker.view.key)).one().arms
+        key = walker.view.key
+        walker.watch(key)
+        walker.submit(key, {"choice": arms["own"]})
+    compared = walker.view.payload["about"]["compared"]
+    assert sorted((of["against"], of["own"]) for of in compared) == [("base", 1), ("population", 1)]
+    with walker.database.session() as s:
+        data, load = read_study(s, files, s.get_one(Study, walker.session.study_id))
+    assert {(of.chosen, of.rejected) for of in data.comparisons} == {("own", "base"), ("own", "population")}
+    found = analyse(data, load, "people", AnalysisPlan(sessions="all"), intervals=False)
+    assert [of.against for of in found.personalised] == ["base", "population"]
+
+
 @pytest.mark.parametrize(
     ("train", "comparison", "meet", "told"),
     [
         ({"prior": "earlier_participants"}, {}, {}, "own answers alone"),
         ({"ask_on": {"at_most": 2, "each": 2}}, {}, {}, "whose comparison decides"),
         ({}, {"arms": ["own", "other"]}, {}, "needs a comparison with base"),
+        ({}, {"arms": ["base", "population", "own"]}, {}, "needs the purpose 'training'"),
+        ({"recipe": "instant"}, {"arms": ["base", "population", "own"]}, {}, "population needs recipe each_scene"),
         ({}, {}, {"preferred": None}, "needs `preferred` of meet_your_robot"),
         ({}, {"scenes": 2}, {"preferred": 3}, "at most the comparison's scenes with base, 2"),
     ],

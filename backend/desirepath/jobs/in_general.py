@@ -50,24 +50,27 @@ def policy_in_general(
     gate = at_gate(policy, base[0], gate_rule(params), seed=params.seed)
     if not decide(gate).passed:
         return told, None
-    told["passed"] = True
-    artefact = keep(
-        context,
-        kind="policy",
-        name=f"policy in general: {len(people)} people before {own.name}, seed {params.seed}",
-        setup=policy.setup,
-        content=replace(policy, made_for=own.id).to_bytes(),
-        params=params,
-        config={"recipe": params.recipe, IN_GENERAL: len(people), "policies": len(policy.policies)},
-        results={"gate": gate.as_dict(), "left_out": told},
-        parents=[
-            (base[1], "base"),
-            (own, "compared_by"),
-            *((snapshot, f"answers {number}") for number, snapshot in enumerate(snapshots, 1)),
-        ],
-        departures=[DEPARTURES["each_scene"], DEPARTURES["policy_library"], DEPARTURES["recovery"]],
-    )
-    return told, (policy, artefact)
+    try:
+        artefact = keep(
+            context,
+            kind="policy",
+            name=f"policy in general: {len(people)} people before {own.name}, seed {params.seed}",
+            setup=policy.setup,
+            content=replace(policy, made_for=own.id).to_bytes(),
+            params=params,
+            config={"recipe": params.recipe, IN_GENERAL: len(people), "policies": len(policy.policies)},
+            results={"gate": gate.as_dict(), "left_out": asdict(common)},
+            parents=[
+                (base[1], "base"),
+                (own, "compared_by"),
+                *((snapshot, f"answers {number}") for number, snapshot in enumerate(snapshots, 1)),
+            ],
+            departures=[DEPARTURES["each_scene"], DEPARTURES["policy_library"], DEPARTURES["recovery"]],
+        )
+    except ArtefactError as gone:  # somebody of them is being erased; the own policy is compared all the same
+        log.warning("earlier answers are gone", problem=str(gone))
+        return told, None
+    return {**told, "passed": True}, (policy, artefact)
 
 
 def _earlier(context: JobContext, params: EachSceneParams, setup: str) -> tuple[list[Answers], list[Artefact]]:

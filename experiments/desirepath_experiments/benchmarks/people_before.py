@@ -301,7 +301,7 @@ def measure(room: Room, before: Any, ways: dict[str, Any], new: str, number: int
         known = [free._few.predict(differences.seen)]
         known += [way.process.predict(seen, sharper) for way, seen in free._of(differences)]
         rows = asked[:after]
-        heavy = replace(free, before=before, config=replace(CONFIG, nine=0.05, families=0.03, before=0.9 / 0.95))
+        heavy = replace(free, before=before, config=replace(CONFIG, nine=0.05, families=0.57, before=0.9 / 0.95))
         note("today++", after, heavy.predict(differences))
         for name, way in ways.items():
             parts = way(room.seen[rows], signs[:after], room.seen[test], sharper)

@@ -77,9 +77,7 @@ class _MeanOverPeople:
     """What one more person of these is expected to want: the mean of what each one's posterior expects, in the scale of
     each; how unsure: by how much they differ, and how unsure each posterior is."""
 
-    def __init__(
-        self, posteriors: Sequence[FreePosterior] | Sequence[StepPosterior], scales: Doubles, symmetry: bool
-    ) -> None:
+    def __init__(self, posteriors: Sequence[FreePosterior | StepPosterior], scales: Doubles, symmetry: bool) -> None:
         self._posteriors, self._scales, self.left_right_symmetry = posteriors, scales, symmetry
 
     def advantages(self, differences: Any) -> tuple[Doubles, Doubles]:
@@ -100,7 +98,8 @@ class PeopleInGeneral:
     of_people: Doubles
 
     caution = 0.3
-    """As CAUTION, of what one more person wants. Chosen on populations of the tuning families (6 of them, two seeds): with 0.2 more of the new people are harmed."""
+    """As CAUTION, of what one more person wants. Chosen on populations of the tuning families (six, two seeds each):
+    with 0.2 more is gained, and more of the new people are harmed, by more."""
 
     @property
     def setup(self) -> str:
