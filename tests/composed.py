@@ -57,8 +57,7 @@ DRAIN_S = 30.0
 LOOK_S = 0.1
 BEFORE_S, GOING_ON_S = 3.0, 90.0  # people are under way before an upgrade begins; the longest until they go on after it
 QUICK_STUDY = "study_protocols/quick_preference_study.yaml"
-# Watched by each participant. Trajectories play at their own speed, so the study's fifteen take ten minutes; after less
-# than six the robot that learned is seldom surely better, and the study leaves the comparison out.
+# Watched by each participant. Trajectories play at their own speed, so the study's fifteen take ten minutes.
 PAIRS = 6
 BACKUP = f"s3://{BUCKET}/backups/walked.tar"
 
@@ -272,7 +271,11 @@ def shortened(pairs: int, into: Path) -> Path:
     shutil.copytree(ROOT / Path(QUICK_STUDY).parent, into)
     file = into / Path(QUICK_STUDY).name
     written = file.read_text(encoding="utf-8")
-    for here, there in (("count: 15, choose", f"count: {pairs}, choose"), ("scenes: 3, blind", "scenes: 1, blind")):
+    for here, there in (
+        ("count: 15, choose", f"count: {pairs}, choose"),
+        ("scenes: 6, blind", "scenes: 1, blind"),
+        ("preferred: 4", "preferred: 1"),
+    ):
         if written.count(here) != 1:
             raise ComposeError(f"{QUICK_STUDY}: has {here!r} {written.count(here)} times, not once")
         written = written.replace(here, there)

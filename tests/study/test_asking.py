@@ -143,10 +143,7 @@ def test_the_stopping_rule_ends_the_queries_and_the_training_starts(make_walker)
     trials = trials_of(walker)
     assert [trial.role for trial in trials] == ["practice"] + ["regular"] * 3 + ["repeat"] * 3
     assert len(events_of(walker, "queries_ended")) == 1
-    assert [event.data["recipe"] for event in events_of(walker, "training_started")] == [
-        "instant",
-        "conditioning_search",
-    ]
+    assert [event.data["recipe"] for event in events_of(walker, "training_started")] == ["each_scene"]
     with walker.database.session() as s:
         stored = s.scalars(select(Response).where(Response.session_id == walker.session.id)).all()
     assert sum(response.trial_id is not None for response in stored) == 7
@@ -195,4 +192,4 @@ def test_blocks_that_must_ask_the_same_cannot_choose():
     block = "  - block:\n      view: immersive\n      trials: [{queries: {count: 15}}]\n"
     text = QUICK.read_text().replace(PLAIN, "queries: {count: 15, choose: information}")
     with pytest.raises(ProtocolError, match="blocks show the same queries"):
-        freeze_text(text.replace("  # With the 15th", block + "  # With the 15th"))
+        freeze_text(text.replace("  # In each scene", block + "  # In each scene"))

@@ -12,13 +12,13 @@ from desirepath.store.models import Event, Job, Participant, Session, utc_now
 from desirepath.study.personalising.alignment_jobs import earlier_snapshots
 from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.studies import create_study
-from tests.study.walking import QUICK, Walker
+from tests.study.walking import INSTANT, Walker
 
 PURPOSE = "version: 2026-11, purposes: {training: {en: Models may learn from my answers., de: Modelle dürfen lernen.}}"
 
 
 def text_of(twenty_queries, prior="earlier_participants", consent=PURPOSE):
-    text = QUICK.read_text().replace("study_room/queries_varied_200", str(twenty_queries))
+    text = INSTANT.replace("study_room/queries_varied_200", str(twenty_queries))
     text = text.replace("choose: information", "choose: random").replace("count: 15", "count: 3")
     text = text.replace("recipe: instant,", f"recipe: instant, prior: {prior},")
     return text.replace("version: 2026-11", consent)

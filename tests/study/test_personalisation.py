@@ -28,7 +28,7 @@ from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
 from desirepath.study.studies import create_study, queries_of_study
-from tests.study.walking import ITEMS, QUICK, Walker
+from tests.study.walking import INSTANT, ITEMS, Walker
 
 
 @pytest.fixture
@@ -191,7 +191,7 @@ def test_a_job_that_has_ended_during_the_questionnaire_leaves_nothing_to_wait_fo
 
 def test_too_few_usable_answers_train_nothing(database, files, twenty_queries):
     text = (
-        QUICK.read_text().replace("count: 15", "count: 1").replace("study_room/queries_varied_200", str(twenty_queries))
+        INSTANT.replace("count: 15", "count: 1").replace("study_room/queries_varied_200", str(twenty_queries))
     )
     with database.transaction() as s:
         study = create_study(s, files, freeze_text(text), name="Small", created_by=None)
@@ -383,7 +383,7 @@ def test_leaving_cancels_both(database, instant):
 
 
 def yoked_study(database, files, twenty_queries):
-    text = QUICK.read_text().replace("study_room/queries_varied_200", str(twenty_queries))
+    text = INSTANT.replace("study_room/queries_varied_200", str(twenty_queries))
     text = text.replace("choose: information", "choose: random").replace("count: 15", "count: 3")
     text = text.replace("arms: [base, own], scenes: 3", "arms: [base, own, other], scenes: 2")
     with database.transaction() as s:
@@ -471,7 +471,7 @@ def test_a_pilots_policy_is_lent_to_nobody_after_it(database, files, twenty_quer
 
 
 def lending_study(database, files, twenty_queries, arms="[base, neutral, own, other], stand_ins: true, scenes: 1"):
-    text = QUICK.read_text().replace("study_room/queries_varied_200", str(twenty_queries))
+    text = INSTANT.replace("study_room/queries_varied_200", str(twenty_queries))
     text = text.replace("choose: information", "choose: random").replace("count: 15", "count: 3")
     text = text.replace("arms: [base, own], scenes: 3", f"arms: {arms}")
     with database.transaction() as s:
@@ -581,7 +581,7 @@ def test_neutral_and_stand_in_are_arms_that_the_report_tells_apart(database, fil
     ],
 )
 def test_arms_that_there_cannot_be_are_refused(comparison, recipe, field, told):
-    text = QUICK.read_text().replace("arms: [base, own], scenes: 3", comparison)
+    text = INSTANT.replace("arms: [base, own], scenes: 3", comparison)
     text = text.replace("recipe: instant", f"recipe: {recipe}")
     with pytest.raises(ProtocolError) as refused:
         freeze_text(text)

@@ -48,7 +48,7 @@ def test_the_quick_study_step_by_step():
         *("information", "consent", "questionnaire", "instruction"),
         *["trial"] * 16,
         *("questionnaire", "wait"),
-        *["comparison"] * 3,
+        *["comparison"] * 6,
         *("guess", "meet_your_robot", "debriefing"),
     ]
     assert Counter(step["role"] for step in trials(plan)) == {"practice": 1, "regular": 15}
@@ -102,7 +102,7 @@ def test_two_blocks_show_the_same_queries_with_the_same_sides_in_their_own_order
     one = TEXT.replace(
         "        - queries: {count: 1, role: practice}     # for practice: stored, marked, never analysed\n", ""
     )
-    protocol = freeze_text(one.replace("  # With the 15th", block + "  # With the 15th")).protocol
+    protocol = freeze_text(one.replace("  # In each scene", block + "  # In each scene")).protocol
     steps = trials(planned(protocol, 3, QUERIES))
     above = [step for step in steps if step["view"] == "top_down"]
     there = [step for step in steps if step["view"] == "immersive"]

@@ -113,11 +113,11 @@ def test_every_shipped_protocol_is_valid(file: Path):
             "did you mean study_room/queries_200",
         ),
         ("use: demographics", "use: demografics", "use:", "stages[2].questionnaire.use", "demografics", "no file"),
-        ("version: 1\n", "version: one\n", "version: 1", "version", "one", "a whole number"),
+        ("version: 2\n", "version: one\n", "version: 2", "version", "one", "a whole number"),
         ("languages: [en, de]", "languages: [en, de, fr]", "languages:", "languages[2]", "fr", "no title and no text"),
         ("texts/consent.md", "../consent.md", "consent:", "stages[1].consent.text", "../consent.md", "without '..'"),
         ("texts/consent.md", "texts/other.md", "consent:", "stages[1].consent.text", "texts/other.md", "other.de.md"),
-        ("scenes: 3", "scenes: many", "comparison:", "stages[6].comparison.scenes", "many", "a whole number"),
+        ("scenes: 6", "scenes: many", "comparison:", "stages[6].comparison.scenes", "many", "a whole number"),
         ("[base, own]", "[own, base]", "comparison:", "stages[6].comparison.arms", None, "[base, neutral, population, own, other]"),
         (
             "completion_code: random",
@@ -147,7 +147,7 @@ def test_a_missing_key_is_named_where_it_should_stand(tmp_path):
 
 
 def test_all_errors_are_told_at_once(tmp_path):
-    text = QUICK.read_text().replace("view: top_down", "view: below", 1).replace("scenes: 3", "scenes: 99", 1)
+    text = QUICK.read_text().replace("view: top_down", "view: below", 1).replace("scenes: 6", "scenes: 99", 1)
     with pytest.raises(ProtocolError) as wrong:
         freeze_text(text)
     assert {error["field"] for error in wrong.value.errors} == {"stages[4].block.view", "stages[6].comparison.scenes"}

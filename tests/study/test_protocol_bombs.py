@@ -54,7 +54,7 @@ CROSSED = QUICK.replace("view: top_down", f"each: {{view: [top_down, immersive],
     ("text", "field", "says"),
     [
         (QUICK + PAGE * 3_000, "stages[100]", "has 3,009 stages; a protocol has at most 100"),
-        (QUICK.replace("version: 1\n", "version: 3000000000\n"), "version", "at most 2147483647"),
+        (QUICK.replace("version: 2\n", "version: 3000000000\n"), "version", "at most 2147483647"),
         (MANY_TRIALS, "stages[4].block.trials", "brings a participant to 2,001 trials"),
         (CROSSED, "stages[4].block.each", "makes 128 conditions"),
     ],

@@ -20,6 +20,13 @@ from desirepath.study.session.joining import join_study
 from desirepath.study.studies import create_study
 
 QUICK = Path(__file__).resolve().parents[2] / "study_protocols" / "quick_preference_study.yaml"
+INSTANT = (
+    QUICK.read_text()
+    .replace("recipe: each_scene", "recipe: instant")
+    .replace("scenes: 6, blind", "scenes: 3, blind")
+    .replace(", preferred: 4", "")
+)
+"""The shipped protocol with one policy for all scenes, refined behind it, and three comparisons."""
 DEMOGRAPHICS = {"age": 44, "gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3}
 ITEMS = [
     *("ease", "confidence", "mental_effort", "clarity", "naturalness"),
@@ -46,11 +53,11 @@ def twenty_queries(folder: Path) -> Path:
 
 def furnish(folder: Path, queries: Path) -> None:
     """Make `folder` a data folder with three studies: "Short" asks three queries, "Full" asks fifteen, both drawn
-    at random and with one alignment; "Instant" is short, and as the shipped protocol."""
+    at random and with one alignment; "Instant" is short, and as `INSTANT`."""
     database = Database(f"sqlite:///{folder / 'desirepath.sqlite'}")
     database.migrate()
     files = ArtefactStore((folder / "artefacts").as_uri())
-    instant = QUICK.read_text().replace("study_room/queries_varied_200", str(queries))
+    instant = INSTANT.replace("study_room/queries_varied_200", str(queries))
     full = instant.replace("recipe: instant", "recipe: fine_tuning").replace("choose: information", "choose: random")
     few = ("count: 15", "count: 3")
     texts = {"Full": full, "Short": full.replace(*few), "Instant": instant.replace(*few)}

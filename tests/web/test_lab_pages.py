@@ -299,7 +299,7 @@ def test_report_counts_what_the_participants_chose(lab, lab_services, walked: Wa
     assert report["preferences"] == stored == 15 + 7
     assert (report["second_chosen"]["hits"], report["second_chosen"]["n"]) == (7 + 5, 22)
     assert report["decision_s"]["median"] == pytest.approx(1.5)
-    assert report["own_chosen"]["n"] == 3
+    assert report["own_chosen"]["n"] == 6
     assert report["people_mostly_own"]["n"] == report["guesses_right"]["n"] == 1
     assert report["personalisation"] == {"shown": 1}
     ease = next(item for item in report["items"] if item["key"] == "ease")
@@ -556,7 +556,7 @@ def test_an_answer_is_replayed_as_its_participant_saw_it(lab, lab_services, walk
     here = f"/lab/studies/{walked.id}"
     page = lab.get(f"{here}/people/{walked.finished}").text
     links = re.findall(rf'href="({here}/answers/[0-9a-f]+)"', page)
-    assert len(links) == 1 + 15 + 3 + 1, "practice, choices, comparisons, the guess about the last of them"
+    assert len(links) == 1 + 15 + 6 + 1, "practice, choices, comparisons, the guess about the last of them"
     assert links[0] in lab.get(f"{here}/answers?participant={walked.finished}").text
     shown = lab.get(links[2]).text
     assert f"{walked.finished} chose " in shown
