@@ -190,9 +190,7 @@ def test_a_job_that_has_ended_during_the_questionnaire_leaves_nothing_to_wait_fo
 
 
 def test_too_few_usable_answers_train_nothing(database, files, twenty_queries):
-    text = (
-        INSTANT.replace("count: 15", "count: 1").replace("study_room/queries_varied_200", str(twenty_queries))
-    )
+    text = INSTANT.replace("count: 15", "count: 1").replace("study_room/queries_varied_200", str(twenty_queries))
     with database.transaction() as s:
         study = create_study(s, files, freeze_text(text), name="Small", created_by=None)
     walker = Walker(database, files, study)
