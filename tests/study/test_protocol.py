@@ -118,7 +118,14 @@ def test_every_shipped_protocol_is_valid(file: Path):
         ("texts/consent.md", "../consent.md", "consent:", "stages[1].consent.text", "../consent.md", "without '..'"),
         ("texts/consent.md", "texts/other.md", "consent:", "stages[1].consent.text", "texts/other.md", "other.de.md"),
         ("scenes: 6", "scenes: many", "comparison:", "stages[6].comparison.scenes", "many", "a whole number"),
-        ("[base, own]", "[own, base]", "comparison:", "stages[6].comparison.arms", None, "[base, neutral, population, own, other]"),
+        (
+            "[base, own]",
+            "[own, base]",
+            "comparison:",
+            "stages[6].comparison.arms",
+            None,
+            "[base, neutral, population, own, ",
+        ),
         (
             "completion_code: random",
             "completion_code: no",
