@@ -42,7 +42,7 @@ class Stored:
     @property
     def command(self) -> str:
         """As it was stored, without the file it wrote."""
-        return re.sub(r" --(?:out|keep) (?!DIR\b)\S+| --json\b", "", str(self["command"]))
+        return re.sub(r" --(?:out|keep) (?!DIR\b)\S+| --(?:json|at-once)\b", "", str(self["command"]))
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@ and never has to wait for a training."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 from desirepath.learning.alignment.library_measures import measure_against
-from desirepath.learning.alignment.mix_search import MixSearchConfig, search_mixes
 from desirepath.learning.alignment.policy_library import (
     FORMAT_WITHOUT_MIXES,
     TIME,
@@ -23,7 +21,6 @@ from desirepath.learning.alignment.policy_library import (
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.people.card import member
-from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import (
     load_conditioned,
     load_policy,
@@ -38,7 +35,6 @@ from desirepath.learning.rewards.step_weights import step_differences
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.npz import from_npz, to_npz
 from desirepath.simulation.fast import rollout
-from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.shipping.policy_libraries import draw_directions, library_settings
@@ -169,31 +165,3 @@ def test_a_library_of_before_mixes_is_read_and_each_trained_policy_is_its_own(tm
         np.testing.assert_array_equal(layer, stored.astype(np.float32))
     halfway = mix_policies(base, few.actors, np.array([0.0, 0.5], dtype=np.float32))
     np.testing.assert_allclose(halfway.actor[0], (base.actor[0] + few.actors[1][0]) / 2, atol=1e-5)
-
-
-def test_a_search_among_mixes_finds_what_its_judge_likes_and_what_arrives() -> None:
-    library = load_policy_library("open_field")
-    assert library is not None
-    base, conditioned = load_policy("open_field/base"), load_conditioned("open_field/conditioned")
-    first = len(library.settings)
-    wished = sum(np.float32(0.3) * (library.actors[k][0] - base.actor[0]) for k in (0, 1))
-
-    def judge(policies: Sequence[Policy], scenes: Sequence[Scene]) -> np.ndarray:
-        assert len(scenes) == 5
-        return np.array([-np.square(one.actor[0] - base.actor[0] - wished).sum() for one in policies])
-
-    expected = -np.abs(np.arange(len(library)) - first - 2.0)  # the search begins there
-    config = MixSearchConfig(first=5, generations=4, children=8, scenes=5, arriving=60)
-    known = search_mixes(library, conditioned, base, expected, judge, config)
-    values = [value for _, value in known]
-    assert values == sorted(values, reverse=True)
-    scenes = scene_set("open_field", 5, purpose=Purpose.REPORT, seed=72)
-    assert values[0] > judge([library.policy(first + k, conditioned, base) for k in range(5)], scenes).max()
-    scenes = scene_set("open_field", 100, purpose=Purpose.REPORT, seed=72)
-    found = known[0][0].policy(library, conditioned.as_trained(), base)
-    assert (
-        np.mean(
-            [one.outcome == Outcome.SUCCESS for one in rollout(get_setup("open_field"), found.rollout_policy, scenes)]
-        )
-        > 0.9
-    )

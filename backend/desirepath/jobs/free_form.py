@@ -1,5 +1,5 @@
 """A policy for somebody whom the nine objectives do not describe: the best of the setup's library by what their answers
-say, and behind it one that a search among the library's mixes finds.
+say.
 
 Only where the answers are more probably about something else, and only what is surely better for this very person: the
 verdict is given in scenes of its own.
@@ -8,15 +8,12 @@ verdict is given in scenes of its own.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 
 from desirepath.jobs.aligned import gate_rule
 from desirepath.jobs.alignment import Aligned, AlignParams
 from desirepath.jobs.context import JobContext
 from desirepath.learning.alignment.gate import at_gate
-from desirepath.learning.alignment.mix_search import SCENES_SEED, MixSearchConfig
 from desirepath.learning.alignment.never_worse import PersonalVerdict, better_for_person
-from desirepath.learning.alignment.own_policy import search_policy
 from desirepath.learning.alignment.policy_library import best_of
 from desirepath.learning.cards import DEPARTURES
 from desirepath.learning.policies.policy import Policy
@@ -24,12 +21,10 @@ from desirepath.learning.policies.shipped import load_conditioned, load_policy_l
 from desirepath.learning.preferences.free_posterior import FreePosterior
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.rewards.step_weights import step_posterior_of
-from desirepath.learning.scene_sets import Purpose, describe
 
 SOMETHING_ELSE = 0.5
 """From this probability on, answers count as being about something that is not among the nine objectives."""
-SEARCHED = {"instant": False, "conditioning_search": True}
-"""By what it stands in for: nothing is searched while somebody waits; half a minute of a shared core behind it."""
+STANDS_IN_FOR = ("instant", "conditioning_search")
 FEWEST_ANSWERS = 8
 
 
@@ -39,7 +34,7 @@ def free_form(
     """The policy with its verdict; None where the nine describe the answers, there are few, or the setup has no step
     basis or library."""
     if (
-        params.algorithm not in SEARCHED
+        params.algorithm not in STANDS_IN_FOR
         or len(preferences) < FEWEST_ANSWERS
         or believed.something_else() < SOMETHING_ELSE
     ):
@@ -49,29 +44,14 @@ def free_form(
         return None
     steps = step_posterior_of(preferences, basis)
     place = best_of(library, believed, steps)
-    conditioned, searched_behind = load_conditioned(f"{base.setup}/conditioned"), SEARCHED[params.algorithm]
-    policy = library.policy(place, conditioned, base)
-    results: dict[str, object] = {"step_weights": [round(float(weight), 4) for weight in steps.mean]}
-    config: dict[str, object] = {"recipe": "own_policy_library", "place": place}
-    scenes = {}
-    if searched_behind:
-        search = MixSearchConfig(seed=params.seed)
-        own = search_policy(
-            library, place, (conditioned, base), basis, (believed, steps), search, context.progress.part(0.3, 0.9)
-        )
-        policy = own.policy
-        config |= {"recipe": "own_policy_search", **asdict(search)}
-        results |= {"chosen": own.chosen, "expected": own.expected}
-        scenes = {"select": describe(Purpose.ALIGN_SELECT, search.scenes, SCENES_SEED + params.seed)}
-    policy = policy.without_critic()
+    policy = library.policy(place, load_conditioned(f"{base.setup}/conditioned"), base).without_critic()
     gate = at_gate(policy, base, gate_rule(params), seed=params.seed)
     verdict = better_for_person(believed, policy, base, seed=params.seed, needed=params.surely_better)
     aligned = Aligned(
         policy=policy,
         gate=gate,
-        config=config,
-        results=results,
-        scenes=scenes,
+        config={"recipe": "own_policy_library", "place": place},
+        results={"step_weights": [round(float(weight), 4) for weight in steps.mean]},
         departures=[DEPARTURES["free_form"], DEPARTURES["policy_library"]],
         beside={"free_form": True},
     )

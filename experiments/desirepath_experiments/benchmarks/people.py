@@ -97,7 +97,6 @@ def benchmark_people(config: PeopleOptions, progress: Progress) -> dict[str, Any
         config.people,
         answers=people_config.shown_after,
         seeds=config.seeds,
-        at_once=True,
     )
     return with_shares(result, of_library, more)
 

@@ -1,4 +1,4 @@
-"""`desirepath benchmark people-policies`: what the robot of somebody outside the list gains, at once and by the search.
+"""`desirepath benchmark people-policies`: what the robot of somebody outside the list gains.
 
 Everybody here is simulated. The yardstick knows their true score: the library's best by it.
 """
@@ -19,9 +19,7 @@ from pydantic import Field
 
 from desirepath.analysis.estimates import interval, resample_rows, wilson
 from desirepath.learning.alignment.each_scene import KEPT, scales_of
-from desirepath.learning.alignment.mix_search import MixSearchConfig
 from desirepath.learning.alignment.never_worse import better_for_person
-from desirepath.learning.alignment.own_policy import search_policy
 from desirepath.learning.alignment.policy_library import best_of
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.steps import SeenSteps
@@ -55,7 +53,6 @@ counted as a number, as studies do, since a single win of one said too little.""
 NOTHING = 0.01  # typical differences: a mean gain within this is none
 TRUE_SCENES = 30  # in which the library's best by somebody's true score is looked for
 SELECT_SEED = 7_500  # of these, of no card
-SHOWN = ("at_once", "refined")
 IN_EACH_SCENE = ("each_scene", "best_in_each", "direct_before", "direct_after")
 
 
@@ -72,7 +69,6 @@ class PeoplePoliciesConfig:
         tuple[int, ...], Field(min_length=1, description="FIRST-LAST; each has pairs, scenes and people of its own.")
     ] = (0,)
     reward: Annotated[Path | None, Field(description=REWARD)] = None
-    at_once: Annotated[bool, Field(description="Without the search behind the choice.")] = False
     each_scene: Annotated[bool, Field(description="Also a choice per scene among all rollouts.")] = False
     kept: Annotated[int, Field(ge=1, description="Policies that a choice per scene has to choose from.")] = KEPT
     direct: Annotated[
@@ -138,7 +134,7 @@ class _Room:
 def benchmark_people_policies(
     config: PeoplePoliciesConfig, progress: Progress, more: Mapping[str, FamilyMember] | None = None
 ) -> dict[str, Any]:
-    """As `measure_everybody`; over all and by family in "families", for `at_once` and `refined` (the search behind it):
+    """As `measure_everybody`; over all and by family in "families", of the library's policy that they have at once:
     "raised_at_once" and "harmed_at_once" (shown and truly worse) with Wilson intervals, "share_at_once" (of what the
     library's best by their true score gains, median over people whom that helps), "success_at_once", "shown_at_once",
     "seconds_at_once" (of processor), ... With `each_scene` the same of a choice per scene (`scene_choice.py`), without
@@ -215,18 +211,9 @@ def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) ->
         "bins": bins_of(sure, right),
         "place": place,
         "seconds_at_once": round(time.process_time() - began, 1),
-        "gain_refined": None,
-        "share_refined": None,
         "success_base": float(arrived(room.usual).mean()),
     }
-    policies, did = {"at_once": robot.policy(place)}, {"at_once": room.in_fresh_scenes(place)}
-    if not config.at_once:
-        began = time.process_time()
-        known, settings = (believed, posterior), MixSearchConfig(seed=room.seed)
-        own = search_policy(robot.library, place, (robot.conditioned, robot.base), robot.basis, known, settings)
-        policies["refined"] = own.policy
-        did["refined"] = roll_out(own.policy, [trajectory.scene for trajectory in room.usual])
-        result |= {"chosen": own.chosen, "seconds_refined": round(time.process_time() - began, 1)}
+    did = {"at_once": room.in_fresh_scenes(place)}
     did["best"] = room.in_fresh_scenes(int(_true_gains(person, room).argmax()))
     if config.each_scene:
         some = room.candidates
@@ -243,11 +230,10 @@ def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) ->
         }
     for when, trajectories in did.items():
         result |= {f"{key}_{when}": value for key, value in _compare(person, trajectories, room.usual).items()}
-    for when, policy in policies.items():
-        verdict = better_for_person(believed, policy, robot.base, seed=room.seed)
-        result |= {f"probability_{when}": verdict.probability_better, f"shown_{when}": verdict.passed}
-        whole = result["gain_best"]
-        result[f"share_{when}"] = result[f"gain_{when}"] / whole if whole > 0.05 else None
+    verdict = better_for_person(believed, robot.policy(place), robot.base, seed=room.seed)
+    result |= {"probability_at_once": verdict.probability_better, "shown_at_once": verdict.passed}
+    whole = result["gain_best"]
+    result["share_at_once"] = result["gain_at_once"] / whole if whole > 0.05 else None
     return result
 
 
@@ -334,26 +320,23 @@ def _summarise(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
     summary: dict[str, Any] = {"people": len(persons)}
     if not persons:
         return summary
-    for when in SHOWN:
-        if persons[0][f"gain_{when}"] is None:
-            continue
-        raised = wilson(sum(person[f"gain_{when}"] > 0 for person in persons), len(persons))
-        shares = [person[f"share_{when}"] for person in persons if person[f"share_{when}"] is not None]
-        shown = [person for person in persons if person[f"shown_{when}"]]
-        harmed = wilson(sum(person[f"gain_{when}"] < 0 for person in shown), len(persons))
-        summary |= {
-            f"raised_{when}": raised.value,
-            f"raised_{when}_interval": [raised.low, raised.high],
-            f"gain_{when}": float(np.median([person[f"gain_{when}"] for person in persons])),
-            f"share_{when}": float(np.median(shares)) if shares else None,
-            f"share_{when}_interval": _median_interval(shares) if shares else (None, None),
-            f"longer_s_{when}": float(np.mean([person[f"longer_s_{when}"] for person in persons])),
-            f"success_{when}": float(np.mean([person[f"success_{when}"] for person in persons])),
-            f"shown_{when}": len(shown) / len(persons),
-            f"harmed_{when}": harmed.value,
-            f"harmed_{when}_interval": [harmed.low, harmed.high],
-            f"seconds_{when}": float(np.median([person[f"seconds_{when}"] for person in persons])),
-        }
+    raised = wilson(sum(person["gain_at_once"] > 0 for person in persons), len(persons))
+    shares = [person["share_at_once"] for person in persons if person["share_at_once"] is not None]
+    shown = [person for person in persons if person["shown_at_once"]]
+    harmed = wilson(sum(person["gain_at_once"] < 0 for person in shown), len(persons))
+    summary |= {
+        "raised_at_once": raised.value,
+        "raised_at_once_interval": [raised.low, raised.high],
+        "gain_at_once": float(np.median([person["gain_at_once"] for person in persons])),
+        "share_at_once": float(np.median(shares)) if shares else None,
+        "share_at_once_interval": _median_interval(shares) if shares else (None, None),
+        "longer_s_at_once": float(np.mean([person["longer_s_at_once"] for person in persons])),
+        "success_at_once": float(np.mean([person["success_at_once"] for person in persons])),
+        "shown_at_once": len(shown) / len(persons),
+        "harmed_at_once": harmed.value,
+        "harmed_at_once_interval": [harmed.low, harmed.high],
+        "seconds_at_once": float(np.median([person["seconds_at_once"] for person in persons])),
+    }
     for when in (one for one in IN_EACH_SCENE if f"gain_{one}" in persons[0]):
         gains = [person[f"gain_{when}"] for person in persons]
         harmed = wilson(sum(gain < -NOTHING for gain in gains), len(gains))

@@ -128,7 +128,7 @@ def test_a_stopped_measurement_of_people_goes_on_where_it_was(tmp_path: Path) ->
 
 def test_shares_of_the_librarys_best_stand_in_every_family_s_row() -> None:
     config = replace(SMALL, people=1, answers=(8,))
-    policies = PeoplePoliciesConfig(family="thresholds", people=1, answers=8, pool=12, test=10, scenes=6, at_once=True)
+    policies = PeoplePoliciesConfig(family="thresholds", people=1, answers=8, pool=12, test=10, scenes=6)
     result = with_shares(benchmark_people("study_room", config), policies, {})
     for row in (result, *result["rows"]):
         assert 0 <= row["success_at_once"] <= 1

@@ -14,24 +14,16 @@ from torch import nn
 from typer.testing import CliRunner
 
 from desirepath.cli.main import app
-from desirepath.learning.alignment import own_policy
 from desirepath.learning.alignment.gate import GateRule
-from desirepath.learning.alignment.mix_search import Candidate, MixSearchConfig
-from desirepath.learning.alignment.own_policy import SearchedPolicy, search_policy
-from desirepath.learning.alignment.policy_library import best_of, mix_policies
 from desirepath.learning.errors import LearningError
-from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.measures.step_basis import StepBasis, seen_steps
 from desirepath.learning.people.card import member
 from desirepath.learning.people.families.base import StepFamilyMember
 from desirepath.learning.policies.shipped import (
-    load_conditioned,
     load_policy,
-    load_policy_library,
     load_shipped,
     load_step_basis,
 )
-from desirepath.learning.preferences.free_posterior import FreePosterior
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.learning.queries.queries import QuerySet
@@ -144,32 +136,6 @@ def test_the_shipped_basis_is_what_its_card_says(basis: StepBasis) -> None:
     assert load_step_basis("corridor") is None
 
 
-def test_what_a_search_spoiled_does_not_take_over(
-    basis: StepBasis, pairs: Pairs, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    base, library = load_policy("study_room/base"), load_policy_library("study_room")
-    assert library is not None
-    chosen = answered("network:0", pairs[:10])
-    believed = FreePosterior.from_answers(PairDifferences.of("study_room", pairs[:10]), chosen)
-    steps = StepPosterior.from_answers(step_differences(basis, pairs[:10]), chosen)
-    place = best_of(library, believed, steps)
-    policies = load_conditioned("study_room/conditioned"), base
-    start = library.policy(place, *policies).without_critic()
-
-    def found(*parts: float) -> SearchedPolicy:
-        candidates = [(Candidate(False, np.full(len(library.actors), part, dtype=np.float32)), 9.0) for part in parts]
-        monkeypatch.setattr(own_policy, "search_mixes", lambda *_: candidates)
-        return search_policy(library, place, policies, basis, (believed, steps), MixSearchConfig())
-
-    spoiled = found(8.0, -9.0)
-    assert spoiled.chosen == "start"
-    assert spoiled.policy.digest() == start.digest()
-    scenes = scene_set("study_room", 20, purpose=Purpose.REPORT, seed=7)
-    far_off = mix_policies(base, library.actors, np.full(len(library.actors), 8.0, dtype=np.float32))
-    rolled_out = rollout(get_setup("study_room"), far_off.rollout_policy, scenes)
-    assert np.mean([one.outcome == Outcome.SUCCESS for one in rolled_out]) < 0.9
-
-
 def test_who_answers_by_a_reward_file_has_a_policy_too_and_what_it_gains_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -181,7 +147,7 @@ def test_who_answers_by_a_reward_file_has_a_policy_too_and_what_it_gains_is_said
     monkeypatch.setattr(people_policies, "TRUE_SCENES", 3)
     given = ["--setup", "open_field", "--reward", str(tmp_path / "somebody.json"), "--answers", "4", "--seeds", "2-3"]
     given += ["--pool", "12", "--test", "10", "--scenes", "10"]
-    told = CliRunner().invoke(app, ["benchmark", "people-policies", *given, "--at-once", "--json"])
+    told = CliRunner().invoke(app, ["benchmark", "people-policies", *given, "--json"])
     assert told.exit_code == 0, told.output
     result = json.loads(told.stdout.splitlines()[-1])
     assert [(one["person"], one["seed"]) for one in result["persons"]] == [("somebody", 2), ("somebody", 3)]
