@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from desirepath.learning.alignment.library_measures import measure_against
 from desirepath.learning.alignment.policy_library import (
     FORMAT_WITHOUT_MIXES,
     TIME,
@@ -37,6 +36,7 @@ from desirepath.npz import from_npz, to_npz
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
+from desirepath_experiments.shipping.library_measures import measure_against
 from desirepath_experiments.shipping.policy_libraries import draw_directions, library_settings
 
 SETUPS = ("study_room", "open_field")

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from desirepath.learning.alignment.gate import GateRule
-from desirepath.learning.alignment.library_measures import measure_against
 from desirepath.learning.alignment.policy_library import SLOWEST, PolicyLibrary, mix_policies
 from desirepath.learning.cards import Card, file_sha256
 from desirepath.learning.errors import LearningError
@@ -28,6 +27,7 @@ from desirepath.learning.td3.base import OnProgress
 from desirepath.simulation.fast import evaluate
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
+from desirepath_experiments.shipping.library_measures import measure_against
 from desirepath_experiments.training.own_reward import OwnRewardConfig, tune_to_reward
 
 SCENES_SEED = 7_100  # of no other card and no benchmark
