@@ -9,7 +9,6 @@ import pytest
 
 from desirepath.learning.alignment.each_scene import answers_of, choose_each_scene
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.bundles import driving_files
 from desirepath.learning.policies.choosing import Answers, ChoosingPolicy
 from desirepath.learning.policies.importing import import_policy
 from desirepath.learning.policies.policy import PolicyError, network_of, read_policy
@@ -92,8 +91,6 @@ def test_policies_are_of_one_setup_and_some(own: ChoosingPolicy) -> None:
         replace(own, policies=(own.policies[0], load_policy("open_field/base")))
 
 
-def test_it_is_no_network_and_no_robots_by_its_scan_alone(own: ChoosingPolicy) -> None:
+def test_it_is_no_network(own: ChoosingPolicy) -> None:
     with pytest.raises(LearningError, match="whose map and person it knows"):
         network_of(own)
-    with pytest.raises(LearningError, match="what a robot's scan does not tell"):
-        driving_files(own)

@@ -11,6 +11,7 @@ from desirepath.cli.output import in_data_folder
 from desirepath.cli.science import policy_file
 
 if TYPE_CHECKING:
+    from desirepath.deploy.deciding import Decider
     from desirepath.deploy.ros.__main__ import RobotHere
 
 
@@ -25,7 +26,7 @@ def drive(context: typer.Context) -> None:
     """Drive a robot by a policy, over ROS 2; `desirepath drive --help` says more."""
     from desirepath.deploy.ros.__main__ import main
 
-    code = main(context.args, "desirepath drive", find_bundle, read_robot_here)
+    code = main(context.args, "desirepath drive", find_bundle, read_robot_here, decide_by)
     if code:
         raise typer.Exit(code)
 
@@ -41,6 +42,13 @@ def find_bundle(policy: str) -> Path | bytes:
 
     stored, weights = read_policy(policy_file(policy)), policy.partition("@")[2]
     return zipped(driving_files(stored.driving(weights) if weights else stored))
+
+
+def decide_by(content: bytes) -> Decider:
+    """Who decides which of several policies drives, of that policy's file. Raises PolicyError."""
+    from desirepath.learning.policies.robot_choice import RobotChoice
+
+    return RobotChoice.read(content)
 
 
 def read_robot_here(file: str) -> RobotHere:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from desirepath.deploy.conditioning import PREFERENCES, SHARES, SLOWER, Conditioning, WeightsError
 from desirepath.deploy.manifest import MANIFEST_BYTES, BundleError, Manifest, read_manifest
-from desirepath.deploy.network import Act, Layers, NetworkError, folded, onnx_network
+from desirepath.deploy.network import MOST_LAYERS, Act, Layers, NetworkError, folded, onnx_network
 from desirepath.deploy.steering import Slowing, SteeringError
 from desirepath.npz import Arrays, Bounds, NpzError, from_npz
 from desirepath.zip_files import BROKEN, open_zip
@@ -26,8 +26,11 @@ Floats = NDArray[np.float32]
 MANIFEST, POLICY = "manifest.json", "policy.npz"
 MOST_ZIPPED = 64 * 2**20
 MOST_RECOVERIES = 4
+MOST_CHOICES = 100
+SEVERAL = "desirepath-choosing-1"
+"""Of a policy that is several: `learning/policies/choosing.py`."""
 MOST_OBJECTIVES = 40
-BOUNDS = Bounds(arrays=400, header_bytes=2**20, all_bytes=128 * 2**20)
+BOUNDS = Bounds(arrays=1_500, header_bytes=2**20, all_bytes=128 * 2**20)
 SIZES = {MANIFEST: MANIFEST_BYTES, POLICY: MOST_ZIPPED}
 
 
@@ -42,12 +45,15 @@ class Driving:
 @dataclass(frozen=True)
 class Bundle:
     """A policy to drive by. conditioning: what weights it takes while it drives, or None; weights: those it begins
-    with. at: what drives under weights that were checked."""
+    with. at: what drives under weights that were checked. choices: of a policy that is several, each of them, the usual
+    one first; content: its file, for whoever decides which drives (`deciding.py`)."""
 
     manifest: Manifest
     conditioning: Conditioning | None
     weights: Mapping[str, float]
     at: Callable[[Mapping[str, float]], Driving]
+    choices: tuple[Driving, ...] = ()
+    content: bytes = b""
 
     @classmethod
     def read(cls, source: Path | str | bytes) -> Bundle:
@@ -107,14 +113,19 @@ def _unzipped(content: bytes) -> dict[str, bytes]:
 def _bundle(manifest: Manifest, content: bytes) -> Bundle:
     header, arrays = from_npz(content, BOUNDS)
     kind = str(header.get("format"))
-    if kind not in _KINDS:
-        raise BundleError(f"{POLICY} has format {kind[:60]!r}; what can be driven by: {', '.join(_KINDS)}")
+    if kind not in (*_KINDS, SEVERAL):
+        raise BundleError(f"{POLICY} has format {kind[:60]!r}; what can be driven by: {', '.join([*_KINDS, SEVERAL])}")
     slowing = _slowing(manifest, header)
     conditioning, weights = _conditioning(manifest, header)
-    at = _KINDS[kind](_Parts(manifest, header, arrays, slowing, conditioning))
-    if (len(at(weights).networks) > 1) != (manifest.recovery is not None):
+    choices: tuple[Driving, ...] = ()
+    if kind == SEVERAL:
+        choices = _choices(manifest, header, arrays)
+        at: Callable[[Mapping[str, float]], Driving] = lambda _: choices[0]  # noqa: E731
+    else:
+        at = _KINDS[kind](_Parts(manifest, header, arrays, slowing, conditioning))
+    if (max(len(one.networks) for one in choices or (at(weights),)) > 1) != (manifest.recovery is not None):
         raise BundleError(f"{MANIFEST}: field 'recovery' must be there if {POLICY} has recovery policies, else null")
-    return Bundle(manifest, conditioning, weights, at)
+    return Bundle(manifest, conditioning, weights, at, choices, content if choices else b"")
 
 
 @dataclass(frozen=True)
@@ -199,6 +210,37 @@ _KINDS: Mapping[str, Callable[[_Parts], Callable[[Mapping[str, float]], Driving]
     "desirepath-adaptable-1": _adaptable,
     "desirepath-foreign-1": _foreign,
 }
+
+
+def _choices(manifest: Manifest, header: Mapping[str, Any], arrays: Arrays) -> tuple[Driving, ...]:
+    """Each by its own networks, which share layers."""
+    told: Any = header.get("policies")
+    if not isinstance(told, list) or not 2 <= len(told) <= MOST_CHOICES + 1:
+        raise NetworkError(f"policies: must be a list of 2 to {MOST_CHOICES + 1}")
+    wide = {name: part.astype(np.float32) for name, part in arrays.items() if name.startswith("layer_")}
+    inputs = len(manifest.inputs)
+
+    def network(numbers: Any, extractors: bool) -> Layers:
+        names = [f"layer_{k:04d}" for k in numbers] if _are_counts(numbers) else ["?"]
+        if missing := [name for name in names if name not in wide]:
+            raise NetworkError(f"policies: {missing[0]} is no layer of this file")
+        found = Layers(tuple(wide[name] for name in names), inputs - manifest.lidar.sectors, extractors)
+        found.check(inputs, "a network of policies")
+        return found
+
+    choices = []
+    for one in told:
+        if not isinstance(one, dict) or not isinstance(one.get("recovery"), list):
+            raise NetworkError("policies: each must be an object with shape, actor and recovery")
+        extractors = bool(isinstance(one.get("shape"), dict) and one["shape"].get("extractor"))
+        every = [one.get("actor"), *one["recovery"][:MOST_RECOVERIES]]
+        networks = tuple(network(numbers, extractors) for numbers in every)
+        choices.append(Driving(networks, _slowing(manifest, one)))
+    return tuple(choices)
+
+
+def _are_counts(given: Any) -> bool:
+    return isinstance(given, list) and len(given) <= 2 * MOST_LAYERS and all(type(k) is int and k >= 0 for k in given)
 
 
 def _slowing(manifest: Manifest, header: Mapping[str, Any]) -> Slowing | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from desirepath.deploy.bundle import Bundle, Driving
 from desirepath.deploy.conditioning import WeightsError
+from desirepath.deploy.deciding import Decider
 from desirepath.deploy.inputs import Command, InputError, Odometry, Person, Scan, check_goal
 from desirepath.deploy.manifest import Limits, Robot
 from desirepath.deploy.observing import Mount, Observer
@@ -25,7 +26,8 @@ class Controller:
     """Drives a robot by a bundle; `step` is asked once per `period_s`.
 
     `observation` (obs,), `action` (2,) and `driven_by` ("policy", "recovery 1", ..., "standing") are of the last step;
-    `arrived`: whether the robot was at its goal in it. `command` is what the robot was last told: who lets it do
+    `arrived`: whether the robot was at its goal in it. `chosen`: which of the bundle's policies drives, where it has
+    several; `decider` chooses; `drives`: how many began. `command` is what the robot was last told: who lets it do
     something else says so here, since accelerations are counted from it.
     """
 
@@ -37,6 +39,8 @@ class Controller:
         self._observe = Observer(found, self._laser)
         self._goal, self._person = found.place("goal_distance") or 0, found.place("person_distance") or 0
         self._weights, self._driving = dict(bundle.weights), bundle.at(bundle.weights)
+        self.decider: Decider | None = None
+        self.drives = 0
         self.reset()
 
     @classmethod
@@ -51,13 +55,19 @@ class Controller:
         self.observation: Floats = np.zeros(len(found.inputs), dtype=np.float32)
         self.action: Floats = np.zeros(2, dtype=np.float32)
         self.driven_by, self.arrived = "policy", False
-        last = len(self._driving.networks)
+        self.chosen, self.drives = 0, self.drives + 1
+        if self._bundle.choices:
+            self._driving = self._bundle.choices[0]
+        if self.decider is not None:
+            self.decider.begin(self._laser)
+        last = max(len(one.networks) for one in self._bundle.choices or (self._driving,))
         self._progress = Progress(1, last, found.period_s, found.recovery) if found.recovery else None
 
     def copy(self) -> Controller:
         """One that goes on from here and leaves this one as it is."""
         other = copy.copy(self)
         other._progress = copy.deepcopy(self._progress)
+        other.decider = None
         return other
 
     @property
@@ -104,7 +114,30 @@ class Controller:
         x, y = check_goal(goal)
         observation = self._observe(scan, odometry, (x, y), people)
         self.arrived = float(np.hypot(x - odometry.x, y - odometry.y)) <= self._bundle.manifest.goal_radius_m
-        return self.decide(observation)
+        command = self.decide(observation)
+        if self.decider is not None:
+            self.decider.stepped(scan, odometry, (x, y), people, observation, self.action)
+        return command
+
+    @property
+    def choices(self) -> int:
+        """How many policies the bundle is; 0: it is one."""
+        return len(self._bundle.choices)
+
+    @property
+    def content(self) -> bytes:
+        """The policy's file, where the bundle is several: what a decider is made of."""
+        return self._bundle.content
+
+    def ask_who_drives(self) -> Callable[[], int] | None:
+        """What decides, after a step, which policy drives on: for `drive_by`. None: it is not time, or nobody does."""
+        return None if self.decider is None else self.decider.ask()
+
+    def drive_by(self, place: int) -> None:
+        """The bundle's policy of that place drives from now on. Raises IndexError for none."""
+        if not 0 <= place < self.choices:
+            raise IndexError(f"place = {place}: the bundle has {self.choices} policies")
+        self.chosen, self._driving = place, self._bundle.choices[place]
 
     def decide(self, observation: Floats) -> Command:
         """The same from an observation (obs,). Raises InputError where the policy's action is not a number."""
@@ -121,7 +154,9 @@ class Controller:
         if self._progress is not None:
             distance = observed[:, self._goal].astype(np.float64) * inputs[self._goal].divided_by
             number = int(self._progress.drivers(distance, np.zeros(1, dtype=np.int64))[0])
-        standing = number == len(driving.networks)
+        if len(driving.networks) == 1:  # one of several that has nothing to recover by
+            number = 0
+        standing = number >= len(driving.networks)
         self.driven_by = STANDING if standing else f"recovery {number}" if number else "policy"
         if standing:
             return stand(observed)

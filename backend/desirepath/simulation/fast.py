@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol, TypedDict, Unpack, runtime_checkable
 
 import numpy as np
@@ -23,6 +24,7 @@ from desirepath.simulation.scenes import (
     columns_of,
     ground_of,
     map_of,
+    own_map,
     row_to_scene,
     scene_to_row,
     scenes_to_rows,
@@ -188,10 +190,10 @@ class FastEngine:
             raise ValueError(f"setup {setup.name} has pedestrians: `make_engine` makes the engine that moves them")
         self.setup, self.n_envs, self.auto_reset = setup, n_envs, auto_reset
         self._rules, self._beams = rules_of(setup, progress_weight), beams_of(setup)
-        here = map_of(setup)
+        here = own_map(scenes[0], setup) if scenes else map_of(setup)
         self._ground, self._outline, self._errors = here.ground if here else None, outline_of(setup), errors_of(setup)
         self._step_all = k.step_all_parallel if parallel else k.step_all
-        self._pool: StartPool = pool if pool is not None else ScenePool(setup, seed)
+        self._given_pool, self._seed = pool, seed
         self._scenes = list(scenes) if scenes is not None else None
         self._given: list[Scene | None] = [None] * n_envs
         self._seeds = np.zeros(n_envs, dtype=np.int64)
@@ -311,7 +313,13 @@ class FastEngine:
 
     def reseed(self, seed: int) -> None:
         """Draw all further scenes from a new pool of that seed; episodes that are running go on."""
-        self._pool = ScenePool(self.setup, seed)
+        self._given_pool, self._seed = None, seed
+        self.__dict__.pop("_pool", None)
+
+    @cached_property
+    def _pool(self) -> StartPool:
+        """Made when it is needed: whoever gives scenes needs none."""
+        return self._given_pool if self._given_pool is not None else ScenePool(self.setup, self._seed)
 
     def _start_from_pool(self, which: NDArray[np.int64]) -> None:
         for i in which:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from desirepath.simulation import kernels as k
 from desirepath.simulation.ground_maps import GroundMap, load_map
+from desirepath.simulation.known_world import SeenScene
 from desirepath.simulation.scene import OBSTACLE_KINDS, Obstacle, Person, Pose, Room, Scene, SceneError
 from desirepath.simulation.setups import SETUPS, Setup
 from desirepath.simulation.worlds import WORLDS, RowWorld, SceneWorld
@@ -48,6 +49,8 @@ def map_of(setup: str | Setup) -> GroundMap | None:
 
 def own_map(scene: Scene, setup: Setup | None = None) -> GroundMap | None:
     """The map that a scene lies in. Raises SceneError where its setup has another one by now."""
+    if isinstance(scene, SeenScene):
+        return scene.seen
     if scene.ground is None:
         return None
     here = map_of(setup or scene.setup)

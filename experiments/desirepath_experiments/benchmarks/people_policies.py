@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from desirepath.analysis.estimates import interval, resample_rows, wilson
-from desirepath.learning.alignment.each_scene import KEPT, scales_of
+from desirepath.learning.alignment.each_scene import KEPT, choose_each_scene, scales_of
 from desirepath.learning.alignment.never_worse import better_for_person
 from desirepath.learning.alignment.policy_library import best_of
 from desirepath.learning.errors import LearningError
@@ -33,7 +33,17 @@ from desirepath.learning.preferences.free_posterior import FreeConfig, FreePoste
 from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.learning.rewards.step_weights import step_differences
 from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory, arrived
+from desirepath_experiments.benchmarks.own_senses import (
+    Driven,
+    by_true_score,
+    drive_by_senses,
+    jerk,
+    shares,
+    train_on_true_score,
+)
 from desirepath_experiments.benchmarks.people import (
     FAMILY,
     REWARD,
@@ -74,6 +84,12 @@ class PeoplePoliciesConfig:
     direct: Annotated[
         int, Field(ge=0, description="So many of the answers, the last, compare the choice per scene with the base.")
     ] = 0
+    own_senses: Annotated[
+        int, Field(ge=0, description="In so many of the scenes the choice per scene also drives by the robot's senses.")
+    ] = 0
+    trained_s: Annotated[
+        float, Field(ge=0, description="Beside it the base policy, trained so long on their true score of every step.")
+    ] = 0.0
     lapses: Annotated[float, Field(ge=0, le=1, description="Share of answers that are drawn by lot.")] = 0.0
     pretraining: Annotated[
         str,
@@ -228,12 +244,36 @@ def _measure(person: FamilyMember, room: _Room, config: PeoplePoliciesConfig) ->
             when: room.candidates.driven(_places(room.candidates, known, config))
             for when, known in judged.known.items()
         }
+    if config.own_senses:
+        result |= _by_senses(
+            person, Answers(room.pairs.differences[answered], room.seen[answered], better[answered]), room, config
+        )
     for when, trajectories in did.items():
         result |= {f"{key}_{when}": value for key, value in _compare(person, trajectories, room.usual).items()}
     verdict = better_for_person(believed, robot.policy(place), robot.base, seed=room.seed)
     result |= {"probability_at_once": verdict.probability_better, "shown_at_once": verdict.passed}
     whole = result["gain_best"]
     result["share_at_once"] = result["gain_at_once"] / whole if whole > 0.05 else None
+    return result
+
+
+def _by_senses(person: FamilyMember, answers: Answers, room: _Room, config: PeoplePoliciesConfig) -> dict[str, Any]:
+    """The choice by what the robot knows there: its gains, and what training gains in the same scenes."""
+    usual, base = room.usual[: config.own_senses], room.robot.base
+    scenes = [trajectory.scene for trajectory in usual]
+    policy = choose_each_scene(answers, kept=config.kept)
+    driven = {
+        "at_start": Driven(rollout(get_setup(config.setup), policy.rollout_policy, scenes), {}),
+        "by_senses": drive_by_senses(policy, scenes),
+        "by_senses_truly": drive_by_senses(policy, scenes, by_true_score(person)),
+    }
+    trained = train_on_true_score(person, base, config.trained_s, room.seed) if config.trained_s else None
+    if trained is not None:
+        driven["trained"] = Driven(roll_out(trained, scenes), {})
+    result: dict[str, Any] = {"jerk_base": jerk(usual)}
+    for when, one in driven.items():
+        compared = _compare(person, one.trajectories, usual) | one.told
+        result |= {f"{key}_{when}": value for key, value in compared.items()}
     return result
 
 
@@ -354,11 +394,39 @@ def _summarise(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
         }
     if "direct_wins" in persons[0]:
         summary |= _shown_directly(persons)
+    if "gain_by_senses" in persons[0]:
+        summary |= _of_senses(persons)
     return summary | {
         "gain_best": float(np.median([person["gain_best"] for person in persons])),
         **{key: float(np.mean([person[key] for person in persons])) for key in ("success_base", "accuracy", "claimed")},
         "calibration_error": calibration_error([person["bins"] for person in persons]),
     }
+
+
+def _of_senses(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Of each way of driving, over people; shares: of what training on their true score gains, where that is some."""
+    found: dict[str, Any] = {"success_of_base": float(np.mean([person["success_base"] for person in persons]))}
+    for when in ("at_start", "by_senses", "by_senses_truly", "trained"):
+        driven = [person for person in persons if f"gain_{when}" in person]
+        if not driven:
+            continue
+        gains = [person[f"gain_{when}"] for person in driven]
+        found |= {
+            f"gain_{when}": float(np.median(gains)),
+            f"gain_{when}_interval": _median_interval(gains),
+            f"gain_{when}_quarter": float(np.quantile(gains, 0.25)),
+            f"gain_{when}_least": min(gains),
+            f"success_{when}": float(np.mean([person[f"success_{when}"] for person in driven])),
+        }
+        for key in ("switches", "jerk", "decision_ms"):
+            if f"{key}_{when}" in driven[0]:
+                found[f"{key}_{when}"] = float(np.median([person[f"{key}_{when}"] for person in driven]))
+        of_training = shares(driven, f"gain_{when}", "gain_trained")
+        if of_training and when != "trained":
+            found[f"share_{when}"] = float(np.median(of_training))
+            found[f"share_{when}_interval"] = _median_interval(of_training)
+            found[f"share_{when}_quarter"] = float(np.quantile(of_training, 0.25))
+    return found
 
 
 def _shown_directly(persons: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import ClassVar, Never
 
 import numpy as np
 import torch
@@ -20,9 +20,11 @@ import torch
 from desirepath.analysis.metrics import success_rate
 from desirepath.learning.alignment.gate import Gate, GateRule, at_gate
 from desirepath.learning.alignment.relabelling import RelabellingConfig, enough_success, learn, model_outputs
+from desirepath.learning.measures.step_basis import seen_steps
 from desirepath.learning.measures.steps import reference
+from desirepath.learning.people.families.base import StepFamilyMember
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.rewards.reward_model import Floats, RewardModel
+from desirepath.learning.rewards.reward_model import Floats, Reduction, RewardModel
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.replay import collect
 from desirepath.learning.td3.td3 import Batch
@@ -103,6 +105,28 @@ class OwnReward:
             self.weight *= config.weight_down
         elif success >= base_success - config.max_selection_loss / 2:
             self.weight *= config.weight_up
+
+
+@dataclass(frozen=True)
+class TrueReward(RewardModel):
+    """A simulated person's own reward of every step; stored nowhere."""
+
+    kind: ClassVar[str] = "true"
+
+    setup: str
+    person: StepFamilyMember
+    reduction: Reduction = "mean"
+
+    def rewards(self, observations: Floats, actions: Floats, next_observations: Floats) -> Floats:
+        steps = seen_steps(get_setup(self.setup), observations, actions, next_observations)
+        return self.person.step_scores(steps).astype(np.float32)
+
+    def to_arrays(self) -> Never:
+        raise NotImplementedError("a simulated person is not stored")
+
+    @classmethod
+    def from_arrays(cls, meta: object, arrays: object) -> Never:
+        raise NotImplementedError("a simulated person is not stored")
 
 
 def _with_recovery(policy: Policy, base: Policy) -> Policy:

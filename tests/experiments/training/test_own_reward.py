@@ -4,7 +4,6 @@ it."""
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from typer.testing import CliRunner
 from desirepath.cli.main import app
 from desirepath.learning.alignment.gate import GateRule
 from desirepath.learning.errors import LearningError
-from desirepath.learning.measures.step_basis import StepBasis, seen_steps
+from desirepath.learning.measures.step_basis import StepBasis
 from desirepath.learning.people.card import member
 from desirepath.learning.people.families.base import StepFamilyMember
 from desirepath.learning.policies.shipped import (
@@ -34,33 +33,11 @@ from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 from desirepath_experiments.benchmarks import people_policies
-from desirepath_experiments.training.own_reward import OwnRewardConfig, means_of, tune_to_reward
+from desirepath_experiments.training.own_reward import OwnRewardConfig, TrueReward, means_of, tune_to_reward
 
 OPEN_FIELD = get_setup("open_field")
 
 Pairs = list[tuple[Trajectory, Trajectory]]
-
-
-@dataclass(frozen=True)
-class TrueReward(RewardModel):
-    """A simulated person's own reward of every step; stored nowhere."""
-
-    kind = "true"
-
-    setup: str
-    person: StepFamilyMember
-    reduction = "mean"
-
-    def rewards(self, observations: np.ndarray, actions: np.ndarray, next_observations: np.ndarray) -> np.ndarray:
-        steps = seen_steps(get_setup(self.setup), observations, actions, next_observations)
-        return self.person.step_scores(steps).astype(np.float32)
-
-    def to_arrays(self) -> tuple[dict[str, object], dict[str, np.ndarray]]:
-        raise NotImplementedError
-
-    @classmethod
-    def from_arrays(cls, meta: object, arrays: object) -> TrueReward:
-        raise NotImplementedError
 
 
 @pytest.fixture(scope="module")

@@ -23,6 +23,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from desirepath.deploy.deciding import Decider
 from desirepath.deploy.inputs import InputError
 from desirepath.deploy.outline import APART_M, PERSON_M, Body
 from desirepath.deploy.safety import Rules
@@ -123,9 +124,10 @@ def main(
     prog: str = "python -m desirepath.deploy.ros",
     find: Callable[[str], Path | bytes] = Path,
     read_robot: Callable[[str], RobotHere] | None = None,
+    decides: Callable[[bytes], Decider] | None = None,
 ) -> int:
-    """Drive until somebody ends it; the exit code. find: what `Controller.load` takes, of the policy's name. Raises
-    ValueError for what cannot be driven by, RuntimeError where ROS is missing."""
+    """Drive until somebody ends it; the exit code. find: what `Controller.load` takes, of the policy's name.
+    decides: as of a `DriveNode`. Raises ValueError for what cannot be driven by, RuntimeError where ROS is missing."""
     end = arguments.index("--ros-args") if "--ros-args" in arguments else len(arguments)
     asked = parser(prog).parse_args(_with_negatives(arguments[:end]))
     if (asked.policy is None) == (asked.server is None):
@@ -155,9 +157,11 @@ def main(
         )
         with _Ros(list(arguments[end:])) as session:
             if link is not None:
-                return session.runs(link, lambda bundle, recorder: ros.DriveNode(bundle, drive, recorder), asked.arm)
+                return session.runs(
+                    link, lambda bundle, recorder: ros.DriveNode(bundle, drive, recorder, decides), asked.arm
+                )
             recorder = _recorder(drive.laser) if asked.record else None
-            node = ros.DriveNode(bundle, drive, recorder)
+            node = ros.DriveNode(bundle, drive, recorder, decides)
             session.drive(node, _once if asked.once else lambda node: False)
             if recorder is not None:
                 asked.record.write_bytes(recorder.finish())
@@ -249,7 +253,7 @@ class _Ros:
                 executor.spin_once(timeout_sec=0.1)
                 while not self._words.empty():
                     self._act(node, self._words.get())
-            node.get_logger().info(f"scan to command, p99: {node.latency_p99_ms():.2f} ms")
+            node.get_logger().info(f"scan to command, p99: {node.latency_p99_ms():.2f} ms{node.decisions()}")
         finally:
             node.supervisor.stop(f"the node ends: {self._ended or 'it is done'}")
             for _ in range(3):

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import functools
 import math
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Protocol
 
@@ -28,6 +30,7 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 from desirepath.deploy.controller import Controller
+from desirepath.deploy.deciding import Decider
 from desirepath.deploy.inputs import Command, InputError, Odometry, Person, Scan
 from desirepath.deploy.legs import find_people
 from desirepath.deploy.outline import Body
@@ -84,14 +87,27 @@ class Drive:
 class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
     """One run: a bundle's `controller`, under its `supervisor`, between a robot's topics."""
 
-    def __init__(self, bundle: Any, drive: Drive, listener: Listener | None = None, **node: Any) -> None:
-        """bundle: what `Controller.load` takes. Raises BundleError, InputError."""
+    def __init__(
+        self,
+        bundle: Any,
+        drive: Drive,
+        listener: Listener | None = None,
+        decides: Callable[[bytes], Decider] | None = None,
+        **node: Any,
+    ) -> None:
+        """bundle: what `Controller.load` takes. decides: makes who decides which policy of several drives, of the
+        policy's file. Raises BundleError, InputError."""
         super().__init__("desirepath", **node)
         self.drive = drive = self._with_parameters(drive)
         laser: Any = drive.laser or None
         self.controller = Controller.load(bundle, laser)
         if drive.weights:
             self.controller.weights = drive.weights
+        self.decisions_s: deque[float] = deque(maxlen=KEPT_LATENCIES)
+        self._thinks = ThreadPoolExecutor(1, "decides")
+        self._decision: tuple[int, Future[int]] | None = None  # the drive that it is of
+        if self.controller.choices:
+            self._decide_by(decides)
         self.stops: list[tuple[float, str]] = []  # when, by time.monotonic, and why
         self.latencies_s: deque[float] = deque(maxlen=KEPT_LATENCIES)
         self._listener = listener
@@ -178,8 +194,42 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         self._tell()
         if self.supervisor.steps > steps:
             self.latencies_s.append(time.perf_counter() - began)
+        if self.controller.decider is not None:
+            self._choose_again(self.supervisor.steps > steps)
         if self._listener is not None:
             self._listener.scan(scan)
+
+    def _decide_by(self, decides: Callable[[bytes], Decider] | None) -> None:
+        if decides is None:
+            return self._say("the policy is several: without the whole of Desire Path its usual one drives alone")
+        self.controller.decider = decides(self.controller.content)
+        self.controller.reset()
+        sys.setswitchinterval(0.001)  # a scan waits no longer for whoever decides
+
+    def _choose_again(self, stepped: bool) -> None:
+        """Who drives on is decided beside the drive; whatever fails there, the usual policy drives."""
+        one, decision = self.controller, self._decision
+        try:
+            if decision is None:
+                ask = one.ask_who_drives() if stepped else None
+                if ask is not None:
+                    self._decision = (one.drives, self._thinks.submit(self._timed, ask))
+            elif decision[1].done():
+                self._decision = None
+                place = decision[1].result()
+                if decision[0] == one.drives and place != one.chosen:
+                    one.drive_by(place)
+                    self._say(f"drives on by policy {place} of {one.choices - 1}")
+        except Exception as problem:  # it may be anything
+            one.decider, self._decision = None, None
+            one.drive_by(0)
+            self._say(f"who drives cannot be decided ({problem or type(problem).__name__}): the usual policy does")
+
+    def _timed(self, ask: Callable[[], int]) -> int:
+        began = time.perf_counter()
+        place = ask()
+        self.decisions_s.append(time.perf_counter() - began)
+        return place
 
     def _odometry(self, message: Any) -> None:
         self._odom_frame = message.header.frame_id
@@ -288,6 +338,8 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
 
     def _tick(self) -> None:
         self._tell()
+        if self._decision is not None:
+            self._choose_again(stepped=False)
         if self.now() - self._diagnosed_at >= DIAGNOSED_EVERY_S:
             self._diagnose()
 
@@ -338,6 +390,7 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
             "v_m_s": f"{one.command.v:.3f}",
             "w_rad_s": f"{one.command.w:.3f}",
             "driven_by": self.controller.driven_by,
+            **({"chosen": f"{self.controller.chosen}"} if self.controller.choices else {}),
             "scan_to_command_p99_ms": f"{self.latency_p99_ms():.2f}",
             **{f"weight_{name}": f"{value:g}" for name, value in self.controller.weights.items()},
         }
@@ -355,6 +408,14 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
     def latency_p99_ms(self) -> float:
         """From a scan's arrival to the command that answers it; 0 where there was none."""
         return float(np.percentile(self.latencies_s, 99) * 1e3) if self.latencies_s else 0.0
+
+    def decisions(self) -> str:
+        """How long it took to decide who drives, in words; nothing where nobody decided."""
+        if not self.decisions_s:
+            return ""
+        return (
+            f"; who drives, p99 of {len(self.decisions_s)}: {float(np.percentile(self.decisions_s, 99) * 1e3):.0f} ms"
+        )
 
 
 def _inverse(frame: Sequence[float]) -> Place:

@@ -20,6 +20,7 @@ from desirepath.deploy.controller import Controller
 from desirepath.deploy.inputs import Odometry, Person, Scan
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.adaptable import AdaptablePolicy
+from desirepath.learning.policies.choosing import ChoosingPolicy
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.export import policy_to_onnx
 from desirepath.learning.policies.foreign import ForeignPolicy
@@ -30,7 +31,7 @@ from desirepath.simulation.scene import Pose, Scene
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import Setup, get_setup, require_lidar
 
-BY_SCAN = (Policy, ConditionedPolicy, AdaptablePolicy, ForeignPolicy)
+BY_SCAN = (Policy, ConditionedPolicy, AdaptablePolicy, ForeignPolicy, ChoosingPolicy)
 """Kinds of policy that go by what a robot's scan tells."""
 VECTORS = "test_vectors.json"
 VECTOR_SCENES = range(7_000, 7_010)
@@ -50,7 +51,8 @@ def bundle_files(stored: StoredPolicy, weights: str = "") -> dict[str, bytes]:
     controller = Controller.load(zipped(files))
     driving = policy.driving()
     files[VECTORS] = _json({"vectors": test_vectors(controller, policy)})
-    files["policy.onnx"] = policy_to_onnx(driving)
+    if not isinstance(driving, ChoosingPolicy):  # which is many networks: all are in policy.npz
+        files["policy.onnx"] = policy_to_onnx(driving)
     if isinstance(driving, Policy):
         for number, actor in enumerate(driving.recovery_policies, start=1):
             alone = Policy(driving.setup, driving.shape, actor, slowing=driving.slowing)
@@ -81,6 +83,9 @@ def zipped(files: Mapping[str, bytes]) -> bytes:
 
 def bundle_manifest(policy: StoredPolicy) -> dict[str, Any]:
     """That of what drives without weights, with what weights it takes."""
+    if isinstance(policy, ChoosingPolicy):
+        recovers = max(policy.policies, key=lambda one: len(one.recovery_policies)).manifest()["recovery"]
+        return policy.policies[0].manifest() | policy.manifest() | {"conditioning": None, "recovery": recovers}
     manifest = policy.driving().manifest() | {"policy_sha256": policy.digest(), "conditioning": None}
     if isinstance(policy, ConditionedPolicy):
         opposites = [[policy.objectives[a], policy.objectives[b]] for a, b in OPPOSITES]

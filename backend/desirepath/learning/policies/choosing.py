@@ -21,6 +21,7 @@ from desirepath.learning.measures.pairs import PairDifferences, measured
 from desirepath.learning.measures.step_basis import Doubles, Floats, StepBasis
 from desirepath.learning.policies.policy import DrivingPolicy, Policy, PolicyError, read_slowing
 from desirepath.learning.policies.shape import NetworkShape
+from desirepath.learning.policies.side_by_side import Drivers, SideBySide
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from desirepath.learning.preferences.measures import MEASURES
 from desirepath.learning.preferences.posterior import PosteriorConfig
@@ -202,9 +203,21 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
 
     def _places(self, scenes: Sequence[Scene]) -> NDArray[np.int64]:
         symmetry = self.answers.left_right_symmetry
-        rollouts = roll_out_all(self.policies, self.basis, scenes, left_right_symmetry=symmetry)
+        rollouts = roll_out_all(self.side_by_side, self.basis, scenes, left_right_symmetry=symmetry)
         expected = rollouts.expected(self.answers, self.scales)
         return np.where(expected.max(0) > 0, expected.argmax(0) + 1, 0)
+
+    @cached_property
+    def side_by_side(self) -> SideBySide:
+        """All of the policies."""
+        return SideBySide(self.policies)
+
+    def gains(self, usual: Trajectory, others: Sequence[Trajectory]) -> Doubles:
+        """(n,) how much more is expected of each than of what is usual, from the same moment on, less the caution."""
+        symmetry = self.answers.left_right_symmetry
+        alone = [[other] for other in others]
+        compared = RolloutDifferences.of(self.basis, [usual], alone, left_right_symmetry=symmetry)
+        return compared.expected(self.answers, self.scales)[:, 0]
 
     def in_scene(self, scene: Scene) -> Policy:
         """The one that drives there."""
@@ -326,11 +339,11 @@ class _Driven(SensingPolicy):
 
 
 def roll_out_all(
-    policies: Sequence[Policy], basis: StepBasis, scenes: Sequence[Scene], *, left_right_symmetry: bool
+    policies: SideBySide, basis: StepBasis, scenes: Sequence[Scene], *, left_right_symmetry: bool
 ) -> RolloutDifferences:
     """All but the first of the policies beside the first, in each of the scenes."""
-    side_by_side = _Driven(policies, np.repeat(np.arange(len(policies)), len(scenes)))
-    trajectories = rollout(get_setup(basis.setup), side_by_side, [*scenes] * len(policies))
+    drivers = Drivers(policies, np.repeat(np.arange(len(policies)), len(scenes)))
+    trajectories = rollout(get_setup(basis.setup), drivers, [*scenes] * len(policies))
     usual, *own = [trajectories[k : k + len(scenes)] for k in range(0, len(trajectories), len(scenes))]
     return RolloutDifferences.of(basis, usual, own, left_right_symmetry=left_right_symmetry)
 

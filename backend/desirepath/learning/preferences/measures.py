@@ -84,19 +84,24 @@ def measures(trajectories: Sequence[Trajectory]) -> Doubles:
     if trajectories and get_setup(trajectories[0].scene.setup).pedestrians:
         return in_order(crowd_columns(trajectories, get_setup(trajectories[0].scene.setup)), CROWD_TABLE)
     require_people(trajectories)
-    measured = metrics.measure(trajectories)
+    poses = metrics.stack_poses(trajectories)
+    clearances = metrics.min_obstacle_distance(poses, [trajectory.scene for trajectory in trajectories])
     sides, speeds = np.array([_near_person(trajectory) for trajectory in trajectories]).T
     return in_order(
         {
-            "min_human_distance_m": measured.min_human_distance,
+            "min_human_distance_m": np.array([_nearest_m(trajectory) for trajectory in trajectories]),
             "passing_side": sides,
-            "min_clearance_m": np.minimum(measured.min_obstacle_distance, CLEARANCE_CAP_M),
-            "path_length_m": measured.path_length,
-            "accumulated_angle_rad": measured.accumulated_angle,
+            "min_clearance_m": np.minimum(clearances, CLEARANCE_CAP_M),
+            "path_length_m": metrics.path_length(poses),
+            "accumulated_angle_rad": metrics.accumulated_angle(poses),
             "speed_near_person_m_s": speeds,
-            "time_s": measured.time,
+            "time_s": np.array([trajectory.duration_s for trajectory in trajectories]),
         }
     )
+
+
+def _nearest_m(trajectory: Trajectory) -> float:
+    return float(metrics.min_human_distance(trajectory.poses[None], trajectory.scene.people_at(trajectory.times)).min())
 
 
 def _near_person(trajectory: Trajectory) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from desirepath.simulation.crowds.crowd_engine import CrowdEngine, record
 from desirepath.simulation.crowds.crowd_kernels import nearest_wall
 from desirepath.simulation.fast import FastEngine, Floats, StartPool
 from desirepath.simulation.scene import Pose, Scene, SceneError
-from desirepath.simulation.scenes import ScenePool, row_to_scene, scenes_to_rows
+from desirepath.simulation.scenes import row_to_scene, scenes_to_rows
 from desirepath.simulation.setups import Setup
 from desirepath.simulation.trajectory import Outcome
 
@@ -49,7 +49,7 @@ class PeopledEngine(FastEngine):
         if n_envs < 1:
             raise ValueError(f"n_envs = {n_envs}: must be at least 1")
         self.setup, self.n_envs, self.auto_reset, self._progress = setup, n_envs, auto_reset, progress_weight
-        self._pool: StartPool = pool if pool is not None else ScenePool(setup, seed)
+        self._given_pool, self._seed = pool, seed
         self._scenes = list(scenes) if scenes is not None else None
         self._crowd = CrowdEngine(setup, n_envs=n_envs)
         self._seeds = np.zeros(n_envs, dtype=np.int64)
