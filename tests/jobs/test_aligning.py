@@ -24,7 +24,7 @@ from desirepath.jobs.kept_artefacts import ArtefactError
 from desirepath.jobs.kinds import RewardModelParams
 from desirepath.jobs.runners import learn_reward_model
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.choosing import ChoosingPolicy, PeopleInGeneral
+from desirepath.learning.policies.choosing import Answers, ChoosingPolicy, PeopleInGeneral
 from desirepath.learning.policies.policy import Policy, read_policy
 from desirepath.learning.policies.shipped import load_conditioned, load_policy
 from desirepath.learning.policies.stand_ins import load_stand_ins
@@ -460,6 +460,30 @@ def test_the_own_policy_is_compared_with_what_those_before_want_and_nothing_of_w
     again = aligned(begin(services, "align", params.model_dump()), params)
     assert again["in_general"] == {"people": 4, "passed": False}, "four are too few"
     assert "population" not in again
+
+
+def test_a_choice_per_scene_by_the_light_of_those_before_goes_when_one_of_them_goes(services):
+    settings, database, files = services
+    people = [snapshot_of(services, answers=8 + k, name=f"Light {k}", oracle="speed") for k in range(2)]
+    own = snapshot_of(services, answers=5, name="By their light")
+    params = EachSceneParams(
+        snapshot=own, gate_scenes=50, comparisons=0, policies=2, surely_better=0.9, earlier=",".join(people)
+    )
+    result = aligned(begin(services, "align", params.model_dump()), params)
+    assert result["prior"] == {"earlier_participants": 2}
+    policy = read_policy(files.get(result["policy"]))
+    assert isinstance(policy, ChoosingPolicy)
+    assert isinstance(policy.answers, Answers)
+    assert policy.answers.before is not None
+    assert len(policy.answers) == 5
+    with database.session() as s:
+        answered = select(Response.id).where(Response.id.in_(lineage(s, people[0]).all_answers()))
+        person = s.scalars(select(Session.participant_id).join(Response).where(Response.id.in_(answered))).first()
+    erase_participant(database, files, person, "tester", data=settings.data, compact=False)
+    with database.session() as s:
+        assert s.get_one(Artefact, result["policy"]).quarantined_at is not None
+        assert s.get_one(Artefact, own).quarantined_at is None
+    assert result["policy"] not in files.names()
 
 
 def test_people_who_want_different_things_are_no_population(services):

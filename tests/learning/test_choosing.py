@@ -7,7 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from desirepath.learning.alignment.each_scene import answers_of, choose_each_scene
+from desirepath.learning.alignment.each_scene import (
+    answers_of,
+    choose_each_scene,
+    leave_each_out,
+    people_in_general,
+    what_they_weigh,
+)
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.choosing import Answers, ChoosingPolicy
 from desirepath.learning.policies.importing import import_policy
@@ -61,6 +67,36 @@ def test_a_file_brings_it_back(own: ChoosingPolicy) -> None:
     assert again.made_for == "P-17"
     assert (again.places(SCENES[:6]) == own.places(SCENES[:6])).all()
     assert len(mine.to_bytes()) < 4_000_000
+
+
+def test_what_earlier_people_want_is_read_with_few_own_answers_and_kept_in_the_file(own: ChoosingPolicy) -> None:
+    people = [answers_of(prefers_distance(15 + k)) for k in range(10)]
+    few = Answers(own.answers.pairs[:6], own.answers.steps[:6], own.answers.chosen[:6])
+    by_their_light = replace(few, before=what_they_weigh(people))
+    alone, together = (choose_each_scene(answers, kept=4) for answers in (few, by_their_light))
+    surely = [policy.answers.believed[1].advantages(few.steps)[0].mean() for policy in (alone, together)]
+    assert surely[1] > surely[0]
+    again = read_policy(together.to_bytes())
+    assert isinstance(again, ChoosingPolicy)
+    assert (again.places(SCENES) == together.places(SCENES)).all()
+    assert what_they_weigh([]) is None
+    header, arrays = together.to_parts()
+    arrays["before_steps_mean"] = arrays["before_steps_mean"][:-1]
+    with pytest.raises(ValueError, match="before has"):
+        ChoosingPolicy.from_parts(header, arrays)
+
+
+def test_several_people_make_a_policy_of_which_nobody_is_more_than_another(own: ChoosingPolicy) -> None:
+    people = people_in_general([answers_of(prefers_distance(12 + k)) for k in range(5)])
+    assert leave_each_out(people).in_common
+    policy = choose_each_scene(people, kept=4)
+    again = read_policy(policy.to_bytes())
+    assert isinstance(again, ChoosingPolicy)
+    assert (again.places(SCENES[:6]) == policy.places(SCENES[:6])).all()
+    assert again.manifest()["answers"] == sum(12 + k for k in range(5))
+    header, arrays = policy.to_parts()
+    with pytest.raises(ValueError, match="do not fit"):
+        ChoosingPolicy.from_parts({**header, "people": [12, 13]}, arrays)
 
 
 @pytest.mark.parametrize("broken", ["steps", "scales"])

@@ -288,7 +288,7 @@ def test_what_those_before_want_is_an_arm_of_the_comparison_and_of_the_report(wa
 @pytest.mark.parametrize(
     ("train", "comparison", "meet", "told"),
     [
-        ({"prior": "earlier_participants"}, {}, {}, "own answers alone"),
+        ({"prior": "earlier_participants"}, {}, {}, "needs the purpose 'training'"),
         ({"ask_on": {"at_most": 2, "each": 2}}, {}, {}, "whose comparison decides"),
         ({}, {"arms": ["own", "other"]}, {}, "needs a comparison with base"),
         ({}, {"arms": ["base", "population", "own"]}, {}, "needs the purpose 'training'"),

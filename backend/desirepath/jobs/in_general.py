@@ -9,22 +9,17 @@ from typing import Any
 import structlog
 
 from desirepath.jobs.aligned import gate_rule
-from desirepath.jobs.alignments.each_scene import EachSceneParams
-from desirepath.jobs.answers import preferences_of, snapshot_of
+from desirepath.jobs.alignments.each_scene import EachSceneParams, earlier_answers
 from desirepath.jobs.context import JobContext
 from desirepath.jobs.kept_artefacts import keep
 from desirepath.learning.alignment.each_scene import (
     FEWEST_PEOPLE,
-    MOST_PEOPLE,
-    answers_of,
     choose_each_scene,
     leave_each_out,
     people_in_general,
 )
 from desirepath.learning.alignment.gate import at_gate, decide
 from desirepath.learning.cards import DEPARTURES
-from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.choosing import Answers
 from desirepath.learning.policies.policy import DrivingPolicy, Policy
 from desirepath.store.artefacts import ArtefactError
 from desirepath.store.erasure import IN_GENERAL
@@ -38,7 +33,7 @@ def policy_in_general(
 ) -> tuple[dict[str, Any], tuple[DrivingPolicy, str] | None]:
     """How it was made, for the job's result, and the policy with its id; None where there are too few people, or they
     have too little in common, or it does not pass the gate. own: the snapshot of who compares with it."""
-    people, snapshots = _earlier(context, params, base[0].setup)
+    people, snapshots = earlier_answers(context, params.people, params.symmetry, base[0].setup)
     if len(people) < FEWEST_PEOPLE:
         return {"people": len(people), "passed": False}, None
     everybody = people_in_general(people)
@@ -71,22 +66,3 @@ def policy_in_general(
         log.warning("earlier answers are gone", problem=str(gone))
         return told, None
     return {**told, "passed": True}, (policy, artefact)
-
-
-def _earlier(context: JobContext, params: EachSceneParams, setup: str) -> tuple[list[Answers], list[Artefact]]:
-    """Whose answers there are, the newest first. Who was erased since is left out."""
-    people: list[Answers] = []
-    snapshots: list[Artefact] = []
-    for reference in params.people.split(",") if params.people else []:
-        if len(people) == MOST_PEOPLE:
-            break
-        try:
-            artefact, snapshot = snapshot_of(context, reference.strip())
-            preferences = preferences_of(context, snapshot, independent=True)
-            if snapshot.setup == setup and len(preferences) == 1:
-                (of_one,) = preferences.values()
-                people.append(answers_of(of_one, left_right_symmetry=params.symmetry == "left_right"))
-                snapshots.append(artefact)
-        except (ArtefactError, LearningError) as gone:
-            log.warning("earlier answers are gone", problem=str(gone))
-    return people, snapshots

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Literal
 
 from desirepath.jobs.alignment import Aligned, Alignment, ConditionedAlignParams
@@ -9,8 +10,10 @@ from desirepath.jobs.params import MOST_NAMED, from_source
 
 if TYPE_CHECKING:
     from desirepath.jobs.context import JobContext
+    from desirepath.learning.policies.choosing import Answers
     from desirepath.learning.policies.policy import Policy
     from desirepath.learning.rewards.reward_model import RewardModel
+    from desirepath.store.models import Artefact
 
 
 class EachSceneParams(ConditionedAlignParams):
@@ -32,11 +35,12 @@ def align(context: JobContext, params: EachSceneParams, base: Policy, model: Rew
     library was not made from."""
     from desirepath.jobs.aligned import gate_rule
     from desirepath.jobs.answers import preferences_of, snapshot_of
-    from desirepath.learning.alignment.each_scene import answers_of, choose_each_scene
+    from desirepath.learning.alignment.each_scene import answers_of, choose_each_scene, what_they_weigh
     from desirepath.learning.alignment.gate import at_gate
     from desirepath.learning.cards import DEPARTURES
     from desirepath.learning.errors import LearningError
     from desirepath.learning.policies.shipped import load_policy
+    from desirepath.store.erasure import IN_GENERAL
 
     shipped = load_policy(f"{base.setup}/base")
     if base.without_critic().digest() != shipped.without_critic().digest():
@@ -49,6 +53,8 @@ def align(context: JobContext, params: EachSceneParams, base: Policy, model: Rew
         raise LearningError(f"recipe = 'each_scene': learns from the answers of one person, not of {people}")
     (preferences,) = of_participant.values()
     answers = answers_of(preferences, left_right_symmetry=params.symmetry == "left_right")
+    people, snapshots = earlier_answers(context, params.earlier, params.symmetry, base.setup)
+    answers = replace(answers, before=what_they_weigh(people))
     policy = choose_each_scene(answers, kept=params.policies)
     context.progress(0.4)
     gate = at_gate(policy, base, gate_rule(params), seed=params.seed)
@@ -60,9 +66,40 @@ def align(context: JobContext, params: EachSceneParams, base: Policy, model: Rew
             "policies": len(policy.policies),
             "answers": len(answers.chosen),
             "judged": "directly",
+            **({IN_GENERAL: len(people)} if people else {}),
         },
+        parents=[(snapshot, f"answers {number}") for number, snapshot in enumerate(snapshots, 1)],
         departures=[DEPARTURES["each_scene"], DEPARTURES["policy_library"], DEPARTURES["recovery"]],
     )
+
+
+def earlier_answers(
+    context: JobContext, listed: str, symmetry: str, setup: str
+) -> tuple[list[Answers], list[Artefact]]:
+    """Whose answers there are of snapshots by id, with commas between, the newest first. Who was erased since is left
+    out."""
+    import structlog
+
+    from desirepath.jobs.answers import preferences_of, snapshot_of
+    from desirepath.learning.alignment.each_scene import MOST_PEOPLE, answers_of
+    from desirepath.learning.errors import LearningError
+    from desirepath.store.artefacts import ArtefactError
+
+    people: list[Answers] = []
+    snapshots: list[Artefact] = []
+    for reference in listed.split(",") if listed else []:
+        if len(people) == MOST_PEOPLE:
+            break
+        try:
+            artefact, snapshot = snapshot_of(context, reference.strip())
+            preferences = preferences_of(context, snapshot, independent=True)
+            if snapshot.setup == setup and len(preferences) == 1:
+                (of_one,) = preferences.values()
+                people.append(answers_of(of_one, left_right_symmetry=symmetry == "left_right"))
+                snapshots.append(artefact)
+        except (ArtefactError, LearningError) as gone:
+            structlog.get_logger("desirepath.jobs").warning("earlier answers are gone", problem=str(gone))
+    return people, snapshots
 
 
 ALIGNMENT = Alignment(EachSceneParams, "policy per scene", align, asks_directly=True)

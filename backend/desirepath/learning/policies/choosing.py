@@ -7,7 +7,7 @@ It goes by what a robot knows of such a scene: its map, where the person stands,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -24,6 +24,7 @@ from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.policies.side_by_side import Drivers, SideBySide
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from desirepath.learning.preferences.measures import MEASURES
+from desirepath.learning.preferences.population_prior import EARLIER, WeightPrior
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.spans import SPANS_S
 from desirepath.learning.preferences.step_posterior import StepPosterior
@@ -43,17 +44,40 @@ MOST_POLICIES, MOST_ANSWERS = 100, 500
 MOST_LAYERS, MOST_RECOVERIES = 40, 4  # of a policy; arrays of weights and of biases
 AT_ONCE = 20  # scenes, whose rollouts are in memory together
 OF_PAIRS = ("seen", "named", "embedding")
+OF_BEFORE = ("free_mean", "free_factor", "steps_mean", "steps_factor")
+
+
+@dataclass(frozen=True)
+class Before:
+    """What earlier people weigh, by both posteriors' columns; both parts as `fit_people` has them."""
+
+    free: WeightPrior
+    steps: tuple[Doubles, Doubles]
+
+    def to_arrays(self) -> dict[str, Doubles]:
+        parts = (self.free.mean, self.free.factor, *self.steps)
+        return {f"before_{name}": part for name, part in zip(OF_BEFORE, parts, strict=True)}
+
+    @classmethod
+    def from_arrays(cls, arrays: Arrays) -> Before:
+        """Raises LearningError for what is not finite, ValueError for what does not fit."""
+        free_mean, free_factor, mean, factor = (_finite(arrays, f"before_{name}") for name in OF_BEFORE)
+        if free_factor.shape[:1] != free_mean.shape or factor.shape != (len(mean), len(mean)):
+            raise ValueError(f"before has shapes {free_mean.shape}, {free_factor.shape}, {mean.shape}, {factor.shape}")
+        return cls(WeightPrior(EARLIER, free_mean, free_factor), (mean, factor))
 
 
 @dataclass(frozen=True)
 class Answers:
     """Pairs that one person answered: how the first of each differs from the second, by what trajectories measure and
-    by means over their steps (`step_differences`), and whether the first was chosen."""
+    by means over their steps (`step_differences`), and whether the first was chosen. before: by the light of which
+    earlier people's they are read."""
 
     pairs: PairDifferences
     steps: Doubles
     chosen: NDArray[np.bool_]
     left_right_symmetry: bool = False
+    before: Before | None = None
 
     caution = CAUTION
 
@@ -69,8 +93,8 @@ class Answers:
         """What they say, by both posteriors."""
         config = FreeConfig(posterior=PosteriorConfig(left_right_symmetry=self.left_right_symmetry))
         return (
-            FreePosterior.from_answers(self.pairs, self.chosen, config),
-            StepPosterior.from_answers(self.steps, self.chosen),
+            FreePosterior.from_answers(self.pairs, self.chosen, config, self.before.free if self.before else None),
+            StepPosterior.from_answers(self.steps, self.chosen, self.before.steps if self.before else None),
         )
 
 
@@ -266,6 +290,9 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
             "symmetry": self.answers.left_right_symmetry,
             "policies": policies,
         }
+        if isinstance(self.answers, Answers) and self.answers.before is not None:
+            header["before"] = True
+            arrays |= self.answers.before.to_arrays()
         if isinstance(self.answers, PeopleInGeneral):
             header["people"] = [len(one) for one in people]
             arrays["of_people"] = self.answers.of_people
@@ -301,6 +328,8 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
         if shapes != expected:
             raise ValueError(f"answers have shapes {shapes}; needed are {expected}")
         believer: Answers | PeopleInGeneral = answers
+        if header.get("before"):
+            believer = replace(answers, before=_before(arrays, basis))
         if "people" in header:
             believer = _several(answers, [int(count) for count in header["people"]], _finite(arrays, "of_people"))
         return cls(setup, policies, basis, believer, _finite(arrays, "scales"), str(header.get("made_for", "")))
@@ -346,6 +375,14 @@ def roll_out_all(
     trajectories = rollout(get_setup(basis.setup), drivers, [*scenes] * len(policies))
     usual, *own = [trajectories[k : k + len(scenes)] for k in range(0, len(trajectories), len(scenes))]
     return RolloutDifferences.of(basis, usual, own, left_right_symmetry=left_right_symmetry)
+
+
+def _before(arrays: Arrays, basis: StepBasis) -> Before:
+    """Raises ValueError for what is of other columns."""
+    before = Before.from_arrays(arrays)
+    if (len(before.free.mean), len(before.steps[0])) != (len(NAMES) + SIZE, basis.size):
+        raise ValueError(f"before has {len(before.free.mean)} and {len(before.steps[0])} columns")
+    return before
 
 
 def _several(answers: Answers, counts: Sequence[int], of_people: Doubles) -> PeopleInGeneral:

@@ -109,9 +109,16 @@ def prior_of_earlier(setup: str, people: Sequence[EarlierPerson]) -> WeightPrior
     if not people:
         return None
     basis = _directions(setup, people[0].differences)
-    rank = basis.shape[1]
-    seen = [columns_of(person.differences) @ basis for person in people]
-    signs = [np.where(person.chosen, 1.0, -1.0) for person in people]
+    mean, factor = fit_people([(columns_of(person.differences) @ basis, person.chosen) for person in people])
+    return WeightPrior(EARLIER, basis @ mean, basis @ factor)
+
+
+def fit_people(people: Sequence[tuple[Doubles, NDArray[np.bool_]]]) -> tuple[Doubles, Doubles]:
+    """Mean (rank,) and factor (rank, rank) of what these people weigh, of columns of which weights are about standard
+    normal. Of each person: (n, rank) how the first of each pair differs, and whether it was chosen."""
+    seen = [rows for rows, _ in people]
+    signs = [np.where(chosen, 1.0, -1.0) for _, chosen in people]
+    rank = seen[0].shape[1]
     mean: Doubles = np.zeros(rank)
     spread: Doubles = np.eye(rank)
     for _ in range(ROUNDS):
@@ -122,7 +129,7 @@ def prior_of_earlier(setup: str, people: Sequence[EarlierPerson]) -> WeightPrior
         apart = means - mean
         total = AS_SPREAD * np.eye(rank) + apart.T @ apart + np.sum([unsure for _, unsure in of_people], axis=0)
         spread = np.asarray(total / (AS_SPREAD + len(people)), dtype=np.float64)
-    return WeightPrior(EARLIER, basis @ mean, basis @ np.linalg.cholesky(spread))
+    return mean, np.linalg.cholesky(spread).astype(np.float64)
 
 
 def _weights(rows: Doubles, signs: Doubles, mean: Doubles, root: Doubles) -> tuple[Doubles, Doubles]:

@@ -1,7 +1,7 @@
 """What answers say about the weights of a step basis: which reward, of all that the basis can say, somebody goes by.
 
-A Gaussian prior N(0, strength) of every weight, a logistic likelihood, Laplace's approximation, at several strengths
-weighed by their evidence (Bishop 2006, 4.4-4.5). Pure and deterministic.
+A Gaussian prior N(0, strength) of every weight, or of what earlier people weigh, a logistic likelihood, Laplace's
+approximation, at several strengths weighed by their evidence (Bishop 2006, 4.4-4.5). Pure and deterministic.
 """
 
 from __future__ import annotations
@@ -26,33 +26,40 @@ STRENGTHS = (8.0, 32.0, 128.0, 512.0)
 @dataclass(frozen=True)
 class StepPosterior:
     """After some answers. differences (n, K): first minus second of each pair's trajectory means, in lengths of a
-    typical pair; chosen (n,): whether the first was."""
+    typical pair; chosen (n,): whether the first was. before: mean (K,) and factor (K, K) of what earlier people weigh
+    (`population_prior.fit_people`), if that may be known."""
 
     differences: Doubles
     chosen: NDArray[np.bool_]
+    before: tuple[Doubles, Doubles] | None = None
 
     @classmethod
-    def from_answers(cls, differences: Doubles, chosen: Sequence[bool] | NDArray[np.bool_]) -> StepPosterior:
+    def from_answers(
+        cls,
+        differences: Doubles,
+        chosen: Sequence[bool] | NDArray[np.bool_],
+        before: tuple[Doubles, Doubles] | None = None,
+    ) -> StepPosterior:
         """Raises LearningError if the numbers of both do not agree."""
         if len(differences) != len(chosen):
             raise LearningError(f"choices = {len(chosen)}: {len(differences)} pairs need as many")
-        return cls(np.asarray(differences, dtype=np.float64), np.asarray(chosen, dtype=np.bool_))
+        return cls(np.asarray(differences, dtype=np.float64), np.asarray(chosen, dtype=np.bool_), before)
 
     @cached_property
     def mean(self) -> Doubles:
         """(K,) posterior mean of the weights."""
-        mean: Doubles = np.sum([mass * process.weights() for mass, process in self._weighed], axis=0)
+        mean: Doubles = np.sum([mass * self._weights(process) for mass, process in self._weighed], axis=0)
         return mean
 
     def predict(self, differences: Doubles) -> Doubles:
         """(n,) probability that the first of each pair is chosen."""
-        pairs = _pairs(differences)
+        pairs = self._pairs(differences)
         probable: Doubles = np.sum([mass * process.predict(pairs) for mass, process in self._weighed], axis=0)
         return probable
 
     def advantages(self, differences: Doubles) -> tuple[Doubles, Doubles]:
         """(n,) how much better the first of each pair is expected to be, in log odds, and its standard deviation."""
-        pairs, masses = _pairs(differences), np.array([mass for mass, _ in self._weighed])
+        pairs, masses = self._pairs(differences), np.array([mass for mass, _ in self._weighed])
         means, variances = map(np.array, zip(*(of.advantages(pairs) for _, of in self._weighed), strict=True))
         expected: Doubles = masses @ means
         return expected, np.sqrt(masses @ (variances + np.square(means - expected)))
@@ -64,9 +71,12 @@ class StepPosterior:
         probable = 0.0
         of_scenes = np.cov(differences.T) / len(differences) if len(differences) > 1 else 0.0
         for mass, process in self._weighed:
-            mean, variance = (float(part[0]) for part in process.advantages(_pairs(differences.mean(0, keepdims=True))))
+            mean, variance = (
+                float(part[0]) for part in process.advantages(self._pairs(differences.mean(0, keepdims=True)))
+            )
             if len(differences) > 1:
-                variance += float(process.weights() @ of_scenes @ process.weights())
+                weights = self._weights(process)
+                variance += float(weights @ of_scenes @ weights)
             probable += mass * float(ndtr(mean / math.sqrt(variance + 1e-12)))
         return probable
 
@@ -74,7 +84,7 @@ class StepPosterior:
         """(n,) mutual information (bits) between the answer to each pair and the weights (Houlsby 2011)."""
         predicted, doubt = np.zeros(len(differences)), np.zeros(len(differences))
         for mass, process in self._weighed:
-            probable, left = process.predict_and_doubt(_pairs(differences))
+            probable, left = process.predict_and_doubt(self._pairs(differences))
             predicted += mass * probable
             doubt += mass * left
         return np.maximum(entropy_bits(predicted) - doubt, 0.0)
@@ -82,12 +92,22 @@ class StepPosterior:
     @cached_property
     def _weighed(self) -> list[tuple[float, AdvantageProcess]]:
         signs = np.where(self.chosen, 1.0, -1.0)
-        fits = [AdvantageProcess.after(strength, _pairs(self.differences), signs) for strength in STRENGTHS]
+        fits = [AdvantageProcess.after(strength, self._pairs(self.differences), signs) for strength in STRENGTHS]
         evidence = np.array([fit.log_evidence for fit in fits])
         masses = np.exp(evidence - evidence.max())
         return list(zip((masses / masses.sum()).tolist(), fits, strict=True))
 
+    def _pairs(self, differences: Doubles) -> Seen:
+        """Where nobody was before, nothing is expected of the weights."""
+        if self.before is None:
+            return np.zeros(len(differences)), differences
+        mean, factor = self.before
+        return differences @ mean, differences @ factor
 
-def _pairs(differences: Doubles) -> Seen:
-    """Nothing is expected of the weights beforehand."""
-    return np.zeros(len(differences)), differences
+    def _weights(self, process: AdvantageProcess) -> Doubles:
+        """(K,) expected by one of the strengths."""
+        if self.before is None:
+            return process.weights()
+        mean, factor = self.before
+        weights: Doubles = math.sqrt(process.strength) * mean + factor @ process.weights()
+        return weights

@@ -38,9 +38,9 @@ class TrainStage(Stage):
     place where it is better), `fine_tuning` trains on the learned reward, `thesis` as in thesis 6.4; `each_scene`
     chooses, in each scene, among many policies: what the answers let expect decides nothing, the comparison does
     (`meet_your_robot` with `preferred`). prior (of `align`): by the light of what own answers are read before a policy
-    is called surely better for this person; `none` of others', `earlier_participants` of those of the study, the same
-    version and group who consented to training. ask_on (of `align`): further pairs where what was learned is not surely
-    better for this very person.
+    is called surely better for this person, or chosen per scene; `none` of others', `earlier_participants` of those of
+    the study, the same version and group who consented to training. ask_on (of `align`): further pairs where what was
+    learned is not surely better for this very person.
     """
 
     model_config = an_example({"job": "align", "recipe": "instant", "while": {"questionnaire": "usability"}})
@@ -98,8 +98,6 @@ class TrainStage(Stage):
     def _each_scene_problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
         if self.job != "align":
             yield source.problem((*here, "recipe"), "needs job align: it learns from choices")
-        if self.prior != "none":
-            yield source.problem((*here, "prior"), "must be none with recipe each_scene, which reads own answers alone")
         if self.ask_on is not None:
             yield source.problem(
                 (*here, "ask_on"), "cannot stand beside recipe each_scene, whose comparison decides; ask more before it"
