@@ -464,7 +464,7 @@ def test_the_own_policy_is_compared_with_what_those_before_want_and_nothing_of_w
 
 def test_a_choice_per_scene_by_the_light_of_those_before_goes_when_one_of_them_goes(services):
     settings, database, files = services
-    people = [snapshot_of(services, answers=8 + k, name=f"Light {k}", oracle="speed") for k in range(2)]
+    people = [snapshot_of(services, answers=8 + k, name=f"Light {k}", oracle="fastest") for k in range(2)]
     own = snapshot_of(services, answers=5, name="By their light")
     params = EachSceneParams(
         snapshot=own, gate_scenes=50, comparisons=0, policies=2, surely_better=0.9, earlier=",".join(people)

@@ -49,8 +49,8 @@ def align(context: JobContext, params: EachSceneParams, base: Policy, model: Rew
         raise LearningError(f"conditioned = {params.conditioned!r}: the library is of {base.setup}/conditioned alone")
     of_participant = preferences_of(context, snapshot_of(context, params.snapshot)[1], independent=True)
     if len(of_participant) != 1:
-        people = len(of_participant)
-        raise LearningError(f"recipe = 'each_scene': learns from the answers of one person, not of {people}")
+        count = len(of_participant)
+        raise LearningError(f"recipe = 'each_scene': learns from the answers of one person, not of {count}")
     (preferences,) = of_participant.values()
     answers = answers_of(preferences, left_right_symmetry=params.symmetry == "left_right")
     people, snapshots = earlier_answers(context, params.earlier, params.symmetry, base.setup)
