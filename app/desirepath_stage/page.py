@@ -8,7 +8,7 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `ready` | `keys` | the scene stands and has been drawn; which keys the pen and the feet take |
 | `label` | `playback_id, label` | the label is shown |
 | `playing` | `playback_id` | the robot starts to move |
-| `played` | `playback_id, frames, duration_ms, longest_gap_ms` | watched to the end; `walk`: what was walked beside |
+| `played` | `playback_id, frames, duration_ms, longest_gap_ms` | watched to the end; `walk`: what was walked beside; `headset`: how |
 | `interrupted` | `playback_id, reason` | stopped before its end by `tab-hidden`, `webgl-lost`, ... |
 | `tab-hidden`, `tab-visible` | | |
 | `webgl-missing`, `webgl-lost`, `webgl-restored` | | |
@@ -19,6 +19,9 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `drawn` | `id` | paths that the page sent have been drawn |
 | `moved` | `poses, seconds, driving, over` | where the robots are on these paths; several times a second |
 | `floor` | `place` | the floor was pressed there, where a real robot is mirrored |
+| `headset` | `on, controllers, refresh_rate` | a headset was put on here, or taken off |
+| `headset-press` | `id` | a button of its panel was pressed |
+| `headset-refused` | `why` | blocked, insecure, browser, missing: none can be worn; denied, failed: it was tried |
 | `picked`, `pointed` | `thing` | an explained object was clicked; the pointer is over it, or over none (null) |
 | `state` | `connected, ready, webgl, playback_id, keys` | the answer to the parent's `{type: "hello"}` |
 
@@ -26,7 +29,8 @@ The parent may also send `{type: "draw", do, ...}`: words, undo, redo, clear, cu
 to the pen (`client/draw.js`), step to the feet (`client/walk.js`), look to the camera; and `{type: "steer", do, ...}`
 (`client/steer.js`): `paths` (`orders.PathsMessage`), drive, stop; and `{type: "mirror", ...}` (`orders.MirrorOrder`,
 `client/mirror.js`); and `{type: "explain", ...}`:
-words, ranks and which objects can be picked (`client/explained.js`).
+words, ranks and which objects can be picked (`client/explained.js`); and `{type: "headset", do, ...}`: `offer` with
+its words, `panel` with what stands in the room, leave (`client/headset.js`).
 """
 
 from __future__ import annotations
@@ -54,7 +58,8 @@ _PLACE = (
     "pictures.js",
     "player.js",
 )
-_SCRIPTS = ("bridge.js", "viser_hooks.js", *_PLACE, *_PEN, *_LATER)
+_WORN = ("headset_room.js", "headset.js")
+_SCRIPTS = ("bridge.js", "frames.js", "viser_hooks.js", *_PLACE, *_PEN, *_WORN, *_LATER)
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ Takes plain scenes, returns the names of what it made; poses over time are the p
 
 from __future__ import annotations
 
+import io
 import math
 import threading
 from collections.abc import Sequence
@@ -69,6 +70,10 @@ def build(
         cut = view == "top_down" and _material(scene) != "concrete"
         place = place_file(scene, floor_bounds(scene, camera), detail, cut=cut)
     api.add_glb(f"{root}/place", place, cast_shadow=False, receive_shadow=False)
+
+    if view == "immersive":
+        api.add_glb(f"{root}/square", _square(), scale=0.001, position=_BELOW, cast_shadow=False, receive_shadow=False)
+        meshes.append(f"{root}/square")
 
     if scene.has_person:
         person = scene.person
@@ -137,6 +142,7 @@ def add_marks(api: viser.SceneApi, root: str, scene: Scene, robots: Sequence[str
 
 
 _HERE = (0.0, 0.0, 0.0)
+_BELOW = (0.0, 0.0, -1.0)  # the floor
 
 
 @cache
@@ -160,6 +166,17 @@ def squares(count: int, corners: int, colour: Colour) -> bytes:
 def _goal(radius: float) -> bytes:
     ring = Surface(bodies.goal_ring(radius), translucent=True)
     return to_glb([ring, _shade(0.22, 0.007, 0.5), Surface(bodies.goal_cone())])
+
+
+@cache
+def _square() -> bytes:
+    """A white square with a picture, a metre wide: the page makes panels for a headset of it."""
+    from PIL import Image  # as in surfaces.py
+
+    picture = io.BytesIO()
+    Image.new("RGB", (1, 1), "white").save(picture, "PNG")
+    shape = _rectangle((-0.5, -0.5, 0.5, 0.5))
+    return to_glb([Surface(shape, uv=_RECTANGLE_UV, image=picture.getvalue(), translucent=True)])
 
 
 def _shade(radius: float, height: float, alpha: float) -> Surface:

@@ -47,7 +47,7 @@ PARENT_PAGE = """<!doctype html><title>parent</title>
   window.events = [];
   addEventListener("message", (e) => { if (e.origin === "STAGE") window.events.push(e.data); });
 </script>
-<iframe id="stage" src="STAGE/stage/TOKEN/"></iframe>"""
+<iframe id="stage" allow="xr-spatial-tracking" src="STAGE/stage/TOKEN/"></iframe>"""
 
 
 def bound_socket(port: int = 0) -> socket.socket:

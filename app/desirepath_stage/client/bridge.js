@@ -1,8 +1,8 @@
 // @ts-check
 /**
  * The wire to the page that holds this stage: events go up; `hello`, orders for the pen (`draw`), for explained objects
- * (`explain`), paths to drive (`steer`) and where a real robot is (`mirror`) come down. Origins
- * are checked both ways.
+ * (`explain`), paths to drive (`steer`), where a real robot is (`mirror`) and what a headset shows (`headset`) come down.
+ * Origins are checked both ways.
  *
  * Every event is `{source: "desirepath-stage", type, ...}`; the types are listed in app/desirepath_stage/page.py.
  */
@@ -25,10 +25,12 @@
     else if (event.data?.type === "draw") window.desirePath.draw?.obey(event.data);
     else if (event.data?.type === "steer") window.desirePath.steer?.obey(event.data);
     else if (event.data?.type === "mirror") window.desirePath.mirror?.show(event.data);
+    else if (event.data?.type === "headset") window.desirePath.headset?.obey(event.data);
     else if (event.data?.type === "explain") window.desirePath.explained?.obey(event.data);
   });
 
   document.addEventListener("visibilitychange", () => {
+    if (window.desirePath.headset?.worn()) return; // the window is not what is looked at
     if (document.hidden) window.desirePath.player?.interrupt("tab-hidden");
     post(document.hidden ? "tab-hidden" : "tab-visible");
   });

@@ -32,12 +32,36 @@ type Finds = (x: number, y: number, t: number) => NearThing;
 /** fit: make it as large as the window, empty, in CSS pixels. */
 type Overlay = { canvas: HTMLCanvasElement; pen: CanvasRenderingContext2D; fit(): void };
 type Projector = (x: number, y: number, z?: number) => number[] | null;
+/** A button of the panel that who wears a headset sees; a resting one cannot be pressed, a tool is not the step's own. */
+type RoomButton = { id: string; text: string; letter?: boolean; main?: boolean; resting?: boolean; tool?: boolean };
+/** quiet: a line alone, while a robot drives. */
+type RoomPanel = { count: string; text: string; hint: string; buttons: RoomButton[]; quiet: boolean; progress: number | null };
+/** held: it comes from a hand. */
+type RoomRay = { from: number[]; along: number[]; held: boolean };
 type KeyPressed = { key: string; shiftKey?: boolean; ctrlKey?: boolean; metaKey?: boolean; altKey?: boolean };
 
 interface DesirePath {
   bridge: {
     post(type: string, detail?: object): void;
     state: { connected: boolean; ready: boolean; webgl: boolean; playback_id: string | null; keys?: StageKeys };
+  };
+  frames: { next(action: () => void): void; use(session: any): void };
+  headset: {
+    use(next: Orders["camera"], meshes: string[]): void;
+    worn(): boolean;
+    begin(): void;
+    report(): object | null;
+    obey(message: any): void;
+  };
+  headsetRoom: {
+    build(name: string): boolean;
+    clear(): void;
+    show(next: RoomPanel): void;
+    shown(): RoomPanel;
+    draw(eye: number[], along: number[], rays: RoomRay[], dark: number): RoomButton | null;
+    meet(from: number[], along: number[]): { metres: number; button: RoomButton | null } | null;
+    place(id: string): number[] | null;
+    point(id: string, share: number): void;
   };
   overlay(id: string): Overlay;
   viser: {
@@ -52,6 +76,11 @@ interface DesirePath {
     tint(name: string, factor: number, figure: number): void;
     gait(name: string): number[];
     redraw(): void;
+    drawing(): { gl: any; root: any };
+    world(): any;
+    toView(point: number[]): number[];
+    fromView(point: number[]): number[];
+    wear(colour: number[] | null): void;
     orbit(free: boolean): void;
     plainPicture(sharpness: number): void;
     stopReconnecting(): void;

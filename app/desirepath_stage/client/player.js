@@ -6,7 +6,7 @@
  */
 (() => {
   "use strict";
-  const { bridge } = window.desirePath;
+  const { bridge, frames } = window.desirePath;
   /** @type {string[]} */
   let robots = [];
   let person = "";
@@ -108,7 +108,7 @@
       const begun = performance.now();
       let lastFrame = begun;
       let longestGap = 0;
-      let frames = 0;
+      let drawn = 0;
       let moving = false;
       running = id;
       bridge.state.playback_id = id;
@@ -116,6 +116,7 @@
       put(stands);
       window.desirePath.camera.recentre();
       window.desirePath.explained.begin();
+      window.desirePath.headset.begin();
       if (ground) walk.begin(ground);
       pose(tracks, 0, walked);
       let met = false;
@@ -144,25 +145,26 @@
             window.desirePath.bodies.put(person, here.x, here.y, window.desirePath.camera.heading());
             met ||= here.met;
           }
-          frames += 1;
+          drawn += 1;
         }
         lastFrame = now;
         if (!met && t < motionS + holdS) {
-          requestAnimationFrame(step);
+          frames.next(step);
           return;
         }
         running = null;
         bridge.state.playback_id = null;
         bridge.post("played", {
           playback_id: id,
-          frames,
+          frames: drawn,
           duration_ms: Math.round(now - begun),
           longest_gap_ms: Math.round(longestGap),
+          headset: window.desirePath.headset.report(),
           ...(ground ? { walk: walk.recording() } : {}),
         });
         walk.stop();
       };
-      requestAnimationFrame(step);
+      frames.next(step);
     },
 
     /** The robot stands where its rollout ended. @param {number[]} pose x, y, yaw */
@@ -195,9 +197,9 @@
         if (mine !== turn) return;
         const t = ((performance.now() - begun) / 1000) * speed;
         pose(tracks, loop ? t % (motionS + restS * speed) : t, walked);
-        if (loop || t < motionS) requestAnimationFrame(step);
+        if (loop || t < motionS) frames.next(step);
       };
-      requestAnimationFrame(step);
+      frames.next(step);
     },
 
     /** @param {string} reason stops whatever moves; a trajectory that was being watched is reported */

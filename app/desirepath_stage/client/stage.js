@@ -2,7 +2,7 @@
 /** What the server may order (app/desirepath_stage/stage.py): show, play, draw, replay, clear, replaced. One order at a time, in sequence. */
 (() => {
   "use strict";
-  const { bridge, viser, camera, player, sheet, scheme, bodies, trail, pictures, draw, steer, mirror, walk, explained } = window.desirePath;
+  const { bridge, frames, viser, camera, player, sheet, scheme, bodies, trail, pictures, draw, steer, mirror, walk, explained, headset } = window.desirePath;
   bridge.state.keys = { pen: draw.KEYS, feet: walk.KEYS };
   const [HELD_LOOKS, HELD_EVERY_MS] = [24, 500];
   /** Counts scenes; waiting for one ends when the next comes. */
@@ -27,7 +27,7 @@
     const whenStanding = () => {
       if (mine !== shown) return;
       if (!viser.isUp() || !order.meshes.every((name) => viser.hasMesh(name))) {
-        requestAnimationFrame(whenStanding);
+        frames.next(whenStanding);
         return;
       }
       viser.plainPicture(order.sharpness);
@@ -42,10 +42,11 @@
       explained.idle(order.start);
       if (order.halted) player.end(order.halted);
       // Two more frames, so that what is called ready has been drawn.
-      requestAnimationFrame(() => requestAnimationFrame(() => {
+      frames.next(() => frames.next(() => {
         if (mine !== shown) return;
         document.documentElement.dataset.stage = "ready";
         bridge.state.ready = true;
+        headset.use(order.camera, order.meshes);
         bridge.post("ready", { keys: bridge.state.keys });
         held = mine;
         holdView(mine, HELD_LOOKS);

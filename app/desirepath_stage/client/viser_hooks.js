@@ -185,6 +185,34 @@
     },
     redraw: () => mutable().requestRender(),
 
+    /** three.js's renderer and the root of all that it draws, for a headset. @returns {{gl: any, root: any}} */
+    drawing() {
+      let root = mutable().scene;
+      while (root.parent) root = root.parent;
+      return { gl: root.__r3f?.root?.getState()?.gl, root };
+    },
+    /** Where meshes in world metres, z up, belong. @returns {any} */
+    world: () => mutable().nodeRefFromName[""],
+    /** A place or a way in world metres, as three.js and headsets have it, y up. @param {number[]} point @returns {number[]} */
+    toView: (point) => vector(point).toArray(),
+    /** And back. @param {number[]} point @returns {number[]} */
+    fromView(point) {
+      const { camera, nodeRefFromName } = mutable();
+      return camera.position.clone().set(...point).applyQuaternion(nodeRefFromName[""].quaternion.clone().invert()).toArray();
+    },
+    /**
+     * Draws for a headset, or for the window again. What three.js takes over from a headset knows no reversed depth, with
+     * which viser draws (r186): what is farther would cover what is nearer.
+     * @param {number[] | null} colour 0 to 1, behind everything, where no page shines through; null: the window
+     */
+    wear(colour) {
+      const { gl } = this.drawing();
+      gl.state.buffers.depth.setReversed(!colour && gl.capabilities.reversedDepthBuffer);
+      if (!colour) mutable().camera.updateProjectionMatrix();
+      const mixed = gl.getClearColor(this.meshes("")[0].material.color.clone());
+      gl.setClearColor(mixed.setRGB(...(colour ?? [0, 0, 0])), colour ? 1 : 0);
+    },
+
     /** @param {boolean} free whether viser's own controls may turn the camera: above the floor, never under it */
     orbit(free) {
       mutable().cameraControl.maxPolarAngle = free ? 1.45 : Math.PI;
@@ -195,12 +223,9 @@
      * @param {number} sharpness pixels drawn per pixel of the screen, in each direction
      */
     plainPicture(sharpness) {
-      const { scene, backgroundMaterial } = mutable();
-      let root = scene;
-      while (root.parent) root = root.parent;
-      const drawing = root.__r3f?.root?.getState();
-      drawing?.setDpr(sharpness * window.devicePixelRatio);
-      const renderer = drawing?.gl;
+      const { backgroundMaterial } = mutable();
+      const { gl: renderer, root } = this.drawing();
+      if (!renderer?.xr.isPresenting) root.__r3f?.root?.getState()?.setDpr(sharpness * window.devicePixelRatio);
       if (renderer) Object.assign(renderer, { toneMapping: 0, outputColorSpace: "srgb-linear" });
       root.traverse((/** @type {any} */ part) => {
         if (part.material?.map?.colorSpace) {

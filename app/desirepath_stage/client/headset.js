@@ -1,0 +1,258 @@
+// @ts-check
+/**
+ * Entering the room with a headset (WebXR) and leaving it: who wears one stands where the scene's person stands, floor at
+ * floor height, eyes as high as their own, the robot's start straight ahead as in the window. Nothing moves them but a
+ * change of scene, in the dark. What a panel says and what its buttons do is the page's, sent as `{type: "headset", do}`:
+ * `offer` (words; required or not), `panel`, `off` (the room has nothing more to show).
+ */
+(() => {
+  "use strict";
+  const { bridge, viser, frames, headsetRoom: room } = window.desirePath;
+  const DWELL_S = 1.5; // who looks at a button for so long, without hands, presses it
+  const FADE_S = 0.35;
+  const SLOW = 1.5; // a picture that comes after so many times the headset's own pace came late
+
+  /** @type {any} XRSession */
+  let session = null;
+  /** As the headset tells it, before it is turned and shifted into the scene. @type {any} XRReferenceSpace */
+  let ground = null;
+  /** @type {Orders["camera"] | null} */
+  let camera = null;
+  let square = "";
+  /** @type {Record<string, string> | null} */
+  let words = null;
+  let supported = false;
+  let entering = false;
+  let placed = false;
+  let dark = 1;
+  let last = 0;
+  let dwell = { id: "", since: 0, spent: "" };
+  /** The gaps between pictures since `count` was asked to begin, ms. */
+  let gaps = { frames: 0, dropped: 0, sum: 0 };
+  /** What was pointed with since then. @type {Set<string>} */
+  let pointing = new Set();
+  /** Rays of the newest picture, by the input that has them. @type {Map<any, {from: number[], along: number[], held: boolean}>} */
+  let rays = new Map();
+
+  const button = document.createElement("button");
+  Object.assign(button, { id: "desire-path-headset", type: "button", hidden: true });
+  window.desirePath.sheet.element.append(button);
+  button.addEventListener("pointerdown", (event) => event.stopPropagation()); // beside it the gaze is turned
+  button.addEventListener("click", () => void enter());
+
+  const xr = () => /** @type {any} */ (navigator).xr;
+
+  /** Why no headset can be worn here, null: it can. @returns {Promise<string | null>} */
+  async function against() {
+    const policy = /** @type {any} */ (document).featurePolicy;
+    if (policy?.features().includes("xr-spatial-tracking") && !policy.allowsFeature("xr-spatial-tracking")) return "blocked";
+    if (!window.isSecureContext) return "insecure";
+    if (!xr()) return "browser";
+    try {
+      return (await xr().isSessionSupported("immersive-vr")) ? null : "missing";
+    } catch {
+      return "blocked"; // a Permissions-Policy of the page or the frame's `allow`
+    }
+  }
+
+  async function offer() {
+    const why = await against();
+    supported = why === null;
+    if (why) bridge.post("headset-refused", { why });
+    show();
+  }
+
+  function show() {
+    button.hidden = !(words && supported && !session && camera?.view === "immersive" && square);
+    button.textContent = words?.enter ?? "";
+  }
+
+  async function enter() {
+    if (session || entering || !words) return;
+    entering = true;
+    try {
+      const opened = await xr().requestSession("immersive-vr", {
+        requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"],
+      });
+      await begin(opened).catch((error) => {
+        void opened.end();
+        throw error;
+      });
+    } catch (error) {
+      const denied = error instanceof DOMException && ["NotAllowedError", "SecurityError"].includes(error.name);
+      bridge.post("headset-refused", { why: denied ? "denied" : "failed" });
+    } finally {
+      entering = false;
+      show();
+    }
+  }
+
+  /** @param {any} opened XRSession */
+  async function begin(opened) {
+    const { gl } = viser.drawing();
+    viser.wear(window.desirePath.scheme.isDark() ? [0.086, 0.078, 0.059] : [0.875, 0.898, 0.902]);
+    opened.addEventListener("end", end);
+    opened.addEventListener("select", (/** @type {any} */ event) => press(rays.get(event.inputSource)));
+    opened.addEventListener("visibilitychange", () => {
+      if (opened.visibilityState !== "visible") window.desirePath.player.interrupt("tab-hidden");
+    });
+    gl.xr.setReferenceSpaceType("local-floor");
+    gl.xr.setFoveation(1);
+    await gl.xr.setSession(opened);
+    ground = await opened.requestReferenceSpace("local-floor");
+    if (!room.build(square)) throw new Error("no square to make panels of");
+    session = opened;
+    [placed, dark, rays, last] = [false, 1, new Map(), 0];
+    window.desirePath.player.interrupt("headset");
+    frames.use(opened);
+    document.documentElement.dataset.headset = "on";
+    bridge.post("headset", { on: true, ...told() });
+    opened.requestAnimationFrame(picture);
+  }
+
+  /** The headset was taken off, its battery is empty, or the room is left: it goes on in the window. */
+  function end() {
+    viser.wear(null);
+    room.clear();
+    frames.use(null);
+    if (!session) return; // it ended before it stood
+    session = ground = null;
+    delete document.documentElement.dataset.headset;
+    window.desirePath.player.interrupt("headset");
+    window.desirePath.camera.fit();
+    bridge.post("headset", { on: false });
+    show();
+  }
+
+  /** The inputs' own names, which the browser tells; it does not tell which headset it is. */
+  function told() {
+    const sources = [...(session?.inputSources ?? [])];
+    return {
+      controllers: [...new Set(sources.map((source) => String(source.profiles?.[0] ?? source.targetRayMode).slice(0, 60)))].slice(0, 4),
+      refresh_rate: Number(session?.frameRate) || null,
+    };
+  }
+
+  /** Where the scene's person stands, and straight ahead where the robot starts. @param {any} pose in `ground` */
+  function place(pose) {
+    if (!camera) return;
+    const { gl } = viser.drawing();
+    const [x, y] = camera.eye;
+    const ahead = viser.toView([camera.target[0] - x, camera.target[1] - y, 0]);
+    const look = turned(pose.transform.orientation, [0, 0, -1]);
+    const by = Math.atan2(-ahead[0], -ahead[2]) - Math.atan2(-look[0], -look[2]);
+    const { x: hx, z: hz } = pose.transform.position;
+    const at = viser.toView([x, y, 0]);
+    const [c, s] = [Math.cos(by), Math.sin(by)];
+    const shift = { x: at[0] - (c * hx + s * hz), y: at[1], z: at[2] - (c * hz - s * hx) };
+    const XRRigidTransform = /** @type {any} */ (window).XRRigidTransform;
+    const into = new XRRigidTransform(shift, { x: 0, y: Math.sin(by / 2), z: 0, w: Math.cos(by / 2) });
+    gl.xr.setReferenceSpace(ground.getOffsetReferenceSpace(into.inverse));
+    placed = true;
+  }
+
+  /** @param {{x: number, y: number, z: number, w: number}} q @param {number[]} v @returns {number[]} */
+  function turned({ x, y, z, w }, [a, b, c]) {
+    const [tx, ty, tz] = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
+    return [a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx];
+  }
+
+  /** Where something is and whither it points, in the scene's metres. @param {any} transform */
+  function ray({ position: { x, y, z }, orientation }) {
+    return { from: viser.fromView([x, y, z]), along: viser.fromView(turned(orientation, [0, 0, -1])) };
+  }
+
+  /** @param {number} time @param {any} frame XRFrame */
+  function picture(time, frame) {
+    if (!session || frame.session !== session) return;
+    session.requestAnimationFrame(picture);
+    const gap = last ? time - last : 0;
+    last = time;
+    count(gap);
+    const { gl } = viser.drawing();
+    const raw = frame.getViewerPose(ground);
+    const standing = bridge.state.ready;
+    if (raw && !placed && standing) place(raw);
+    const pose = frame.getViewerPose(gl.xr.getReferenceSpace());
+    if (!pose) return;
+    const eyes = ray(pose.transform);
+    rays = new Map();
+    for (const source of session.inputSources) {
+      const aimed = source.targetRayMode === "tracked-pointer" && frame.getPose(source.targetRaySpace, gl.xr.getReferenceSpace());
+      if (aimed) rays.set(source, { ...ray(aimed.transform), held: true });
+    }
+    const hands = [...rays.values()];
+    const gazing = hands.length === 0;
+    pointing.add(gazing ? "gaze" : [...session.inputSources].some((source) => source.hand) ? "hand" : "controller");
+    if (gazing) for (const source of session.inputSources) rays.set(source, { ...eyes, held: false });
+    dark = Math.max(0, Math.min(1, dark + ((placed && standing ? -1 : 1) * gap) / 1000 / FADE_S));
+    const found = room.draw(eyes.from, eyes.along, gazing ? [{ ...eyes, held: false }] : hands, dark);
+    look(found && !found.resting ? found.id : "", gazing, time);
+  }
+
+  /** A look at a button for long enough presses it, where there are no hands. @param {string} id @param {boolean} gazing @param {number} time */
+  function look(id, gazing, time) {
+    if (id !== dwell.id) dwell = { id, since: time, spent: "" };
+    const share = gazing && id && dwell.spent !== id ? (time - dwell.since) / 1000 / DWELL_S : 0;
+    room.point(id, Math.min(1, share));
+    if (share < 1) return;
+    dwell.spent = id;
+    pressed(id);
+  }
+
+  /** @param {{from: number[], along: number[]} | undefined} aimed */
+  function press(aimed) {
+    const on = aimed && room.meet(aimed.from, aimed.along)?.button;
+    if (on) pressed(on.id);
+  }
+
+  /** @param {string} id */
+  function pressed(id) {
+    if (id === "leave") session?.end();
+    else bridge.post("headset-press", { id });
+  }
+
+  /** @param {number} gap ms since the picture before */
+  function count(gap) {
+    if (!gap) return;
+    const pace = 1000 / (Number(session.frameRate) || 72);
+    gaps.frames += 1;
+    gaps.sum += gap;
+    if (gap > SLOW * pace) gaps.dropped += Math.round(gap / pace) - 1;
+  }
+
+  window.desirePath.headset = {
+    /** Another scene stands. @param {Orders["camera"]} next @param {string[]} meshes */
+    use(next, meshes) {
+      camera = next;
+      square = meshes.find((name) => name.endsWith("/square")) ?? "";
+      placed = false;
+      if (session && next.view !== "immersive") session.end();
+      show();
+    },
+
+    worn: () => session !== null,
+
+    /** From now on it is counted how the pictures come. */
+    begin() {
+      gaps = { frames: 0, dropped: 0, sum: 0 };
+      pointing = new Set();
+    },
+
+    /** What is stored beside what was watched in the headset since `begin`; null in the window. */
+    report() {
+      if (!session) return null;
+      return { ...told(), frames: gaps.frames, dropped: gaps.dropped, pointing: [...pointing].sort() };
+    },
+
+    /** @param {any} message from the page */
+    obey(message) {
+      if (message.do === "offer") {
+        words = message.words;
+        void offer();
+      } else if (message.do === "panel") {
+        room.show(message.panel);
+      } else if (message.do === "leave") session?.end();
+    },
+  };
+})();
