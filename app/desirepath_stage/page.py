@@ -8,7 +8,7 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `ready` | `keys` | the scene stands and has been drawn; which keys the pen and the feet take |
 | `label` | `playback_id, label` | the label is shown |
 | `playing` | `playback_id` | the robot starts to move |
-| `played` | `playback_id, frames, duration_ms, longest_gap_ms` | watched to the end; `walk`: what was walked beside; `headset`: how |
+| `played` | `playback_id, frames, duration_ms, longest_gap_ms` | watched to the end; `walk`, `headset`: how |
 | `interrupted` | `playback_id, reason` | stopped before its end by `tab-hidden`, `webgl-lost`, ... |
 | `tab-hidden`, `tab-visible` | | |
 | `webgl-missing`, `webgl-lost`, `webgl-restored` | | |
@@ -19,11 +19,12 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `drawn` | `id` | paths that the page sent have been drawn |
 | `moved` | `poses, seconds, driving, over` | where the robots are on these paths; several times a second |
 | `floor` | `place` | the floor was pressed there, where a real robot is mirrored |
-| `headset` | `on, controllers, refresh_rate` | a headset was put on here, or taken off |
+| `headset` | `on, here, why, controllers, refresh_rate` | worn or not; whether it can be; what is against |
 | `headset-press` | `id` | a button of its panel was pressed |
-| `headset-refused` | `why` | blocked, insecure, browser, missing: none can be worn; denied, failed: it was tried |
 | `picked`, `pointed` | `thing` | an explained object was clicked; the pointer is over it, or over none (null) |
 | `state` | `connected, ready, webgl, playback_id, keys` | the answer to the parent's `{type: "hello"}` |
+
+`why` of `headset`: blocked, insecure, browser or missing: none can be worn; denied or failed: it was tried.
 
 The parent may also send `{type: "draw", do, ...}`: words, undo, redo, clear, cut, finish, speed, problem, choose, key
 to the pen (`client/draw.js`), step to the feet (`client/walk.js`), look to the camera; and `{type: "steer", do, ...}`

@@ -30,6 +30,7 @@ GATE: dict[str, Any] = {
     "pointers": ["fine", "coarse"],
     "min_frame_rate": None,
     "light_below": None,
+    "headset": None,
 }
 
 

@@ -47,7 +47,7 @@ PARENT_PAGE = """<!doctype html><title>parent</title>
   window.events = [];
   addEventListener("message", (e) => { if (e.origin === "STAGE") window.events.push(e.data); });
 </script>
-<iframe id="stage" allow="xr-spatial-tracking" src="STAGE/stage/TOKEN/"></iframe>"""
+<iframe id="stage" allow="ALLOW" src="STAGE/stage/TOKEN/"></iframe>"""
 
 
 def bound_socket(port: int = 0) -> socket.socket:
@@ -65,6 +65,7 @@ class StageRig:
         self.refusals: list[tuple[str, str]] = []
         self.connections: list[str] = []
         self.on_connect = on_connect
+        self.allow = ""  # what the frame of the stage may use
         page_socket, stage_socket = bound_socket(), bound_socket()
         self.page_port, self.stage_port = page_socket.getsockname()[1], stage_socket.getsockname()[1]
         self.page_origin = f"http://127.0.0.1:{self.page_port}"
@@ -105,7 +106,8 @@ class StageRig:
 
     async def parent(self, request: Request) -> HTMLResponse:
         token = request.path_params["token"]
-        return HTMLResponse(PARENT_PAGE.replace("STAGE", self.stage_origin).replace("TOKEN", token))
+        page = PARENT_PAGE.replace("ALLOW", self.allow)
+        return HTMLResponse(page.replace("STAGE", self.stage_origin).replace("TOKEN", token))
 
     def restart_stage_server(self) -> None:
         port = self.server.port

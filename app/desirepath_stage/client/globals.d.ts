@@ -58,10 +58,12 @@ interface DesirePath {
     clear(): void;
     show(next: RoomPanel): void;
     shown(): RoomPanel;
-    draw(eye: number[], along: number[], rays: RoomRay[], dark: number): RoomButton | null;
+    pointed(): string[];
+    may(id: string): boolean;
+    draw(eye: number[], along: number[], rays: RoomRay[], dark: number): string[];
     meet(from: number[], along: number[]): { metres: number; button: RoomButton | null } | null;
     place(id: string): number[] | null;
-    point(id: string, share: number): void;
+    point(ids: string[], share: number): void;
   };
   overlay(id: string): Overlay;
   viser: {

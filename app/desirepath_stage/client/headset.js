@@ -22,6 +22,8 @@
   /** @type {Record<string, string> | null} */
   let words = null;
   let supported = false;
+  /** Why no headset is worn, as page.py lists it. @type {string | null} */
+  let refused = null;
   let entering = false;
   let placed = false;
   let dark = 1;
@@ -56,20 +58,25 @@
   }
 
   async function offer() {
-    const why = await against();
-    supported = why === null;
-    if (why) bridge.post("headset-refused", { why });
+    refused = await against();
+    supported = refused === null;
     show();
   }
 
+  const here = () => camera?.view === "immersive" && square !== "";
+
+  /** Shows the button where a headset can be put on, and tells the page how things stand. */
   function show() {
-    button.hidden = !(words && supported && !session && camera?.view === "immersive" && square);
-    button.textContent = words?.enter ?? "";
+    if (!words) return; // the study asks for no headset
+    button.hidden = !(supported && !session && here());
+    button.textContent = words.enter;
+    bridge.post("headset", { on: session !== null, here: here(), why: refused, ...told() });
   }
 
   async function enter() {
     if (session || entering || !words) return;
     entering = true;
+    refused = null;
     try {
       const opened = await xr().requestSession("immersive-vr", {
         requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"],
@@ -80,7 +87,7 @@
       });
     } catch (error) {
       const denied = error instanceof DOMException && ["NotAllowedError", "SecurityError"].includes(error.name);
-      bridge.post("headset-refused", { why: denied ? "denied" : "failed" });
+      refused = denied ? "denied" : "failed";
     } finally {
       entering = false;
       show();
@@ -106,7 +113,6 @@
     window.desirePath.player.interrupt("headset");
     frames.use(opened);
     document.documentElement.dataset.headset = "on";
-    bridge.post("headset", { on: true, ...told() });
     opened.requestAnimationFrame(picture);
   }
 
@@ -120,7 +126,6 @@
     delete document.documentElement.dataset.headset;
     window.desirePath.player.interrupt("headset");
     window.desirePath.camera.fit();
-    bridge.post("headset", { on: false });
     show();
   }
 
@@ -187,14 +192,15 @@
     if (gazing) for (const source of session.inputSources) rays.set(source, { ...eyes, held: false });
     dark = Math.max(0, Math.min(1, dark + ((placed && standing ? -1 : 1) * gap) / 1000 / FADE_S));
     const found = room.draw(eyes.from, eyes.along, gazing ? [{ ...eyes, held: false }] : hands, dark);
-    look(found && !found.resting ? found.id : "", gazing, time);
+    look(found, gazing, time);
   }
 
-  /** A look at a button for long enough presses it, where there are no hands. @param {string} id @param {boolean} gazing @param {number} time */
-  function look(id, gazing, time) {
+  /** A look at a button for long enough presses it, where there are no hands. @param {string[]} ids @param {boolean} gazing @param {number} time */
+  function look(ids, gazing, time) {
+    const id = ids[0] ?? "";
     if (id !== dwell.id) dwell = { id, since: time, spent: "" };
     const share = gazing && id && dwell.spent !== id ? (time - dwell.since) / 1000 / DWELL_S : 0;
-    room.point(id, Math.min(1, share));
+    room.point(ids, Math.min(1, share));
     if (share < 1) return;
     dwell.spent = id;
     pressed(id);
@@ -203,7 +209,7 @@
   /** @param {{from: number[], along: number[]} | undefined} aimed */
   function press(aimed) {
     const on = aimed && room.meet(aimed.from, aimed.along)?.button;
-    if (on) pressed(on.id);
+    if (on && !on.resting) pressed(on.id);
   }
 
   /** @param {string} id */

@@ -29,8 +29,8 @@
   let stands = null;
   let yaw = 0;
   let asideSince = 0;
-  /** What is pointed at, and how much of the time for a look is over, 0 to 1. */
-  let pointed = "";
+  /** What is pointed at, and how much of the time for a look is over, 0 to 1. @type {string[]} */
+  let pointed = [];
   let dwelt = 0;
 
   const add = (/** @type {number[]} */ a, /** @type {number[]} */ b, by = 1) => a.map((value, i) => value + by * b[i]);
@@ -75,7 +75,7 @@
 
   /** @param {RoomButton} button @param {number} x @param {number} y @param {number} w @param {number} h */
   function paintButton(button, x, y, w, h) {
-    const on = button.id === pointed && !button.resting;
+    const on = pointed.includes(button.id) && !button.resting;
     pen.globalAlpha = button.resting ? 0.45 : 1;
     pen.beginPath();
     pen.roundRect(x, y, w, h, 16);
@@ -220,11 +220,15 @@
 
     /** What the panel says. */
     shown: () => panel,
+    /** Which buttons are pointed at. */
+    pointed: () => pointed,
+    /** Whether a button stands there and counts. @param {string} id */
+    may: (id) => spots.some(({ button }) => button.id === id && !button.resting),
 
     /**
      * One picture. @param {number[]} eye m @param {number[]} along where it looks
      * @param {RoomRay[]} rays of hands, or of the eyes where there are none
-     * @param {number} dark 0 to 1 @returns {RoomButton | null} what the first ray that meets any points at
+     * @param {number} dark 0 to 1 @returns {string[]} the buttons that rays point at and that count
      */
     draw(eye, along, rays, dark) {
       const facing = Math.atan2(along[1], along[0]);
@@ -232,8 +236,8 @@
       const now = performance.now();
       if (aside < ASIDE_RAD) asideSince = now;
       if (!stands || now - asideSince > ASIDE_MS) stand(eye, facing);
-      /** @type {RoomButton | null} */
-      let found = null;
+      /** @type {string[]} */
+      const found = [];
       made.rays.forEach((/** @type {any[]} */ [ray, grip, spot], /** @type {number} */ i) => {
         ray.visible = grip.visible = spot.visible = false;
         if (!rays[i]) return;
@@ -247,7 +251,7 @@
         }
         if (!hit || !stands) return;
         put(spot, add(add(from, way, far), stands.toward, 0.004), stands.right.map((v) => v * DOT_M), [0, 0, DOT_M]);
-        found ??= hit.button;
+        if (hit.button && !hit.button.resting) found.push(hit.button.id);
       });
       const up = cross(cross(along, [0, 0, 1]), along);
       put(made.dark, add(eye, along, DARK_M), unit(cross(along, up)).map((v) => v * 6), unit(up).map((v) => v * 6));
@@ -279,11 +283,11 @@
       return add(add(stands.centre, stands.right, x / PX_PER_M), cross(stands.toward, stands.right), y / PX_PER_M);
     },
 
-    /** @param {string} id of what is pointed at, "" nothing @param {number} share of the time for a look, 0 to 1 */
-    point(id, share) {
+    /** @param {string[]} ids of what is pointed at @param {number} share of the time for a look, 0 to 1 */
+    point(ids, share) {
       const shown = Math.round(share * 20) / 20;
-      if (id === pointed && shown === dwelt) return;
-      [pointed, dwelt] = [id, shown];
+      if (ids.join() === pointed.join() && shown === dwelt) return;
+      [pointed, dwelt] = [ids, shown];
       paint();
     },
   };

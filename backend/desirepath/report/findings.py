@@ -204,7 +204,7 @@ def _flow(everyone: Sequence[ParticipantRow], analysed: Sequence[ParticipantRow]
 
 
 def _devices(choices: Sequence[Choice], people: Mapping[str, ParticipantRow]) -> dict[tuple[str, str], int]:
-    """(view, device) -> regular answers, so that nobody takes a desktop's camera for a headset."""
+    """(view, device) -> regular answers, so that nobody takes a window for a headset."""
     counted = Counter(
         (choice.view, device_words(choice, people[choice.person])) for choice in choices if choice.role == "regular"
     )

@@ -156,7 +156,7 @@ def _people(findings: Findings) -> Section:
 def _devices(findings: Findings) -> Section:
     return table_section(
         "Views and devices",
-        "Regular answers by view and device. Immersive is a desktop's camera unless the device is a headset.",
+        "Regular answers by view and device. Immersive is a window onto the room unless the device is a headset.",
         ["view", "device", "answers"],
         [[name_in_words(view), device, f"{n:,}"] for (view, device), n in findings.devices.items()],
     )

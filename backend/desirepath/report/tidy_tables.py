@@ -193,6 +193,10 @@ def _person(row: Row, sessions: Sequence[Row], further: int) -> ParticipantRow:
 
 def _choice(trial: Row, answer: Row, session: Row) -> Choice:
     """session: its device is that of the answers of data sets which do not tell those apart."""
+    told = (session if answer["device"] is None else answer)["device"] or {}
+    device = {name: value for name, value in told.items() if name != "headset"}  # that says whether one is there
+    if trial.get("hmd"):
+        device["headset"] = True
     return Choice(
         person=trial["participant"],
         condition=trial["block"] or trial["view"],
@@ -203,7 +207,7 @@ def _choice(trial: Row, answer: Row, session: Row) -> Choice:
         second=trial["trajectory_b"],
         chosen=shown_on(answer["choice"], trial["trajectory_a"], trial["trajectory_b"]),
         decision_s=answer["decision_s"],
-        device=(session if answer["device"] is None else answer)["device"] or {},
+        device=device,
     )
 
 

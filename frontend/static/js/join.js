@@ -13,7 +13,7 @@ const PAUSE_MS = 700; // whatever kept the device busy may be over then
 /**
  * What a study asks of a device, null where it asks nothing (backend/desirepath/study/protocol/schema.py, DeviceGate).
  * @typedef {{webgl: boolean, min_width: number | null, min_height: number | null, pointers: string[],
- *   min_frame_rate: number | null, light_below: number | null}} Gate
+ *   min_frame_rate: number | null, light_below: number | null, headset: "offered" | "required" | null}} Gate
  */
 
 const { texts, language, device } = pageData();
@@ -35,6 +35,16 @@ function hasWebGl() {
   return context !== null;
 }
 
+/** Whether a headset can be worn here; undefined while it is asked. @type {boolean | undefined} */
+let headset = gate.headset ? undefined : false;
+
+async function findHeadset() {
+  if (!gate.headset) return;
+  const { xr } = /** @type {any} */ (navigator);
+  headset = Boolean(await xr?.isSessionSupported("immersive-vr").catch(() => false));
+  check();
+}
+
 /** @param {number} width @param {number} height */
 const fits = (width, height) => width >= (gate.min_width ?? 0) && height >= (gate.min_height ?? 0);
 /** What people will point with: the first that the study allows, of those that are there. */
@@ -48,7 +58,7 @@ function report(name, good, text) {
   if (words.textContent !== text) words.textContent = text;
 }
 
-/** @param {"webgl" | "phone" | "no_touch" | "no_mouse" | "slow" | null} why */
+/** @param {"webgl" | "phone" | "no_touch" | "no_mouse" | "slow" | "headset" | null} why */
 function refuse(why) {
   const news = refused.hidden;
   refused.hidden = why === null;
@@ -70,6 +80,7 @@ function check() {
   /** @param {number | null} least */
   const below = (least) => typeof rate === "number" && least !== null && rate < least;
   const fast = !below(gate.min_frame_rate);
+  const lacks = gate.headset === "required" && headset === false;
   if (rate !== undefined) {
     const shown = below(gate.light_below) ? "rate_light" : below(SMOOTH_FROM) ? "rate_slow" : "rate_good";
     report("rate", fast, say(rate === null ? "rate_unknown" : !fast ? "rate_bad" : shown));
@@ -77,8 +88,8 @@ function check() {
   if (!webgl) refuse("webgl");
   else if (!size && !screenFits && !(touch && turned)) refuse("phone");
   else if (!pointer) refuse(touch ? "no_touch" : "no_mouse");
-  else refuse(fast ? null : "slow");
-  begin.disabled = !(webgl && size && pointer && rate !== undefined && fast);
+  else refuse(!fast ? "slow" : lacks ? "headset" : null);
+  begin.disabled = !(webgl && size && pointer && rate !== undefined && fast && headset !== undefined && !lacks);
 }
 
 /** One busy second is no slow device: what would be told as slow is measured again, and the best of it counts. */
@@ -108,6 +119,7 @@ form.addEventListener("submit", () => {
     ...(typeof rate === "number" ? { frame_rate: Math.round(rate * 10) / 10 } : {}),
     scheme: matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light",
     reduced_motion: matchMedia("(prefers-reduced-motion: reduce)").matches,
+    ...(gate.headset ? { headset } : {}),
   });
   begin.disabled = true;
 });
@@ -117,3 +129,4 @@ addEventListener("pageshow", (event) => {
 });
 check();
 measure();
+findHeadset();

@@ -6,6 +6,7 @@
 
 import { copyText, localTimes } from "./copy.js";
 import { readyDialogs } from "./dialogs.js";
+import { Headset } from "./headset.js";
 import { keeper } from "./keep.js";
 import { kindModule } from "./kind.js";
 import { noticer } from "./notice.js";
@@ -47,7 +48,20 @@ let sent = 0;
 /** @type {Promise<void> | null} */
 let refreshing = null;
 
-const stage = new StageFrame($("stage-frame"), data.stage_origin, (message) => trial?.hear(message));
+const stage = new StageFrame($("stage-frame"), data.stage_origin, (message) => {
+  headset.hear(message);
+  trial?.hear(message);
+});
+const headset = new Headset(data.headset, {
+  say,
+  tell: (order) => stage.headset(order),
+  banner: showBanner,
+  notice: (details) => notice("headset", details),
+  changed: () => {
+    trial?.update(/** @type {any} */ (current.step?.trial ?? {}));
+    if (document.body.dataset.layout !== "stage") closeStage();
+  },
+});
 
 // ---- what the server says ------------------------------------------------------------------------------------------
 
@@ -129,10 +143,12 @@ async function mount(mine = arrival) {
 
   const onStage = Boolean(step.querySelector(".trialbar")) && current.state === "active";
   document.body.dataset.layout = onStage ? "stage" : "text";
-  $("stage").hidden = !onStage;
+  $("stage").classList.toggle("aside", !onStage && headset.worn);
+  $("stage").hidden = !onStage && !headset.worn;
   // Changing the language loads the page anew, which no pair may suffer.
   $("tools").querySelectorAll(".language").forEach((form) => ((/** @type {HTMLElement} */ (form)).hidden = onStage));
-  if (!onStage) stage.close(); // before the step fills its place with something else
+  // Before the step fills its place with something else; in a headset the room stands and says to take it off.
+  if (!onStage && !headset.worn) closeStage();
   const link = /** @type {HTMLElement | null} */ (step.querySelector("[data-own-link]"));
   if (link) link.textContent = `${location.origin}${link.dataset.ownLink || `/p/${data.token}`}`;
 
@@ -149,7 +165,7 @@ async function mount(mine = arrival) {
       answer: (value) => answer(key, kind, value),
       keep: (values) => keep.draft(key, values),
       kept: keep.drafted(key),
-      page: { refresh, announce, cover, reloadStage: () => stage.reload(), greetStage: () => stage.greet(), moveOut, notice },
+      page: { refresh, announce, cover, headset, reloadStage: () => stage.reload(), greetStage: () => stage.greet(), moveOut, notice },
       poster: (room) => (path, body) => send(`${api}/${room}/${encodeURIComponent(key)}/${path}`, body),
       tell: (order) => stage.draw(order),
       toStage: () => stage.focus(),
@@ -162,6 +178,11 @@ async function mount(mine = arrival) {
   }
   if (body) body.dataset.live = "";
   tellMore(Boolean(module?.longText));
+}
+
+function closeStage() {
+  stage.close();
+  $("stage").hidden = true;
 }
 
 /** Long texts: the bar says that there is more below, until the end has come into sight. @param {boolean} long */

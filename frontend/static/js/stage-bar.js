@@ -19,6 +19,7 @@ import { Refused, pause } from "./send.js";
  * @property {(key: string, values?: Record<string, string | number>) => string} say
  * @property {(text: string) => void} announce to screen readers
  * @property {(text: string | null) => void} cover lays a sentence over the stage, null takes it away
+ * @property {{worn: boolean, missing: string | null}} headset
  * @property {() => void} reloadStage
  * @property {() => void} greetStage asks the stage how it is; it answers with `state`
  * @property {ReturnType<typeof import("./notice.js").noticer>} notice to the server's log
@@ -34,7 +35,7 @@ const LOST_AFTER_MS = 15000;
 const LOST_AFTER_ASKING = 2;
 
 /** Why the stage stopped a trajectory, in the words of the server. @type {Record<string, Cut>} */
-const REASONS = { "tab-hidden": "hidden", "webgl-lost": "webgl_lost" };
+const REASONS = { "tab-hidden": "hidden", "webgl-lost": "webgl_lost", headset: "hidden" };
 
 /** @template {BarState} S how the server sees what is shown */
 export class StageBar {
@@ -67,7 +68,7 @@ export class StageBar {
     /** Advances the bar of the trajectory that plays. @type {ReturnType<typeof setInterval> | undefined} */
     this.clock = undefined;
     this.onKey = (/** @type {KeyboardEvent} */ event) => this.key(event);
-    this.onHidden = () => document.hidden && this.interrupted("hidden");
+    this.onHidden = () => this.hidden && this.interrupted("hidden");
     // behind a dialog nobody sees the trajectory
     this.onDialog = () => this.interrupted("hidden");
     document.addEventListener("keydown", this.onKey);
@@ -129,6 +130,11 @@ export class StageBar {
       this.stageReady = false;
       this.interrupted("connection").then(() => this.needs.reloadStage());
     }
+  }
+
+  /** Whether nobody sees the stage: in a headset the window does not matter. */
+  get hidden() {
+    return document.hidden && !this.needs.headset.worn;
   }
 
   /** Whether a trajectory is shown now. */
@@ -269,7 +275,7 @@ export class StageBar {
       if (!this.over) this.show();
       this.watch();
       // hidden while the request was under way: the trajectory that began meanwhile was not seen
-      if (!this.over && document.hidden) this.interrupted("hidden");
+      if (!this.over && this.hidden) this.interrupted("hidden");
     }
   }
 

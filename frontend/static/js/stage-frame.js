@@ -11,6 +11,13 @@
  * @property {boolean} [ready]
  * @property {string} [reason]
  * @property {string} [key]
+ * @property {boolean} [on] a headset is worn
+ * @property {boolean} [here] what is shown can be seen with one
+ * @property {string | null} [why] no headset is worn
+ * @property {string[]} [controllers]
+ * @property {number | null} [refresh_rate]
+ * @property {string} [id] of a button that was pressed in the room
+ * @property {import("./contract.js").HeadsetUsed | null} [headset] what was played was watched with
  */
 
 export class StageFrame {
@@ -59,6 +66,11 @@ export class StageFrame {
   /** Orders for the stage's pen and feet (app/desirepath_stage/client/draw.js). @param {object} order */
   draw(order) {
     this.frame?.contentWindow?.postMessage({ type: "draw", ...order }, this.origin);
+  }
+
+  /** What the room shows to who wears a headset (app/desirepath_stage/client/headset.js). @param {object} order */
+  headset(order) {
+    this.frame?.contentWindow?.postMessage({ type: "headset", ...order }, this.origin);
   }
 
   /** Loads the stage anew, after its picture was lost. */

@@ -85,6 +85,11 @@ export class Trial extends StageBar {
 
   async startTrajectories() {
     if (this.busy || this.state.phase !== "ready") return;
+    const missing = this.needs.headset.missing;
+    if (missing) {
+      this.needs.announce(missing);
+      return;
+    }
     if (!this.stageReady) {
       this.pressedEarly = true;
       this.needs.announce(this.needs.say("preparing"));
@@ -95,10 +100,10 @@ export class Trial extends StageBar {
   }
 
   /** @param {StageMessage} message */
-  played({ playback_id: id }) {
+  played({ playback_id: id, headset = null }) {
     this.reportPlayed(id, () => {
       /** @type {import("./contract.js").Seen} */
-      const body = { side: this.state.phase === "playing_b" ? "b" : "a" };
+      const body = { side: this.state.phase === "playing_b" ? "b" : "a", headset };
       return { path: "seen", body };
     });
   }
@@ -170,8 +175,10 @@ export class Trial extends StageBar {
     this.rest(!this.mayChoose);
     if (phase === "ready") {
       this.part("ready");
-      this.start.setAttribute("aria-disabled", String(!this.stageReady));
-      if (this.stageReady) {
+      const missing = this.needs.headset.missing;
+      this.start.setAttribute("aria-disabled", String(!this.stageReady || missing !== null));
+      if (missing) this.text("#start-hint-text", missing);
+      else if (this.stageReady) {
         // One figure for both trajectories: two would tell them apart before they were seen.
         const label = this.state.label_s ?? 0;
         let what = say("ready");

@@ -28,6 +28,7 @@
  * @property {string} token
  * @property {SessionState} state
  * @property {string} stage_origin
+ * @property {"offered" | "required" | null} headset whether the study is seen with one
  * @property {Table} texts
  * @property {string} language
  */

@@ -19,6 +19,9 @@ class Trial(Base):
     repeat or swap asks again. `sides_swapped`: the query's second trajectory is A (None in comparisons and in data of
     before). `replays`: pairs watched again.
 
+    `hmd`: whether all that was watched was watched with a headset; None: not told (nothing watched, data of before).
+    `headset`: by side, with what (shapes: web/participant/sent.py, HeadsetUsed), None: in the window.
+
     `phase`: ready, playing_a, playing_b, choosing, answered. `arms` (comparison only) says which policy was A and B.
     """
 
@@ -47,6 +50,8 @@ class Trial(Base):
     replays: Mapped[int] = mapped_column(Integer, default=0, server_default="0")
     probe_of: Mapped[str | None] = mapped_column(String(32))
     sides_swapped: Mapped[bool | None] = mapped_column(Boolean)
+    hmd: Mapped[bool | None] = mapped_column(Boolean)
+    headset: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
     __table_args__ = (
         UniqueConstraint("session_id", "step_key"),
         CheckConstraint("phase in ('ready', 'playing_a', 'playing_b', 'choosing', 'answered')", name="phase"),

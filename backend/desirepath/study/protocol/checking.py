@@ -30,9 +30,17 @@ def problems_across(
     yield from _order(protocol, source)
     for index, entry in enumerate(protocol.stages):
         yield from entry.stage.problems(("stages", index, entry.kind), protocol.all_stages, source)
+    yield from _headset(protocol, source)
     yield from _conditions(protocol, source)
     yield from _references(protocol, questionnaires, source)
     yield from _checks(protocol, questionnaires, source)
+
+
+def _headset(protocol: Protocol, source: Source) -> Iterator[Problem]:
+    """A headset shows the room from inside; where nobody is shown that, there is nothing to see with it."""
+    asked = protocol.asked_of_devices.headset
+    if asked and not any("immersive" in stage.views for stage in protocol.all_stages):
+        yield source.problem(("device", "headset"), f"is {asked}, but no stage has the view immersive")
 
 
 def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:

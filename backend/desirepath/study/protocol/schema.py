@@ -27,7 +27,7 @@ class DeviceGate(Part):
     Where no size is named, it goes by what is shown: a room from above fits a phone held upright (`UPRIGHT`), a view
     from inside it and drawing do not (`LARGE`). pointers: `fine` is a mouse or pen, `coarse` a finger. frame rates in
     pictures per second, measured on the page; below `light_below` a lighter scene is shown before anybody is refused
-    below `min_frame_rate`.
+    below `min_frame_rate`. headset: the immersive view can (`offered`) or must (`required`) be seen with one.
     """
 
     webgl: bool = True
@@ -36,6 +36,7 @@ class DeviceGate(Part):
     pointers: list[Literal["fine", "coarse"]] = Field(["fine", "coarse"], min_length=1)
     min_frame_rate: float | None = Field(None, gt=0, le=120)
     light_below: float | None = Field(None, gt=0, le=120)
+    headset: Literal["offered", "required"] | None = None
 
 
 class ScreenOut(Part):

@@ -15,9 +15,10 @@ from desirepath.study.refusals import Refused
 
 
 def device_problems(gate: DeviceGate | None, device: Mapping[str, Any]) -> list[str]:
-    """What stands against that device: webgl, width, height, pointer, frame_rate; [] where nothing does.
+    """What stands against that device: webgl, width, height, pointer, frame_rate, headset; [] where nothing does.
 
-    device: `webgl`, `width`, `height` (CSS pixels of the window), `pointer` (fine, coarse), `frame_rate` (per second).
+    device: `webgl`, `width`, `height` (CSS pixels of the window), `pointer` (fine, coarse), `frame_rate` (per second),
+    `headset` (whether one can be worn).
     What the page could not tell stands against nobody, but WebGL, without which nothing can be shown.
     """
     if gate is None:
@@ -29,6 +30,8 @@ def device_problems(gate: DeviceGate | None, device: Mapping[str, Any]) -> list[
             problems.append(name)
     if device.get("pointer") in ("fine", "coarse") and device["pointer"] not in gate.pointers:
         problems.append("pointer")
+    if gate.headset == "required" and device.get("headset") is False:
+        problems.append("headset")
     return problems
 
 

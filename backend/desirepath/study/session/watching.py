@@ -6,6 +6,7 @@ Only a session that was created as simulated may be faster. What is answered the
 from __future__ import annotations
 
 from datetime import datetime
+from typing import Any
 
 from sqlalchemy.orm import Session as DatabaseSession
 
@@ -17,6 +18,7 @@ from desirepath.study.clock import elapsed_s
 from desirepath.study.kind import kind_of
 from desirepath.study.kinds.trial import Viewing, viewing_in
 from desirepath.study.session.states import set_phase
+from desirepath.study.session.versions import protocol_of
 from desirepath.study.session.view import (
     Playback,
     current_trial,
@@ -67,9 +69,19 @@ def watch_again(s: DatabaseSession, session: Session, step_key: str, *, now: dat
 
 
 def trajectory_seen(
-    s: DatabaseSession, session: Session, step_key: str, side: Side, playback: str | None, *, now: datetime
+    s: DatabaseSession,
+    session: Session,
+    step_key: str,
+    side: Side,
+    playback: str | None,
+    *,
+    headset: dict[str, Any] | None = None,
+    now: datetime,
 ) -> Playback | None:
-    """A trajectory was watched to its end, by the server's clock too. After A this plays B; None: nothing more."""
+    """A trajectory was watched to its end, by the server's clock too. After A this plays B; None: nothing more.
+
+    headset: with what it was watched in the immersive view, None: in the window.
+    """
     trial = current_trial(s, session, step_key, now)
     if (trial.a_seen_at if side == "a" else trial.b_seen_at) is not None:
         return None  # reported twice
@@ -78,6 +90,11 @@ def trajectory_seen(
     if playback != playback_id(trial, side) and not (session.simulated and playback is None):
         raise refusal(session, 409, "other_playback", "This is not what is being shown.", trial, side=side)
     _check_watched(s, session, trial, side, now)
+    worn = headset if trial.view == "immersive" else None
+    if worn is None and trial.view == "immersive" and _headset_required(s, session):
+        raise refusal(session, 409, "headset_required", "This is to be watched with a headset.", trial, side=side)
+    trial.headset = {**(trial.headset or {}), side: worn}
+    trial.hmd = all(trial.headset.values())
     if side == "a":
         trial.a_seen_at = now
         set_phase(s, trial, "seen_alone" if shows_one(trial) else "seen", "participant", now)
@@ -86,6 +103,10 @@ def trajectory_seen(
         set_phase(s, trial, "seen", "participant", now)
     log_event(s, "trajectory_seen", session_id=session.id, trial_id=trial.id, side=side)
     return playing(trial)
+
+
+def _headset_required(s: DatabaseSession, session: Session) -> bool:
+    return not session.simulated and protocol_of(s, session).protocol.asked_of_devices.headset == "required"
 
 
 def _check_watched(s: DatabaseSession, session: Session, trial: Trial, side: Side, now: datetime) -> None:

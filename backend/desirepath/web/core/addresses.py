@@ -7,6 +7,7 @@ on carries no name that could be somebody else's.
 from __future__ import annotations
 
 import ipaddress
+import re
 import socket
 
 from fastapi import Request
@@ -14,6 +15,7 @@ from starlette.requests import HTTPConnection
 
 from desirepath.settings import in_url
 
+_PLAIN_ORIGIN = re.compile(r"https?://[A-Za-z0-9.-]+(:[0-9]+)?")  # the header's grammar has no IPv6 addresses either
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "::1")
 STRICT_TRANSPORT = ("Strict-Transport-Security", "max-age=31536000")
 """A year; nothing about other names of the domain, which are not ours to promise for."""
@@ -30,6 +32,15 @@ def policy_source(origin: str) -> str:
     """An origin in a Content-Security-Policy, whose grammar has no IPv6 addresses: for those any host on that port."""
     scheme, bracket, rest = origin.partition("://[")
     return f"{scheme}://*{rest.partition(']')[2]}" if bracket else origin
+
+
+def permissions(*, speaks: bool = False, room: str | None = None) -> str:
+    """A page's Permissions-Policy: no camera; a microphone where it `speaks`; a headset for itself, which tells whether
+    there is one, and for the stage at the origin `room` inside it, which shows the room in it."""
+    named = room is not None and _PLAIN_ORIGIN.fullmatch(room)
+    shown = "*" if room is not None and not named else f'(self "{room}")' if room else "(self)"
+    microphone = "(self)" if speaks else "()"
+    return f"camera=(), microphone={microphone}, geolocation=(), xr-spatial-tracking={shown}"
 
 
 def is_from_here(request: Request) -> bool:

@@ -22,7 +22,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from desirepath.store.plain_data import is_deeper, without_texts
 from desirepath.web.core import auditing, auth
-from desirepath.web.core.addresses import STRICT_TRANSPORT, insists_on_tls, policy_source
+from desirepath.web.core.addresses import STRICT_TRANSPORT, insists_on_tls, permissions, policy_source
 from desirepath.web.core.contract import DEEPEST, MOST_CONTAINERS, MOST_VALUES, Refusal, Trouble, is_json
 from desirepath.web.core.dependencies import page, route_of, services_of, stage_origin
 from desirepath.web.core.lab_frame import LabRefusal, lab_refusal
@@ -208,7 +208,7 @@ def _finish(request: Request, start: Message, began: float) -> None:
     if insists_on_tls(request):
         headers.setdefault(*STRICT_TRANSPORT)
     headers.setdefault("Referrer-Policy", "no-referrer")
-    headers.setdefault("Permissions-Policy", "camera=(), microphone=(), geolocation=()")
+    headers.setdefault("Permissions-Policy", permissions())
     if request.url.path.startswith("/static"):
         return
     headers.setdefault("Cache-Control", "no-store")

@@ -56,7 +56,15 @@ class Noticed(Sent):
     """Something the page noticed."""
 
     kind: Literal[
-        "stage_ready", "stage_slow", "visibility", "resized", "script_error", "connection", "device", "viewed"
+        "stage_ready",
+        "stage_slow",
+        "visibility",
+        "resized",
+        "script_error",
+        "connection",
+        "device",
+        "viewed",
+        "headset",
     ]
     data: Small = {}
     client_time: Clock = None
@@ -74,11 +82,25 @@ class Start(Sent):
     request_id: str = Field("", max_length=64)
 
 
+class HeadsetUsed(BaseModel):
+    """With what headset something was watched, as far as a browser tells: controllers: their profiles' names; pictures
+    per second it asks for, drawn, and left out; pointing: with what. Cleaned as part of its body."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    controllers: Annotated[list[Annotated[str, Field(max_length=60)]], Field(max_length=4), FailFast()] = []
+    refresh_rate: float | None = Field(None, gt=0, le=1000, allow_inf_nan=False)
+    frames: int = Field(0, ge=0, le=10**7)
+    dropped: int = Field(0, ge=0, le=10**7)
+    pointing: Annotated[list[Literal["controller", "hand", "gaze"]], Field(max_length=3), FailFast()] = []
+
+
 class Seen(Sent):
     """A trajectory of a pair was watched to its end."""
 
     side: Side
     playback_id: str | None = Field(None, max_length=64)
+    headset: HeadsetUsed | None = Field(None, description="of who watched all of it with one")
 
 
 class Interrupted(Sent):
@@ -158,7 +180,7 @@ class PlaceChosen(Sent):
 
 DEVICE_FIELDS = (
     *("width", "height", "pixel_ratio", "frame_rate"),
-    *("pointer", "touch", "webgl", "scheme", "reduced_motion"),
+    *("pointer", "touch", "webgl", "scheme", "reduced_motion", "headset"),
 )
 
 

@@ -26,8 +26,9 @@ from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
 from desirepath.study.session.finding import acting
 from desirepath.study.session.versions import protocol_of
+from desirepath.web.core.addresses import permissions
 from desirepath.web.core.contract import reply_of
-from desirepath.web.core.dependencies import TheServices, contact, page, services_of
+from desirepath.web.core.dependencies import TheServices, contact, page, services_of, stage_origin
 from desirepath.web.core.throttle import EVENTS_PER_SESSION, PROBLEMS_PER_SESSION, count
 from desirepath.web.participant import (
     device_check,
@@ -71,8 +72,8 @@ def session_page(token: str, request: Request) -> Response:
     response = page(request, "participant/session.html", language=session.language, **context)
     response.set_cookie(name, value, path="/stage", httponly=True, samesite="lax", secure=request.url.scheme == "https")
     response.headers["X-Step-Key"] = context["step"].key
-    if context["speaks"]:
-        response.headers["Permissions-Policy"] = "camera=(), microphone=(self), geolocation=()"
+    room = stage_origin(request) if context["headset"] else None
+    response.headers["Permissions-Policy"] = permissions(speaks=context["speaks"], room=room)
     return response
 
 

@@ -44,6 +44,7 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "longest_problem": LONGEST_PROBLEM,
         "code": s.get_one(Participant, session.participant_id).code,
         "speaks": any(isinstance(step, ThinkAloudStep) for step in plan),
+        "headset": frozen.protocol.asked_of_devices.headset,
         "looks_around": any(step.view not in (None, "top_down") for step in plan),
         "step": view,
         "next_kind": next_kind(plan, session.position),

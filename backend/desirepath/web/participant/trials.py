@@ -52,7 +52,15 @@ def seen(token: str, key: str, request: Request, body: Seen) -> Response:
         request,
         token,
         "seen",
-        lambda s, session, now: machine.trajectory_seen(s, session, key, body.side, body.playback_id, now=now),
+        lambda s, session, now: machine.trajectory_seen(
+            s,
+            session,
+            key,
+            body.side,
+            body.playback_id,
+            headset=body.headset.model_dump() if body.headset is not None else None,
+            now=now,
+        ),
     )
 
 

@@ -23,7 +23,7 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
-from desirepath.web.core.addresses import STRICT_TRANSPORT, insists_on_tls, policy_source
+from desirepath.web.core.addresses import STRICT_TRANSPORT, insists_on_tls, permissions, policy_source
 from desirepath.web.core.heads import BoundedHeads
 from desirepath_stage import viser_hooks
 from desirepath_stage.page import stage_page
@@ -165,7 +165,7 @@ class StageDoor:
                 "Referrer-Policy": "no-referrer",
                 "X-Content-Type-Options": "nosniff",
                 "Cross-Origin-Resource-Policy": "same-site",
-                "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+                "Permissions-Policy": permissions(),
                 **(dict([STRICT_TRANSPORT]) if insists_on_tls(request) else {}),
             },
         )

@@ -1,0 +1,93 @@
+"""A Quest 3 in Chromium: Meta's emulator (IWER, a development dependency), as nobody here has a headset.
+
+It proves that things work, not how they look on a headset or how fast they are: software draws its pictures.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from playwright.sync_api import BrowserContext, Frame
+
+IWER = Path(__file__).parents[1] / "node_modules" / "iwer" / "build" / "iwer.min.js"
+# IWER 2.5 takes a shifted space's XRRigidTransform for a matrix; what it makes of it is no number.
+PUT_ON = """;(() => {
+  const { XRDevice, metaQuest3 } = window.IWER ?? IWER;
+  window.headset = new XRDevice(metaQuest3);
+  window.headset.installRuntime({ forceInstall: true });
+  window.headset.position.set(0, EYES_M, 0);
+  window.headset.stereoEnabled = true;
+  const spaces = XRReferenceSpace.prototype, shifted = spaces.getOffsetReferenceSpace;
+  spaces.getOffsetReferenceSpace = function (by) { return shifted.call(this, by.matrix); };
+})();"""
+EYES_M = 1.55
+AIM = """(id) => {
+  const { viser, headsetRoom } = window.desirePath;
+  const at = headsetRoom.place(id);
+  if (!at) return false;
+  const head = viser.drawing().gl.xr.getCamera();
+  const way = head.position.clone().set(...viser.toView(at));
+  way.applyMatrix4(head.matrixWorld.clone().invert()).normalize();
+  const turn = head.quaternion.clone().setFromUnitVectors(head.position.clone().set(0, 0, -1), way);
+  const { left, right } = window.headset.controllers;
+  left.quaternion.set(-Math.SQRT1_2, 0, 0, Math.SQRT1_2); // at the floor
+  const { x, y, z } = window.headset.position;
+  right.position.set(x, y, z);
+  right.quaternion.set(turn.x, turn.y, turn.z, turn.w);
+  return true;
+}"""
+POINTS_AT = "(id) => window.desirePath.headsetRoom.pointed().join() === id"
+WORN = "document.documentElement.dataset.headset === 'on' && window.desirePath.headsetRoom.place('leave')"
+PICTURES = "() => window.desirePath.headset.report()?.frames ?? -1"
+TRIGGER = "(value) => window.headset.controllers.right.updateButtonValue('trigger', value)"
+HEAD = """() => {
+  const { viser } = window.desirePath;
+  const head = viser.drawing().gl.xr.getCamera();
+  const at = (eye) => viser.fromView(eye.getWorldPosition(eye.position.clone()).toArray());
+  const eyes = head.cameras.map(at);
+  return { eyes, along: viser.fromView(head.getWorldDirection(head.position.clone()).toArray()) };
+}"""
+
+
+def plug_in_headset(context: BrowserContext) -> None:
+    """Every page of this browser finds a headset and can ask for it."""
+    if not IWER.is_file():
+        pytest.fail("IWER is missing; `make node_modules/.ready` installs it")
+    context.add_init_script(IWER.read_text(encoding="utf-8") + PUT_ON.replace("EYES_M", str(EYES_M)))
+
+
+def put_on(stage: Frame) -> None:
+    """Press the stage's button, and see the room."""
+    stage.locator("#desire-path-headset").click()
+    stage.wait_for_function(
+        "document.documentElement.dataset.headset === 'on' && window.desirePath.headsetRoom.place('leave')"
+    )
+
+
+def pull_trigger_at(stage: Frame, button: str) -> None:
+    """Point the right controller at a button of the panel and press it."""
+    stage.wait_for_function("(id) => window.desirePath.headsetRoom.may(id)", arg=button)
+    for _ in range(20):  # the panel comes to where one looks, and may have been on its way
+        stage.evaluate(AIM, button)
+        wait_for_pictures(stage)
+        if stage.evaluate(POINTS_AT, button):
+            break
+    for value in (1, 0):
+        stage.evaluate(TRIGGER, value)
+        wait_for_pictures(stage)
+
+
+def wait_for_pictures(stage: Frame) -> None:
+    """Until the headset has been shown what is now."""
+    before = stage.evaluate(PICTURES)
+    more = f"(before) => {{ const now = ({PICTURES})(); return now < 0 || now > before + 1; }}"  # or it was taken off
+    stage.wait_for_function(more, arg=before)
+
+
+def take_off(stage: Frame) -> None:
+    """As when its battery is empty: the session ends, and nothing is said before."""
+    stage.evaluate("window.desirePath.viser.drawing().gl.xr.getSession().end()")

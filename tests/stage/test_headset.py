@@ -1,0 +1,170 @@
+"""The immersive view on a headset: put on by a button, standing where the person stands, answered by a ray."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser
+
+from desirepath_stage.stage import Stage
+from tests.fewer_pictures import draw_fewer_pictures
+from tests.headset import EYES_M, HEAD, plug_in_headset, pull_trigger_at, put_on, take_off
+from tests.stage.stage_rig import StageRig, Visitor, drive, study_room
+from tests.stage.test_stage import stage_of
+
+PANEL = {
+    "count": "Pair 3 of 15",
+    "text": "Which of the two drives would you rather live with?",
+    "hint": "",
+    "quiet": False,
+    "progress": None,
+    "buttons": [
+        {"id": "a", "text": "A", "letter": True},
+        {"id": "b", "text": "B", "letter": True, "resting": True},
+        {"id": "leave", "text": "Take off the headset", "tool": True},
+    ],
+}
+Wear = Callable[..., Visitor]
+
+
+@pytest.fixture
+def wear(chromium: Browser, rig: StageRig) -> Iterator[Wear]:
+    """Open the stage in a browser with a headset; `script` runs before everything in every frame."""
+    contexts = []
+
+    def open_page(script: str = "", headset: bool = True, allow: str = "xr-spatial-tracking") -> Visitor:
+        context = chromium.new_context(viewport={"width": 320, "height": 200})
+        contexts.append(context)
+        draw_fewer_pictures(context)
+        if headset:
+            plug_in_headset(context)
+        context.add_init_script(script or "0")
+        rig.allow = allow
+        return Visitor(context.new_page(), rig, "amber")
+
+    yield open_page
+    for context in contexts:
+        context.close()
+
+
+def tell(visitor: Visitor, order: dict[str, Any]) -> None:
+    """What the page around the stage says."""
+    visitor.page.evaluate(
+        "(order) => document.getElementById('stage').contentWindow.postMessage({ type: 'headset', ...order }, '*')",
+        order,
+    )
+
+
+def offer(visitor: Visitor) -> Stage:
+    """A drive stands ready in the immersive view, in a study that offers a headset."""
+    stage = stage_of(visitor)
+    trajectory = drive(study_room(), duration_s=1.2)
+    stage.show(trajectory.scene, "immersive", trajectories=[trajectory])
+    visitor.wait_for("ready")
+    tell(visitor, {"do": "offer", "words": {"enter": "Put on the headset"}})
+    return stage
+
+
+def test_one_stands_where_the_person_stands_and_answers_by_ray(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    offer(visitor)
+    tell(visitor, {"do": "panel", "panel": PANEL})
+    put_on(visitor.frame)
+    visitor.wait_for("headset", on=True, here=True)
+    scene = study_room()
+    person, start = scene.person.pose, scene.start
+
+    def stands() -> bool:
+        eyes = np.array(visitor.frame.evaluate(HEAD)["eyes"])
+        return bool(np.allclose(eyes.mean(0), [person.x, person.y, EYES_M], atol=0.02))
+
+    visitor.wait_until(stands, "the eyes are above the person's place, as high as they are")
+    seen = visitor.frame.evaluate(HEAD)
+    left, right = np.array(seen["eyes"])
+    assert 0.05 < np.linalg.norm(left - right) < 0.08, "two eyes, as far apart as people's"
+    ahead = math.atan2(start.y - person.y, start.x - person.x)
+    assert math.cos(math.atan2(seen["along"][1], seen["along"][0]) - ahead) > 0.999, "the robot's start is ahead"
+    pull_trigger_at(visitor.frame, "a")
+    visitor.wait_for("headset-press", id="a")
+    visitor.frame.evaluate("window.headset.position.y += 0.2")
+
+    def taller() -> bool:
+        return bool(abs(np.array(visitor.frame.evaluate(HEAD)["eyes"])[:, 2].mean() - EYES_M - 0.2) < 0.01)
+
+    visitor.wait_until(taller, "who stands up looks from higher up")
+    assert not visitor.frame.evaluate("window.desirePath.headsetRoom.may('b')"), "B rests"
+    pull_trigger_at(visitor.frame, "leave")
+    visitor.wait_for("headset", on=False, count=2)
+    window = [person.x, person.y, scene.person.eye_height_m]
+    visitor.wait_until(lambda: np.allclose(visitor.camera()[:3], window, atol=1e-3), "the window is as it was")
+
+
+def test_what_is_watched_in_it_says_so_and_leaving_cuts_it_short(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    stage = offer(visitor)
+    trajectory = drive(study_room(), duration_s=1.2)
+    stage.play(trajectory, label="A", label_s=0.2, view="immersive", playback_id="window", trajectories=[trajectory])
+    assert visitor.wait_for("played", playback_id="window")["headset"] is None
+    put_on_with_panel(visitor)
+    stage.play(trajectory, label="A", label_s=0.2, view="immersive", playback_id="worn", trajectories=[trajectory])
+    told = visitor.wait_for("played", playback_id="worn")["headset"]
+    assert told["controllers"] == ["meta-quest-touch-plus"]
+    assert told["pointing"] == ["controller"]
+    assert told["frames"] > 0
+    long = drive(study_room(), duration_s=60)
+    stage.play(long, label="", view="immersive", playback_id="cut", trajectories=[trajectory])
+    visitor.wait_for("playing", playback_id="cut")
+    take_off(visitor.frame)
+    assert visitor.wait_for("interrupted", playback_id="cut")["reason"] == "headset"
+    put_on_with_panel(visitor)
+    visitor.wait_for("headset", on=True, count=2)
+
+
+def put_on_with_panel(visitor: Visitor) -> None:
+    tell(visitor, {"do": "panel", "panel": PANEL})
+    put_on(visitor.frame)
+
+
+@pytest.mark.parametrize(
+    ("why", "headset", "allow", "script"),
+    [
+        ("blocked", True, "", ""),
+        ("insecure", True, "xr-spatial-tracking", "Object.defineProperty(window, 'isSecureContext', { value: false })"),
+        ("browser", False, "xr-spatial-tracking", "Object.defineProperty(navigator, 'xr', { value: undefined })"),
+        ("missing", False, "xr-spatial-tracking", ""),
+    ],
+)
+def test_where_none_can_be_worn_there_is_no_button_and_the_page_is_told_why(
+    rig: StageRig, wear: Wear, why: str, headset: bool, allow: str, script: str
+) -> None:
+    visitor = wear(script, headset, allow)
+    offer(visitor)
+    visitor.wait_for("headset", on=False, here=True, why=why)
+    assert not visitor.frame.locator("#desire-path-headset").is_visible()
+
+
+def test_who_does_not_allow_it_can_try_again(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    offer(visitor)
+    visitor.frame.evaluate(
+        "() => { const ask = navigator.xr.requestSession.bind(navigator.xr); let first = true;"
+        " navigator.xr.requestSession = (...about) => { if (!first) return ask(...about);"
+        " first = false; return Promise.reject(new DOMException('no', 'NotAllowedError')); }; }"
+    )
+    visitor.frame.locator("#desire-path-headset").click()
+    visitor.wait_for("headset", on=False, why="denied")
+    put_on_with_panel(visitor)
+    visitor.wait_for("headset", on=True, why=None)
+
+
+def test_from_above_there_is_nothing_to_put_a_headset_on_for(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    stage = offer(visitor)
+    visitor.frame.locator("#desire-path-headset").wait_for()
+    stage.show(study_room(2), "top_down")
+    visitor.wait_for("headset", here=False)
+    assert not visitor.frame.locator("#desire-path-headset").is_visible()

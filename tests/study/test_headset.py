@@ -1,0 +1,96 @@
+"""Drives of the immersive view that are watched with a headset: what is stored, and where one is required."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+from sqlalchemy import select
+
+from desirepath.store.models import Trial
+from desirepath.study.protocol.freezing import ProtocolError, freeze_text
+from desirepath.study.protocol.schema import DeviceGate
+from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.study.session.devices import device_problems
+from desirepath.web.core.addresses import permissions
+from desirepath.web.participant.sent import Seen
+from tests.study.small_protocol import BLOCK, protocol_text, write_files
+
+QUEST = {
+    "controllers": ["meta-quest-touch-plus"],
+    "refresh_rate": 90.0,
+    "frames": 400,
+    "dropped": 2,
+    "pointing": ["controller"],
+}
+INSIDE = {"block": {**BLOCK["block"], "view": "immersive"}}
+
+
+def watch(walker, *headsets):
+    """The first pair, A and B each with that headset or in the window."""
+    play = walker.do(machine.start_trial, "block.01", request_id=None, now=walker.now)
+    for side, headset in zip("ab", headsets, strict=True):
+        walker.later(60)
+        play = walker.do(machine.trajectory_seen, "block.01", side, play.playback_id, headset=headset, now=walker.now)
+    with walker.database.session() as s:
+        return s.scalars(select(Trial).where(Trial.step_key == "block.01")).one()
+
+
+@pytest.mark.parametrize(("a", "b", "hmd"), [(QUEST, QUEST, True), (QUEST, None, False), (None, None, False)])
+def test_a_trial_says_what_it_was_watched_with(walk, a, b, hmd):
+    trial = watch(walk(INSIDE, device={"headset": "offered", "webgl": False}), a, b)
+    assert (trial.hmd, trial.headset) == (hmd, {"a": a, "b": b})
+
+
+def test_only_the_view_from_inside_is_seen_with_a_headset(walk):
+    trial = watch(walk(BLOCK), QUEST, QUEST)
+    assert (trial.hmd, trial.headset) == (False, {"a": None, "b": None})
+
+
+def test_where_a_headset_is_required_nothing_counts_that_was_watched_without(walk):
+    walker = walk(INSIDE, device={"headset": "required", "webgl": False})
+    with pytest.raises(Refused) as no:
+        watch(walker, None, None)
+    assert no.value.code == "headset_required"
+    assert walker.view.trial["phase"] == "playing_a"
+    walker.do(machine.interrupt, reason="page_loaded", now=walker.now)  # and begins anew
+    assert watch(walker, QUEST, QUEST).hmd
+
+
+def test_a_headset_needs_the_view_from_inside(tmp_path):
+    write_files(tmp_path)
+    with pytest.raises(ProtocolError) as wrong:
+        freeze_text(protocol_text([BLOCK], device={"headset": "offered"}), folder=tmp_path)
+    assert "no stage has the view immersive" in str(wrong.value)
+
+
+def test_a_device_without_one_is_refused_where_one_is_required():
+    device = {"webgl": True, "headset": False}
+    assert device_problems(DeviceGate(headset="required"), device) == ["headset"]
+    assert device_problems(DeviceGate(headset="offered"), device) == []
+    assert device_problems(DeviceGate(headset="required"), device | {"headset": True}) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"controllers": ["x" * 61]},
+        {"controllers": ["x"] * 5},
+        {"refresh_rate": -1},
+        {"frames": -1},
+        {"dropped": 10**9},
+        {"pointing": ["nose"]},
+    ],
+)
+def test_what_a_browser_tells_of_its_headset_is_bounded(change):
+    Seen.model_validate({"side": "a", "headset": QUEST})
+    with pytest.raises(ValidationError):
+        Seen.model_validate({"side": "a", "headset": QUEST | change})
+
+
+def test_the_stage_may_use_a_headset_where_the_study_asks_for_one():
+    assert permissions().endswith("xr-spatial-tracking=(self)")
+    assert permissions(room="https://stage.example:8443").endswith(
+        'xr-spatial-tracking=(self "https://stage.example:8443")'
+    )
+    assert permissions(room='http://a" *').endswith("xr-spatial-tracking=*"), "nothing of an odd address is repeated"
