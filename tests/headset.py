@@ -68,16 +68,18 @@ def put_on(stage: Frame) -> None:
     )
 
 
-def pull_trigger_at(stage: Frame, button: str) -> None:
-    """Point the right controller at a button of the panel and press it."""
+def pull_trigger_at(stage: Frame, button: str, *, lets_go: bool = True) -> None:
+    """Point the right controller at a button of the panel and press it; lets_go: of the trigger, too."""
     stage.wait_for_function("(id) => window.desirePath.headsetRoom.may(id)", arg=button)
     for _ in range(20):  # the panel comes to where one looks, and may have been on its way
         stage.evaluate(AIM, button)
         wait_for_pictures(stage)
         if stage.evaluate(POINTS_AT, button):
             break
-    for value in (1, 0):
-        stage.evaluate(TRIGGER, value)
+    stage.evaluate(TRIGGER, 1)
+    if lets_go:
+        wait_for_pictures(stage)
+        stage.evaluate(TRIGGER, 0)
         wait_for_pictures(stage)
 
 

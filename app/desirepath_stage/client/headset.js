@@ -25,6 +25,7 @@
   /** Why no headset is worn, as page.py lists it. @type {string | null} */
   let refused = null;
   let entering = false;
+  let built = false; // what stands in the room for who wears it; its scene may be on its way
   let placed = false;
   let dark = 1;
   let last = 0;
@@ -107,9 +108,8 @@
     gl.xr.setFoveation(1);
     await gl.xr.setSession(opened);
     ground = await opened.requestReferenceSpace("local-floor");
-    if (!room.build(square)) throw new Error("no square to make panels of");
     session = opened;
-    [placed, dark, rays, last] = [false, 1, new Map(), 0];
+    [built, placed, dark, rays, last] = [false, false, 1, new Map(), 0];
     window.desirePath.player.interrupt("headset");
     frames.use(opened);
     document.documentElement.dataset.headset = "on";
@@ -177,6 +177,7 @@
     const { gl } = viser.drawing();
     const raw = frame.getViewerPose(ground);
     const standing = bridge.state.ready;
+    if (!built && standing) built = room.build(square);
     if (raw && !placed && standing) place(raw);
     const pose = frame.getViewerPose(gl.xr.getReferenceSpace());
     if (!pose) return;
@@ -191,6 +192,7 @@
     pointing.add(gazing ? "gaze" : [...session.inputSources].some((source) => source.hand) ? "hand" : "controller");
     if (gazing) for (const source of session.inputSources) rays.set(source, { ...eyes, held: false });
     dark = Math.max(0, Math.min(1, dark + ((placed && standing ? -1 : 1) * gap) / 1000 / FADE_S));
+    if (!built) return;
     const found = room.draw(eyes.from, eyes.along, gazing ? [{ ...eyes, held: false }] : hands, dark);
     look(found, gazing, time);
   }

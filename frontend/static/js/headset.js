@@ -120,7 +120,7 @@ export class Headset {
       const letter = button.dataset.choice?.toUpperCase();
       const text = letter ?? button.textContent?.trim() ?? "";
       const resting = button.disabled || button.getAttribute("aria-disabled") === "true";
-      add({ id: button.dataset.choice ?? `button-${i}`, text, letter: Boolean(letter), main: button.classList.contains("main"), resting }, () => button.click());
+      add({ id: button.dataset.choice || button.id || `button-${i}`, text, letter: Boolean(letter), main: button.classList.contains("main"), resting }, () => button.click());
     });
     add({ id: "pause", text: say("headset.pause"), tool: true }, () => /** @type {HTMLElement | null} */ (document.querySelector("#tools [data-pause]"))?.click());
     add({ id: "help", text: say("headset.help"), tool: true }, () => (this.helping = true));
