@@ -30,7 +30,7 @@ from desirepath.study.studies import create_study
 from desirepath_experiments.browser.client import WINDOW, chromium
 
 OUT = Path(__file__).resolve().parents[1] / "docs/images/pair-and-robot.webp"
-SIZE, QUALITY, LEAST_S = (512, 320), 40, 0.12  # of the picture; how long each of its frames stands at least
+SIZE, QUALITY, LEAST_S = (512, 320), 36, 0.28  # of the picture; how long each of its frames stands at least
 KEYS = {"kmin": 17, "kmax": 33}  # frames between two whole ones: what is gone leaves no traces for long
 SLOWED, SPEED = 12, 2  # how much slower the pages' clock goes, as a picture takes long here; how much faster this plays
 CLOCK = f"{{ const now = performance.now.bind(performance); performance.now = () => now() / {SLOWED}; }}"

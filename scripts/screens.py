@@ -57,7 +57,6 @@ MANUAL_WINDOW, MANUAL_SIZE = (1280, 800), (800, 500)
 MANUAL_BYTES, MANUAL_QUALITIES = 16_000, (36, 30, 24)
 MANUAL_PAGES = {  # of the lab: by name, the address below /lab
     "studies": "studies",
-    "new-study": "new",
     "monitor": "studies/{example}/now",
     "report": "studies/{example}/report",
     "policies": "policies",
