@@ -356,6 +356,7 @@ def example_application() -> FastAPI:
         context |= {
             "code": "P-4F7K",
             "looks_around": True,
+            "headset": None,
             "longest_problem": 4000,
             "languages": ["en", "de"],
             "next_kind": "questionnaire",

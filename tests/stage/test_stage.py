@@ -143,6 +143,7 @@ def test_the_camera_is_locked_and_visers_controls_are_out_of_reach(rig: StageRig
     assert {name for name in visible if name != "CANVAS"} <= {
         "desire-path-sheet",
         "desire-path-label",
+        "desire-path-headset",
         "desire-path-legend",
         "desire-path-strip",
         "desire-path-finder",
