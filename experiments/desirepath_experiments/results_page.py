@@ -266,7 +266,7 @@ def _demonstrations() -> Result:
 
 
 def _depth() -> Result:
-    stored = _read("home/reproduce_depth_small.json")
+    stored = _read("home/reproduce_depth_small.json.gz")
     seeds = stored["configurations"]["VAE-HA"]["seeds"]
     units = {f"seed {k}": [one["unseen"]["success_rate"]] for k, one in enumerate(seeds)}
     over = f"{len(units)} seeds, {seeds[0]['unseen']['n']} episodes each"
