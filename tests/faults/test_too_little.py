@@ -76,12 +76,12 @@ def test_a_study_without_answers_on_the_command_line(served: Served) -> None:
         (
             "view: top_down",
             "view: sideways",
-            "mine.yaml:22: stages[4].block.view = 'sideways': must be one of top_down",
+            "mine.yaml:24: stages[4].block.view = 'sideways': must be one of top_down",
         ),
         (
             "study_room/queries_varied_200",
             "study_room/queries_2",
-            "mine.yaml:14: query_set = 'study_room/queries_2': is no",
+            "mine.yaml:16: query_set = 'study_room/queries_2': is no",
         ),
     ],
 )

@@ -105,7 +105,7 @@ def test_recruiting_warns_while_nothing_leads_back_to_the_platform(lab, walked):
     draft = page.headers["location"]
     yaml = (
         lab.get(f"/lab/studies/{walked.id}/protocol.yaml")
-        .text.replace("version: 1", "version: 2")
+        .text.replace("version: 2\n", "version: 3\n")
         .replace("completion_code: random}", "completion_code: random, return_url: 'https://example.org/?cc={code}'}")
     )
     assert lab.post(draft, data={"csrf": csrf(lab), "yaml": yaml}).status_code == 303
