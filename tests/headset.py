@@ -33,13 +33,24 @@ AIM = """(id) => {
   const way = head.position.clone().set(...viser.toView(at));
   way.applyMatrix4(head.matrixWorld.clone().invert()).normalize();
   const turn = head.quaternion.clone().setFromUnitVectors(head.position.clone().set(0, 0, -1), way);
-  const { left, right } = window.headset.controllers;
+  const { left, right } = window.headset[window.headset.primaryInputMode === "hand" ? "hands" : "controllers"];
   left.quaternion.set(-Math.SQRT1_2, 0, 0, Math.SQRT1_2); // at the floor
   const { x, y, z } = window.headset.position;
   right.position.set(x, y, z);
   right.quaternion.set(turn.x, turn.y, turn.z, turn.w);
   return true;
 }"""
+LOOK = """(id) => {
+  const { viser, headsetRoom } = window.desirePath;
+  const head = viser.drawing().gl.xr.getCamera();
+  const way = head.position.clone().set(...viser.toView(headsetRoom.place(id)));
+  way.applyMatrix4(head.matrixWorld.clone().invert()).normalize();
+  const turn = head.quaternion.clone().setFromUnitVectors(head.position.clone().set(0, 0, -1), way);
+  const { x, y, z, w } = window.headset.quaternion;
+  const after = head.quaternion.clone().set(x, y, z, w).multiply(turn);
+  window.headset.quaternion.set(after.x, after.y, after.z, after.w);
+}"""
+PINCH = "(value) => window.headset.hands.right.updatePinchValue(value)"
 POINTS_AT = "(id) => window.desirePath.headsetRoom.pointed().join() === id"
 WORN = "document.documentElement.dataset.headset === 'on' && window.desirePath.headsetRoom.place('leave')"
 PICTURES = "() => window.desirePath.headset.report()?.frames ?? -1"
@@ -69,17 +80,18 @@ def put_on(stage: Frame) -> None:
 
 
 def pull_trigger_at(stage: Frame, button: str, *, lets_go: bool = True) -> None:
-    """Point the right controller at a button of the panel and press it; lets_go: of the trigger, too."""
+    """Point the right controller, or hand, at a button of the panel and press it; lets_go: of the trigger, too."""
     stage.wait_for_function("(id) => window.desirePath.headsetRoom.may(id)", arg=button)
     for _ in range(20):  # the panel comes to where one looks, and may have been on its way
         stage.evaluate(AIM, button)
         wait_for_pictures(stage)
         if stage.evaluate(POINTS_AT, button):
             break
-    stage.evaluate(TRIGGER, 1)
+    pull = PINCH if stage.evaluate("window.headset.primaryInputMode") == "hand" else TRIGGER
+    stage.evaluate(pull, 1)
     if lets_go:
         wait_for_pictures(stage)
-        stage.evaluate(TRIGGER, 0)
+        stage.evaluate(pull, 0)
         wait_for_pictures(stage)
 
 

@@ -12,7 +12,7 @@ from playwright.sync_api import Browser
 
 from desirepath_stage.stage import Stage
 from tests.fewer_pictures import draw_fewer_pictures
-from tests.headset import EYES_M, HEAD, plug_in_headset, pull_trigger_at, put_on, take_off
+from tests.headset import EYES_M, HEAD, LOOK, plug_in_headset, pull_trigger_at, put_on, take_off, wait_for_pictures
 from tests.stage.stage_rig import StageRig, Visitor, drive, study_room
 from tests.stage.test_stage import stage_of
 
@@ -122,6 +122,22 @@ def test_what_is_watched_in_it_says_so_and_leaving_cuts_it_short(rig: StageRig, 
     assert visitor.wait_for("interrupted", playback_id="cut")["reason"] == "headset"
     put_on_with_panel(visitor)
     visitor.wait_for("headset", on=True, count=2)
+
+
+def test_a_pinch_and_a_long_look_press_too(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    offer(visitor)
+    put_on_with_panel(visitor)
+    visitor.frame.evaluate("window.headset.primaryInputMode = 'hand'")
+    wait_for_pictures(visitor.frame)
+    pull_trigger_at(visitor.frame, "a")
+    visitor.wait_for("headset-press", id="a")
+    visitor.frame.evaluate("Object.values(window.headset.hands).forEach((hand) => { hand.connected = false; })")
+    wait_for_pictures(visitor.frame)
+    visitor.frame.evaluate(LOOK, "a")
+    visitor.wait_for("headset-press", id="a", count=2)
+    told = visitor.frame.evaluate("window.desirePath.headset.report()")
+    assert {"gaze", "hand"} <= set(told["pointing"])
 
 
 def put_on_with_panel(visitor: Visitor) -> None:
