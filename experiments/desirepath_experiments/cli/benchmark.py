@@ -52,6 +52,10 @@ BENCHMARKS = {
         "benchmarks.live_controls",
         "From the hand on a weight to the robot's new way in the picture, in Chromium, milliseconds.",
     ),
+    "headset": (
+        "benchmarks.headset_scenes",
+        "Draw calls, triangles and textures of every setup's scenes in both eyes of a headset, counted.",
+    ),
     "people": (
         "benchmarks.people",
         "Simulated people outside the nine objectives: predicted how well, and what their robot gains.",
