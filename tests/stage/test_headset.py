@@ -124,6 +124,22 @@ def test_what_is_watched_in_it_says_so_and_leaving_cuts_it_short(rig: StageRig, 
     visitor.wait_for("headset", on=True, count=2)
 
 
+def test_an_arrow_tells_where_the_robot_is_that_is_out_of_sight(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    offer(visitor)
+    put_on_with_panel(visitor)
+    arrow = "window.desirePath.headsetRoom.found()"
+    visitor.wait_until(lambda: visitor.frame.evaluate(arrow) == 0, "the robot is ahead")
+    for turned_left, points in ((1.4, -1), (-1.4, 1)):
+        half = turned_left / 2
+        visitor.frame.evaluate(f"window.headset.quaternion.set(0, {math.sin(half)}, 0, {math.cos(half)})")
+
+        def there(points: int = points) -> bool:
+            return bool(visitor.frame.evaluate(arrow) == points)
+
+        visitor.wait_until(there, "it points to where the robot is")
+
+
 def test_a_pinch_and_a_long_look_press_too(rig: StageRig, wear: Wear) -> None:
     visitor = wear()
     offer(visitor)

@@ -120,6 +120,8 @@
       if (camera?.view === "first_person") apply();
       else find();
     },
+    /** Where the robot is that is watched. */
+    watched: () => watched,
     /** What covers the picture has another height. */
     fit: apply,
     /** Whether the gaze can be turned now. */

@@ -61,6 +61,8 @@ interface DesirePath {
     pointed(): string[];
     may(id: string): boolean;
     draw(eye: number[], along: number[], rays: RoomRay[], dark: number): string[];
+    find(eye: number[], along: number[], robot: number[]): void;
+    found(): number;
     meet(from: number[], along: number[]): { metres: number; button: RoomButton | null } | null;
     place(id: string): number[] | null;
     point(ids: string[], share: number): void;
@@ -91,6 +93,7 @@ interface DesirePath {
     use(next: Orders["camera"]): void;
     recentre(): void;
     watch(x: number, y: number): void;
+    watched(): number[];
     mayTurn(): boolean;
     gaze(at: number[] | null): void;
     look(): void;

@@ -194,6 +194,7 @@
     dark = Math.max(0, Math.min(1, dark + ((placed && standing ? -1 : 1) * gap) / 1000 / FADE_S));
     if (!built) return;
     const found = room.draw(eyes.from, eyes.along, gazing ? [{ ...eyes, held: false }] : hands, dark);
+    room.find(eyes.from, eyes.along, window.desirePath.camera.watched());
     look(found, gazing, time);
   }
 

@@ -14,6 +14,8 @@
   const ASIDE_MS = 700;
   const [RAY_M, RAY_WIDTH_M, GRIP_M, GRIP_WIDTH_M, DOT_M] = [1.3, 0.006, 0.12, 0.024, 0.026];
   const DARK_M = 0.3; // the dark, before the eyes
+  // The arrow to a robot that is out of sight: from where on, whither and how far off it is shown, how large.
+  const [UNSEEN_RAD, ARROW_RAD, ARROW_M, ARROW_SIZE_M] = [0.7, 0.42, 1.0, 0.09];
   const FONT = 'system-ui, "Segoe UI", "Noto Sans", sans-serif';
 
   const canvas = document.createElement("canvas");
@@ -193,6 +195,10 @@
         grip.material.color.setScalar(0.2);
         spot.material.color.setRGB(0.75, 0.13, 0.09);
       }
+      made.arrow = quad(square, 991);
+      const corners = made.arrow.geometry.attributes.position;
+      for (let i = 0; i < corners.count; i += 1) if (corners.getX(i) > 0) corners.setY(i, 0); // a square's, now an arrow's
+      made.arrow.material.color.setRGB(0.11, 0.41, 0.24);
       stands = null;
       paint();
       return true;
@@ -258,6 +264,27 @@
       made.dark.visible = dark > 0;
       made.dark.material.opacity = dark;
       return found;
+    },
+
+    /** An arrow at the edge of sight, on the side of the shorter turn to a robot out of it. @param {number[]} eye @param {number[]} along @param {number[]} robot x, y */
+    find(eye, along, robot) {
+      const facing = Math.atan2(along[1], along[0]);
+      const turn = Math.atan2(robot[1] - eye[1], robot[0] - eye[0]) - facing;
+      const left = Math.atan2(Math.sin(turn), Math.cos(turn));
+      made.arrow.visible = false;
+      if (!(Math.abs(left) > UNSEEN_RAD)) return;
+      const side = Math.sign(left);
+      const at = facing + side * ARROW_RAD;
+      const way = [-Math.sin(at) * side * ARROW_SIZE_M, Math.cos(at) * side * ARROW_SIZE_M, 0];
+      put(made.arrow, add(eye, [Math.cos(at), Math.sin(at), -0.12], ARROW_M), way, [0, 0, ARROW_SIZE_M]);
+    },
+
+    /** Which way the arrow points: 1 left, -1 right, 0 none. */
+    found() {
+      if (!made.arrow?.visible) return 0;
+      const [eye, arrow] = [viser.fromView(viser.drawing().gl.xr.getCamera().position.toArray()), made.arrow.matrix.elements];
+      const [x, y] = [arrow[12] - eye[0], arrow[13] - eye[1]];
+      return Math.sign(x * arrow[1] - y * arrow[0]);
     },
 
     /** Where a ray meets the panel. @param {number[]} from @param {number[]} along */

@@ -23,7 +23,7 @@ from desirepath_stage.views import camera_for
 EYES = 2
 MOST_CALLS, MOST_TRIANGLES, MOST_TEXTURE_MIB = 100, 150_000, 32  # ours, for a headset without a computer
 MIPMAPS = 4 / 3  # a texture with all its smaller versions
-PANEL_CALLS = 8  # client/headset_room.js: the panel, the dark, and of two hands a ray, a grip and a dot each
+PANEL_CALLS = 9  # client/headset_room.js: the panel, the dark, the arrow, and of two hands a ray, a grip and a dot each
 PANEL_MIB = 1024 * 640 * 4 / 2**20
 SETUPS = (
     *("study_room", "open_field", "explained_room", "home", "corridor", "room"),
