@@ -266,8 +266,8 @@ def _until(holds: Callable[[], bool], died: Callable[[], bool], said: str, log: 
 
 
 def shortened(pairs: int, into: Path) -> Path:
-    """The quick study with so many pairs that count and one scene to compare in, everything else as it is. Written into
-    the folder `into` with what it names; returns its file."""
+    """The quick study with so many pairs that count, one scene to compare in and to prefer, all else as it is.
+    Written into the folder `into` with what it names; returns its file."""
     shutil.copytree(ROOT / Path(QUICK_STUDY).parent, into)
     file = into / Path(QUICK_STUDY).name
     written = file.read_text(encoding="utf-8")

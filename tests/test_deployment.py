@@ -54,6 +54,7 @@ def test_what_is_walked_through_a_deployment_is_the_quick_study_with_fewer_pairs
     assert changed == [
         "- queries: {count: 3, choose: information}",
         "- comparison: {arms: [base, own], scenes: 1, blind: true, guess: true}",
+        "- meet_your_robot: {setup: study_room, scenes: 3, view: top_down, preferred: 1}",
     ]
 
 
