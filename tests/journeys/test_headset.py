@@ -47,7 +47,8 @@ def link_to(installation: Installation, folder: Path) -> str:
     shortest = sorted(shipped.queries, key=lambda query: query.trajectory_a.duration_s + query.trajectory_b.duration_s)
     QuerySet(shipped.setup, tuple(shortest[:4]), {}).save(folder / "short.npz")
     text = (PROTOCOLS / "quick_preference_study.yaml").read_text()
-    learnt = text[text.index("  # With the 15th answer") : text.index("  - debriefing")]
+    asked = text.index("\n", text.index("count: 15, choose: information")) + 1
+    learnt = text[asked : text.index("  - debriefing")]
     for old, new in (
         (learnt, ""),
         ("study_room/queries_varied_200", str(folder / "short.npz")),
