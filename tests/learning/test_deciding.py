@@ -195,6 +195,17 @@ def test_a_choice_that_is_none_is_refused(files: dict[str, bytes], field: str, v
         Bundle.read(zipped({MANIFEST: json.dumps(manifest).encode(), POLICY: content}))
 
 
+def test_a_file_whose_shared_layers_would_fill_the_memory_is_refused(
+    own: ChoosingPolicy, files: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("desirepath.deploy.bundle.MOST_NUMBERS", 100_000)
+    with pytest.raises(BundleError, match="more than 100,000 weights together"):
+        Bundle.read(zipped(files))
+    monkeypatch.setattr("desirepath.learning.policies.choosing.MOST_NUMBERS", 100_000)
+    with pytest.raises(PolicyError, match="at most 100,000"):
+        replace(own)
+
+
 def test_what_is_exported_holds_all_that_drives(own: ChoosingPolicy) -> None:
     files = bundle_files(own)
     assert len(zipped(files)) < 4_000_000

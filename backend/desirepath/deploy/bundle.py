@@ -26,7 +26,7 @@ Floats = NDArray[np.float32]
 MANIFEST, POLICY = "manifest.json", "policy.npz"
 MOST_ZIPPED = 64 * 2**20
 MOST_RECOVERIES = 4
-MOST_CHOICES = 100
+MOST_CHOICES, MOST_NUMBERS = 100, 30_000_000  # policies, and weights of them all, shared ones counted apart
 SEVERAL = "desirepath-choosing-1"
 """Of a policy that is several: `learning/policies/choosing.py`."""
 MOST_OBJECTIVES = 40
@@ -218,12 +218,15 @@ def _choices(manifest: Manifest, header: Mapping[str, Any], arrays: Arrays) -> t
     if not isinstance(told, list) or not 2 <= len(told) <= MOST_CHOICES + 1:
         raise NetworkError(f"policies: must be a list of 2 to {MOST_CHOICES + 1}")
     wide = {name: part.astype(np.float32) for name, part in arrays.items() if name.startswith("layer_")}
-    inputs = len(manifest.inputs)
+    inputs, left = len(manifest.inputs), [MOST_NUMBERS]
 
     def network(numbers: Any, extractors: bool) -> Layers:
         names = [f"layer_{k:04d}" for k in numbers] if _are_counts(numbers) else ["?"]
         if missing := [name for name in names if name not in wide]:
             raise NetworkError(f"policies: {missing[0]} is no layer of this file")
+        left[0] -= sum(wide[name].size for name in names)
+        if left[0] < 0:
+            raise NetworkError(f"policies: more than {MOST_NUMBERS:,} weights together")
         found = Layers(tuple(wide[name] for name in names), inputs - manifest.lidar.sectors, extractors)
         found.check(inputs, "a network of policies")
         return found

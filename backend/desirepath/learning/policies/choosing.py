@@ -41,6 +41,9 @@ CAUTION = 0.4
 with gains scaled by the largest of any rollout: of 24 people none was harmed by more than 0.00 with it, and it gained
 nearly as much as 0.1."""
 MOST_POLICIES, MOST_ANSWERS = 100, 500
+MOST_NUMBERS = 30_000_000
+"""Weights of all networks together, those that share layers counted apart: side by side they are in memory so. The 25
+policies of the study room have 2.8 million."""
 MOST_LAYERS, MOST_RECOVERIES = 40, 4  # of a policy; arrays of weights and of biases
 AT_ONCE = 20  # scenes, whose rollouts are in memory together
 OF_PAIRS = ("seen", "named", "embedding")
@@ -210,6 +213,10 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
             raise PolicyError(
                 f"policies = {len(self.policies)}: needs the base policy and 1 to {MOST_POLICIES - 1} more"
             )
+        networks = [actor for one in self.policies for actor in (one.actor, *one.recovery_policies)]
+        numbers = sum(layer.size for actor in networks for layer in actor)
+        if numbers > MOST_NUMBERS:
+            raise PolicyError(f"policies have {numbers:,} weights together: at most {MOST_NUMBERS:,}")
         if len(self.answers) > MOST_ANSWERS:
             raise PolicyError(f"answers = {len(self.answers)}: at most {MOST_ANSWERS}")
         if self.scales.shape != (2,) or not (np.isfinite(self.scales) & (self.scales > 0)).all():
