@@ -36,7 +36,7 @@ from desirepath.simulation.setups import get_setup, require_same
 from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import Trajectory, arrived
 
-CAUTION = 0.4
+CAUTION = 0.2
 """Standard deviations that are taken off what a rollout is expected to gain. Chosen on tuning families by 15 answers,
 with gains scaled by the largest of any rollout: of 24 people none was harmed by more than 0.00 with it, and it gained
 nearly as much as 0.1."""
