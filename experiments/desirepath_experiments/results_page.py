@@ -171,13 +171,13 @@ def _people_policies() -> Result:
 def _people_per_scene() -> Result:
     from desirepath_experiments.benchmarks.people_policies import NEEDED, NOTHING  # much comes with it
 
-    stored = _read("study_room/people_direct.json.gz")
-    rows = _rows("study_room/people_direct.persons.csv.gz")
+    stored = _read("study_room/people_compared_more.json.gz")
+    rows = _rows("study_room/people_compared_more.persons.csv.gz")
     shown = [float(row["gain_direct_before"]) for row in rows if int(row["direct_wins"]) >= NEEDED]
     families, harmed = stored["families"], stored["harmed_direct_before_of_shown"]
     worst = min(families, key=lambda name: families[name]["shown_directly"])
     what = (
-        f"People who prefer a policy per scene in {NEEDED} of up to six blind pairs after 9 right answers, and are "
+        f"People who prefer a policy per scene in {NEEDED} of up to six blind pairs after 15 right answers, and are "
         f"shown it (one policy after 15: {percent(stored['shown_at_once'])}). Their gain, in typical differences of a "
         f"pair: median {np.median(shown):.2f}; truly worse off by more than {NOTHING}: {percent_exactly(harmed[0])}, "
         f"{_between(percent_exactly(harmed[1]), percent_exactly(harmed[2]))}"

@@ -15,7 +15,7 @@ from desirepath.learning.alignment.each_scene import (
     what_they_weigh,
 )
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.choosing import Answers, ChoosingPolicy
+from desirepath.learning.policies.choosing import CAUTION, Answers, ChoosingPolicy
 from desirepath.learning.policies.importing import import_policy
 from desirepath.learning.policies.policy import PolicyError, network_of, read_policy
 from desirepath.learning.policies.shipped import load_policy
@@ -97,6 +97,15 @@ def test_several_people_make_a_policy_of_which_nobody_is_more_than_another(own: 
     header, arrays = policy.to_parts()
     with pytest.raises(ValueError, match="do not fit"):
         ChoosingPolicy.from_parts({**header, "people": [12, 13]}, arrays)
+
+
+def test_a_file_chooses_as_cautiously_as_when_it_was_made(own: ChoosingPolicy) -> None:
+    header, arrays = own.to_parts()
+    assert ChoosingPolicy.from_parts(header, arrays).answers.caution == CAUTION
+    before = {key: value for key, value in header.items() if key != "caution"}
+    assert ChoosingPolicy.from_parts(before, arrays).answers.caution == 0.4
+    with pytest.raises(ValueError, match=r"caution = -1\.0: must be from 0 to 10"):
+        ChoosingPolicy.from_parts(header | {"caution": -1}, arrays)
 
 
 @pytest.mark.parametrize("broken", ["steps", "scales"])

@@ -63,7 +63,8 @@ DEPARTURES = {
     "it, that one is trained on by the reward per step, less what it has reached, so that waiting pays nobody.",
     "each_scene": "Instead of one policy: in each scene, whose map and person are known, the base policy and some of "
     "the policy library are rolled out, and that one drives of whose rollout both posteriors together expect most, "
-    "less 0.4 standard deviations; the base policy where they expect nothing. Nothing is trained.",
+    "less 0.2 standard deviations (until 2026-11-27: 0.4); the base policy where they expect nothing. Nothing is "
+    "trained.",
     "path_weights": "Not in the thesis: what a conditioned policy measures at weights drawn from the prior, to read "
     "weights from drawn paths.",
     "step_basis": "Not in the thesis: numbers of a step of which weighted sums come near random rewards of observation "
