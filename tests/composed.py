@@ -274,7 +274,7 @@ def shortened(pairs: int, into: Path) -> Path:
     for here, there in (
         ("count: 15, choose", f"count: {pairs}, choose"),
         ("scenes: 6, blind", "scenes: 1, blind"),
-        ("preferred: 4", "preferred: 1"),
+        ("preferred: 5", "preferred: 1"),
     ):
         if written.count(here) != 1:
             raise ComposeError(f"{QUICK_STUDY}: has {here!r} {written.count(here)} times, not once")

@@ -24,7 +24,7 @@ INSTANT = (
     QUICK.read_text()
     .replace("recipe: each_scene", "recipe: instant")
     .replace("scenes: 6, blind", "scenes: 3, blind")
-    .replace(", preferred: 4", "")
+    .replace(", preferred: 5", "")
 )
 """The shipped protocol with one policy for all scenes, refined behind it, and three comparisons."""
 DEMOGRAPHICS = {"age": 44, "gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3}
