@@ -58,8 +58,9 @@ from desirepath_experiments.benchmarks.scene_choice import BASE, SceneCandidates
 
 NEEDED = 5
 """In so many of up to six direct comparisons with the base policy a choice per scene must have been preferred for it to
-be shown. Four, with a caution of 0.4, until 60 people of families that nothing was tuned on had been looked at with a
-caution of 0.2: three of 120 shown robots were truly worse then, with five one; confirmed on others."""
+be shown. Four while its caution was 0.4. With 0.2, which tuning families chose, three of 120 shown robots were truly
+worse with four, one with five: so five, set after 60 people of families that nothing was tuned on, confirmed on 60
+others."""
 NOTHING = 0.01  # typical differences: a mean gain within this is none
 TRUE_SCENES = 30  # in which the library's best by somebody's true score is looked for
 SELECT_SEED = 7_500  # of these, of no card
