@@ -15,7 +15,7 @@ from desirepath.learning.alignment.each_scene import (
     what_they_weigh,
 )
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.choosing import CAUTION, Answers, ChoosingPolicy
+from desirepath.learning.policies.choosing import CAUTION, Answers, ChoosingPolicy, PeopleInGeneral
 from desirepath.learning.policies.importing import import_policy
 from desirepath.learning.policies.policy import PolicyError, network_of, read_policy
 from desirepath.learning.policies.shipped import load_policy
@@ -106,6 +106,19 @@ def test_a_file_chooses_as_cautiously_as_when_it_was_made(own: ChoosingPolicy) -
     assert ChoosingPolicy.from_parts(before, arrays).answers.caution == 0.4
     with pytest.raises(ValueError, match=r"caution = -1\.0: must be from 0 to 10"):
         ChoosingPolicy.from_parts(header | {"caution": -1}, arrays)
+
+
+def test_thirty_people_of_twenty_answers_make_one_in_general(own: ChoosingPolicy) -> None:
+    one = own.answers
+    assert isinstance(one, Answers)
+    rows = np.arange(20) % len(one)
+    twenty = Answers(one.pairs[rows], one.steps[rows], one.chosen[rows])
+    many = PeopleInGeneral((twenty,) * 30, np.ones((30, 2)))
+    again = read_policy(replace(own, answers=many).to_bytes())
+    assert isinstance(again, ChoosingPolicy)
+    assert len(again.answers) == 600
+    with pytest.raises(PolicyError, match="answers of 101 people: at most 100"):
+        replace(own, answers=PeopleInGeneral((twenty,) * 101, np.ones((101, 2))))
 
 
 @pytest.mark.parametrize("broken", ["steps", "scales"])

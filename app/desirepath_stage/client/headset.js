@@ -10,6 +10,7 @@
   const { bridge, viser, frames, headsetRoom: room } = window.desirePath;
   const DWELL_S = 1.5; // who looks at a button for so long, without hands, presses it
   const FADE_S = 0.35;
+  const HIDDEN_MS = 3000; // off the head for so long, the session ends and it goes on in the window
   const SLOW = 1.5; // a picture that comes after so many times the headset's own pace came late
 
   /** @type {any} XRSession */
@@ -25,6 +26,8 @@
   /** Why no headset is worn, as page.py lists it. @type {string | null} */
   let refused = null;
   let entering = false;
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  let hidden;
   let built = false; // what stands in the room for who wears it; its scene may be on its way
   let placed = false;
   let dark = 1;
@@ -102,7 +105,9 @@
     opened.addEventListener("end", end);
     opened.addEventListener("select", (/** @type {any} */ event) => press(rays.get(event.inputSource)));
     opened.addEventListener("visibilitychange", () => {
-      if (opened.visibilityState !== "visible") window.desirePath.player.interrupt("tab-hidden");
+      window.desirePath.player.interrupt("tab-hidden"); // also as it is put on again: nobody saw what was between
+      clearTimeout(hidden);
+      if (opened.visibilityState === "hidden") hidden = setTimeout(() => void opened.end(), HIDDEN_MS);
     });
     gl.xr.setReferenceSpaceType("local-floor");
     gl.xr.setFoveation(1);
@@ -118,6 +123,7 @@
 
   /** The headset was taken off, its battery is empty, or the room is left: it goes on in the window. */
   function end() {
+    clearTimeout(hidden);
     viser.wear(null);
     room.clear();
     frames.use(null);

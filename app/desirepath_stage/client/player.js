@@ -7,6 +7,7 @@
 (() => {
   "use strict";
   const { bridge, frames } = window.desirePath;
+  const UNSEEN_MS = 3000; // without a picture in a headset: nobody wore it
   /** @type {string[]} */
   let robots = [];
   let person = "";
@@ -130,6 +131,11 @@
       const step = () => {
         if (mine !== turn) return;
         const now = performance.now();
+        const worn = document.documentElement.dataset.headset === "on";
+        if (worn && now - lastFrame > UNSEEN_MS) { // it was off the head meanwhile
+          window.desirePath.player.interrupt("tab-hidden");
+          return;
+        }
         const t = (now - begun) / 1000 - labelS;
         if (t >= 0) {
           if (!moving) {

@@ -14,7 +14,7 @@ from typing import Any
 
 import structlog
 
-from desirepath.jobs.alignment import REGISTRY, AlignParams, ConditionedAlignParams
+from desirepath.jobs.alignment import REGISTRY, Aligned, AlignParams, ConditionedAlignParams
 from desirepath.jobs.alignments.each_scene import EachSceneParams
 from desirepath.jobs.answers import (
     describe_model,
@@ -107,31 +107,46 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     own = {
         **({"personal": verdict.as_dict()} if verdict is not None else {}),
         **({"check": believed[1].as_dict()} if believed is not None else {}),
-        **({"prior": {"earlier_participants": len(earlier)}} if believed is not None and params.earlier else {}),
+        **(
+            {"prior": {"earlier_participants": len(aligned.parents) if algorithm.asks_directly else len(earlier)}}
+            if believed is not None and params.earlier
+            else {}
+        ),
     }
     # `passed` here is the gate's; the result's is the whole decision
     gate = aligned.gate.as_dict()
     with context.database.session() as s:
         reward_model_artefact = find_artefact(s, reward_model, "reward_model")
     parents = [(base_artefact, "base"), (reward_model_artefact, "reward_model"), (snapshot_artefact, "answers")]
-    policy = keep(
-        context,
-        kind="policy",
-        name=f"{algorithm.makes}: {snapshot_artefact.name}, seed {params.seed}",
-        setup=setup,
-        # Many people prefer the same: without their names on them, these would be one policy, first made for the first.
-        content=replace(aligned.policy, made_for=snapshot_artefact.id).to_bytes(),
-        params=params,
-        config=aligned.config,
-        results={"gate": gate, "predicted": predicted, **own, **aligned.results},
-        parents=[*parents, *aligned.parents],
-        scenes={
-            "gate": describe(Purpose.GATE, aligned.gate.scenes, params.seed),
-            **({"personal": describe(Purpose.GATE, SCENES, JUDGING_SEED + params.seed)} if verdict else {}),
-            **aligned.scenes,
-        },
-        departures=aligned.departures,
-    )
+
+    def kept(aligned: Aligned) -> str:
+        return keep(
+            context,
+            kind="policy",
+            name=f"{algorithm.makes}: {snapshot_artefact.name}, seed {params.seed}",
+            setup=setup,
+            # Many prefer the same: without their names on them, these would be one policy, first made for the first.
+            content=replace(aligned.policy, made_for=snapshot_artefact.id).to_bytes(),
+            params=params,
+            config=aligned.config,
+            results={"gate": gate, "predicted": predicted, **own, **aligned.results},
+            parents=[*parents, *aligned.parents],
+            scenes={
+                "gate": describe(Purpose.GATE, aligned.gate.scenes, params.seed),
+                **({"personal": describe(Purpose.GATE, SCENES, JUDGING_SEED + params.seed)} if verdict else {}),
+                **aligned.scenes,
+            },
+            departures=aligned.departures,
+        )
+
+    try:
+        policy = kept(aligned)
+    except ArtefactError as gone:
+        if not aligned.parents:
+            raise
+        log.warning("somebody whose answers were used is gone", problem=str(gone))
+        aligned = algorithm.align(context, params, base, model)  # which leaves them out
+        policy = kept(aligned)
     context.progress(0.93)
     comparisons: list[dict[str, Any]] = []
     further: dict[str, list[dict[str, Any]]] = {}
@@ -147,9 +162,15 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
             rivals |= {"population": in_general} if in_general is not None else {}
         for against, rival in rivals.items():
             count = getattr(params, against) if against in ("neutral", "population") else None
-            further[against] = comparison_rollouts(
-                context, params, against, rival, (aligned.policy, policy), seen, count
-            )
+            try:
+                further[against] = comparison_rollouts(
+                    context, params, against, rival, (aligned.policy, policy), seen, count
+                )
+            except ArtefactError as gone:
+                if against != "population":
+                    raise
+                log.warning("the policy in general is gone", problem=str(gone))  # with who was erased meanwhile
+                continue
             seen |= {comparison["scene_seed"] for comparison in further[against]}
     return {
         "policy": policy,

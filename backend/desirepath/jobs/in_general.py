@@ -20,7 +20,8 @@ from desirepath.learning.alignment.each_scene import (
 )
 from desirepath.learning.alignment.gate import at_gate, decide
 from desirepath.learning.cards import DEPARTURES
-from desirepath.learning.policies.policy import DrivingPolicy, Policy
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.policy import DrivingPolicy, Policy, PolicyError
 from desirepath.store.artefacts import ArtefactError
 from desirepath.store.erasure import IN_GENERAL
 from desirepath.store.models import Artefact
@@ -32,7 +33,8 @@ def policy_in_general(
     context: JobContext, params: EachSceneParams, base: tuple[Policy, Artefact], own: Artefact
 ) -> tuple[dict[str, Any], tuple[DrivingPolicy, str] | None]:
     """How it was made, for the job's result, and the policy with its id; None where there are too few people, or they
-    have too little in common, or it does not pass the gate. own: the snapshot of who compares with it."""
+    have too little in common, or it does not pass the gate: nobody's own comparison depends on it. own: the snapshot of
+    who compares with it."""
     people, snapshots = earlier_answers(context, params.people, params.symmetry, base[0].setup)
     if len(people) < FEWEST_PEOPLE:
         return {"people": len(people), "passed": False}, None
@@ -41,7 +43,11 @@ def policy_in_general(
     told: dict[str, Any] = {**asdict(common), "passed": False}
     if not common.in_common:
         return told, None
-    policy = choose_each_scene(everybody, kept=params.policies)
+    try:
+        policy = choose_each_scene(everybody, kept=params.policies)
+    except (LearningError, PolicyError) as none:
+        log.warning("no policy in general", problem=str(none))
+        return told, None
     gate = at_gate(policy, base[0], gate_rule(params), seed=params.seed)
     if not decide(gate).passed:
         return told, None

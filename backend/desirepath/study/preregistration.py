@@ -20,7 +20,7 @@ AGAINST = {
     "base": "the usual robot",
     "dwa": "the dynamic window approach",
     "neutral": "the conditioned robot without preferences",
-    "population": "the robot that learned from all earlier participants",
+    "population": "the robot that learned from up to 30 earlier participants who agreed",
     "other": "the robot that learned from another participant",
 }
 _SCHEMES = {
@@ -111,7 +111,10 @@ def _sample(frozen: FrozenProtocol) -> Iterator[str]:
         yield f"- At most {quota.most} with the answer {quota.is_} to {quota.questionnaire}.{quota.item}."
     asked = protocol.asked_of_devices
     size = f"a window of at least {asked.min_width} x {asked.min_height} pixels"
-    yield f"- Device: {size}, pointers: {', '.join(asked.pointers)}{', WebGL' if asked.webgl else ''}."
+    yield (
+        f"- Device: {size}, pointers: {', '.join(asked.pointers)}{', WebGL' if asked.webgl else ''}"
+        f"{f', a headset ({asked.headset})' if asked.headset else ''}."
+    )
     yield (
         "- Not analysed: practice trials, pilot participants, who withdrew, who was excluded by hand (with a reason, "
         f"counted in the flow of participants). Rules for excluding by hand: {TO_FILL_IN}"

@@ -172,8 +172,10 @@ async function mount(mine = arrival) {
     });
     trial = mounted?.bar ?? null;
     wait = mounted?.job ?? null;
-    if (onStage && !current.stage_url) stage.close();
-    else if (onStage) stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");
+    if (onStage && !current.stage_url) {
+      stage.close();
+      headset.hear({ type: "headset", on: false }); // whose frame is gone, and says so no more
+    } else if (onStage) stage.open(current.stage_url ?? "", step.querySelector("h1")?.textContent ?? "");
     if (module.last) showProgress(body, true);
   }
   if (body) body.dataset.live = "";

@@ -41,7 +41,7 @@ CAUTION = 0.2
 with comparisons that decide afterwards: 0.4, as before those, gains half as much by nine answers, 0.1 no more by 15;
 nobody who is shown theirs is harmed with 0.2."""
 FIRST_CAUTION, LARGEST_CAUTION = 0.4, 10.0  # of files that do not name theirs; of any
-MOST_POLICIES, MOST_ANSWERS = 100, 500
+MOST_POLICIES, MOST_PEOPLE, MOST_ANSWERS = 100, 100, 500  # answers of each
 MOST_NUMBERS = 30_000_000
 """Weights of all networks together, those that share layers counted apart: side by side they are in memory so. The 25
 policies of the study room have 2.8 million."""
@@ -217,8 +217,11 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
         numbers = sum(layer.size for actor in networks for layer in actor)
         if numbers > MOST_NUMBERS:
             raise PolicyError(f"policies have {numbers:,} weights together: at most {MOST_NUMBERS:,}")
-        if len(self.answers) > MOST_ANSWERS:
-            raise PolicyError(f"answers = {len(self.answers)}: at most {MOST_ANSWERS}")
+        people = self.answers.people if isinstance(self.answers, PeopleInGeneral) else (self.answers,)
+        if len(people) > MOST_PEOPLE:
+            raise PolicyError(f"answers of {len(people)} people: at most {MOST_PEOPLE}")
+        if (answers := max(map(len, people), default=0)) > MOST_ANSWERS:
+            raise PolicyError(f"answers = {answers}: at most {MOST_ANSWERS} of each")
         if self.scales.shape != (2,) or not (np.isfinite(self.scales) & (self.scales > 0)).all():
             raise PolicyError(f"scales = {self.scales.tolist()}: needs two numbers above 0")
 

@@ -37,7 +37,7 @@ class ComparisonStage(Stage):
     person's is lent, from the setup's card. `neutral`: likewise against the conditioned policy without preferences,
     which is of the own one's kind (own against base compares two kinds of policy, too). `population` (with recipe
     `each_scene`): likewise against the policy that chooses by what earlier participants want, made of those of the
-    same study, version and group who consented to training; from the fifth on, where what it expects comes true for
+    same study, version and group who consented to training; of five at least, where what it expects comes true for
     those who are left out of it.
     """
 

@@ -152,7 +152,11 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         base = shipped_base(step.setup)
         if weights is not None:
             return [condition_on(step.setup, weights), base]
-        return [_own(moment, files) or condition_on(step.setup, {}), base]
+        own = _own(moment)
+        if own is not None and own.quarantined_at is None:
+            return [driving(files, own.id), base]
+        # None was made, or it went with somebody's erased answers: what their own ones taught, as the controls begin.
+        return [condition_on(step.setup, find_arrival_notes(moment, step, BEGAN).get("start", {})), base]
 
     def payload(self, step: MeetYourRobotStep, page: Page) -> dict[str, Any]:
         return super().payload(step, page) | {
@@ -167,11 +171,11 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         return {name: noted[name] for name in ("start", "believed") if name in noted}
 
     def is_asked(self, step: MeetYourRobotStep, moment: Moment) -> bool:
-        shown = moment.session.personalisation == "shown"
+        shown = moment.session.personalisation == "shown" and not _is_gone(moment)
         return shown and (not step.preferred or was_preferred(moment.s, moment.session, step.preferred))
 
     def may_come(self, step: MeetYourRobotStep, moment: Moment) -> bool:
-        return moment.session.personalisation in (None, "shown")
+        return moment.session.personalisation in (None, "shown") and not _is_gone(moment)
 
     def arrive(self, step: MeetYourRobotStep, acting: Acting) -> None:
         found = find_belief(acting.s, acting.files, acting.session, ready_job(acting.s, acting.session))
@@ -217,12 +221,17 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         return {"agreement": agreement, "weights": own, "history": slide(step["start"], own)}
 
 
-def _own(moment: Moment, files: ArtefactStore) -> DrivingPolicy | None:
+def _own(moment: Moment) -> Artefact | None:
     """The policy that was compared as theirs, None where there was none."""
     job = ready_job(moment.s, moment.session)
     learned = job.result_as(Learned) if job is not None else None
-    artefact = moment.s.get(Artefact, learned.policy) if learned is not None else None
-    return driving(files, artefact.id) if artefact is not None else None
+    return moment.s.get(Artefact, learned.policy) if learned is not None else None
+
+
+def _is_gone(moment: Moment) -> bool:
+    """Whether it held answers of somebody who was erased."""
+    own = _own(moment)
+    return own is not None and own.quarantined_at is not None
 
 
 KIND = MeetYourRobot()

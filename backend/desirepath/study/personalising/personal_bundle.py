@@ -51,7 +51,7 @@ def _personal(s: DatabaseSession, files: ArtefactStore, session: Session) -> Sto
     job = ready_job(s, session)
     learned = job.result_as(Learned) if job is not None else None
     artefact = s.get(Artefact, learned.policy) if learned is not None else None
-    if artefact is not None:
+    if artefact is not None and artefact.quarantined_at is None:
         policy = read_policy(files.get(artefact.id))
         if isinstance(policy, BY_SCAN):
             return policy

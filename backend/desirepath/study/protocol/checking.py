@@ -22,6 +22,9 @@ from desirepath.study.plan.counterbalancing import design_of
 from desirepath.study.protocol.schema import Protocol
 from desirepath.study.protocol.stages import STAGES, stage_keys
 
+SEEN_IN_HEADSETS = ("block", "comparison", "evaluation", "rating")
+"""Stages whose drives are watched and answered with a headset; drawing, sliders and robots to meet are not by now."""
+
 
 def problems_across(
     protocol: Protocol, questionnaires: Mapping[str, Questionnaire], source: Source
@@ -41,6 +44,10 @@ def _headset(protocol: Protocol, source: Source) -> Iterator[Problem]:
     asked = protocol.asked_of_devices.headset
     if asked and not any("immersive" in stage.views for stage in protocol.all_stages):
         yield source.problem(("device", "headset"), f"is {asked}, but no stage has the view immersive")
+    for index, entry in enumerate(protocol.stages):
+        if asked == "required" and "immersive" in entry.stage.views and entry.kind not in SEEN_IN_HEADSETS:
+            told = f"is shown in no headset by now, which the study requires; {', '.join(SEEN_IN_HEADSETS)} are"
+            yield source.problem(("stages", index, entry.kind), told)
 
 
 def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
