@@ -82,8 +82,8 @@ def test_a_robot_knows_walls_where_beams_ended_but_not_its_person() -> None:
     scene, known = SCENES[0], KnownWorld()
     person, pose = scene.person, scene.start
     ended = ended_beams(SETUP, pose, raw_ranges(SETUP, scene, pose))
-    known.see(ended, [(person.pose.x, person.pose.y)], person.radius)
-    seen = known.map_around([pose, scene.goal])
+    known.see(ended, SETUP.robot.lidar.beams, [(person.pose.x, person.pose.y)], person.radius)
+    seen = known.map_around([pose, scene.goal], SETUP.robot.lidar.range_m)
     at = np.argwhere(seen.occupied) * CELL_M + seen.origin + CELL_M / 2
     solids = np.min([solid.distance_m(at[:, 0], at[:, 1]) for solid in scene.solids()], axis=0)
     assert len(at) > 50
@@ -109,6 +109,7 @@ def test_who_drives_goes_on_unless_another_is_better(own: ChoosingPolicy) -> Non
     assert chooser.best([good, lost, lost], 1) == 0
     assert chooser.best([lost, lost, good], 1) == 2
     assert chooser.best([lost, lost, lost], 1) == 0
+    assert chooser.best([good, good, good], 1, stands=True) == 0
 
 
 def test_whoever_walks_is_foreseen_to_walk_on(own: ChoosingPolicy) -> None:
@@ -120,7 +121,9 @@ def test_whoever_walks_is_foreseen_to_walk_on(own: ChoosingPolicy) -> None:
 
     drive = OnItsWay(Chooser(own.setup, own.side_by_side, gains), (3.0, 0.0), SETUP.goal_radius_m)
     walls = np.array([[5.0, 0.1 * k] for k in range(-30, 30)])
-    drive.see(Pose(0.0, 0.0), walls, Told(1.0, 2.0, -0.5, 0.0), np.zeros(SETUP.observation_size, dtype=np.float32))
+    drive.see(
+        Pose(0.0, 0.0), walls, 60, [Told(1.0, 2.0, -0.5, 0.0)], np.zeros(SETUP.observation_size, dtype=np.float32)
+    )
     drive.ask()()
     (usual,) = asked
     person = usual.scene.people_at(np.array([0.0, 2.0, 60.0]))[0]
@@ -128,6 +131,102 @@ def test_whoever_walks_is_foreseen_to_walk_on(own: ChoosingPolicy) -> None:
     np.testing.assert_allclose(person[1], [0.0, 2.0], atol=1e-6)
     np.testing.assert_allclose(person[2], [-3.0, 2.0], atol=1e-6)
     assert np.diff(usual.next_observations[:, 3]).any()  # what it would observe moves
+
+
+class Foresees(Chooser):
+    """Keeps what would be done."""
+
+    def __init__(self, setup: str, policies: SideBySide) -> None:
+        super().__init__(setup, policies, lambda usual, others: np.zeros(len(others)))
+        object.__setattr__(self, "ways", [])
+
+    def best(self, ways: Sequence[Trajectory], driving: int, *, stands: bool = False) -> int:
+        self.ways.extend(ways)  # type: ignore[attr-defined]
+        return 0
+
+
+def on_its_way(own: ChoosingPolicy, told: Sequence[Sequence[Told]]) -> Trajectory:
+    """What the base policy would do after so many steps, in which the robot was told of these people."""
+    foresees = Foresees(own.setup, own.side_by_side)
+    drive = OnItsWay(foresees, (3.0, 0.0), SETUP.goal_radius_m)
+    walls = np.array([[5.0, 0.1 * k] for k in range(-30, 30)])
+    for k, people in enumerate(told):
+        if k:
+            drive.acted(np.array([-0.9, 0.0]))
+        drive.see(Pose(0.001 * k, 0.0), walls, 60, people, np.zeros(SETUP.observation_size, dtype=np.float32))
+    drive.ask()()
+    return foresees.ways[0]  # type: ignore[attr-defined]
+
+
+def test_whoever_jumped_or_was_not_told_of_is_foreseen_since_then(own: ChoosingPolicy) -> None:
+    walks = [[Told(2.0 - 0.1 * k, 2.0, -0.5)] for k in range(6)]
+    for before in ([[]], [[Told(-4.0, 1.0)]]):
+        usual = on_its_way(own, before + walks)
+        assert usual.scene.walk is not None
+        people = usual.scene.people_at(np.array([0.0, 1.2, 2.2]))[0]
+        np.testing.assert_allclose(people, [[2.0, 2.0], [1.5, 2.0], [1.0, 2.0]], atol=0.02)
+
+
+def test_nobody_is_where_policies_observe_nobody(own: ChoosingPolicy) -> None:
+    usual = on_its_way(own, [[]])
+    assert usual.scene.person.pose == Pose(-6.0, 0.0, usual.scene.person.pose.yaw)
+
+
+def test_the_map_stays_small_whoever_is_told_of_and_wherever_it_is_to_go(own: ChoosingPolicy) -> None:
+    usual = on_its_way(own, [[Told(9_000.0, -9_000.0)]])
+    seen = usual.scene.seen  # type: ignore[attr-defined]  # as a robot knows it
+    assert max(seen.size_m) < 30
+
+
+def test_everybody_who_is_told_of_leaves_no_wall(own: ChoosingPolicy) -> None:
+    known = KnownWorld()
+    beside = np.array([[2.0, 0.1], [2.1, 0.0], [4.0, 0.0]])
+    known.see(beside, 3, [(0.0, 3.0), (2.2, 0.0)], 0.3)
+    seen = known.map_around([Pose(0.0, 0.0)], 6.0)
+    assert seen.occupied.sum() == 1
+
+
+def test_a_long_drive_is_judged_by_its_last_minute(own: ChoosingPolicy) -> None:
+    usual = on_its_way(own, [[Told(1.0, 2.0)]] * 700)
+    assert 300 < len(usual.actions) <= 300 + 200
+
+
+def test_in_the_open_what_is_foreseen_comes_true() -> None:
+    """Few beams end there, and the edge of what is known is no wall."""
+    setup, base = get_setup("open_field"), SideBySide([load_policy("open_field/base").without_critic()])
+    apart = []
+    for scene in draw_scenes("open_field", range(3_500_000_000, 3_500_000_004)):
+        (true,) = rollout(setup, Drivers(base, np.zeros(1, dtype=np.int64)), [scene])
+        foresees = Foresees(setup.name, base)
+        drive = OnItsWay(foresees, (scene.goal.x, scene.goal.y), scene.goal_radius)
+        ranges = raw_ranges(setup, scene, scene.start)
+        ended = ended_beams(setup, scene.start, ranges)
+        person = scene.person.pose
+        drive.see(scene.start, ended, len(ranges), [Told(person.x, person.y)], true.observations[0])
+        drive.ask()()
+        (way,) = foresees.ways  # type: ignore[attr-defined]
+        n = min(len(true.poses), len(way.poses))
+        apart.append(float(np.linalg.norm(way.poses[:n, :2] - true.poses[:n, :2], axis=1).max()))
+    assert np.median(apart) < 0.6
+
+
+def test_who_takes_over_is_not_stuck_where_another_was(files: dict[str, bytes]) -> None:
+    controller = Controller.load(zipped(files))
+    engine = make_engine(SETUP, 1, auto_reset=False, scenes=SCENES[:1])
+    said = heard(engine, 0, 0.0)
+    for _ in range(100):  # it comes no nearer
+        controller.step(*said)
+    controller.drive_by(1)
+    controller.step(*said)
+    assert controller.driven_by == "policy"
+
+
+def test_whoever_fails_to_hear_ends_the_choice_and_not_the_drive(files: dict[str, bytes]) -> None:
+    controller = Controller.load(zipped(files))
+    controller.decider = RobotChoice.read(controller.content)
+    controller.decider.stepped = lambda *_: 1 / 0  # type: ignore[method-assign]
+    controller.step(*heard(make_engine(SETUP, 1, auto_reset=False, scenes=SCENES[:1]), 0, 0.0))
+    assert (controller.decider, controller.undecided) == (None, "division by zero")
 
 
 def test_a_robot_chooses_as_the_engine_does(own: ChoosingPolicy, files: dict[str, bytes]) -> None:
@@ -180,7 +279,7 @@ def test_who_drives_is_asked_with_the_first_step_and_every_second(files: dict[st
 @pytest.mark.parametrize(
     ("field", "value", "said"),
     [
-        ("policies", 3, "must be a list of 2 to 101"),
+        ("policies", 3, "must be a list of 2 to 100"),
         ("policies", [{"actor": [0]}] * 2, "must be an object with shape, actor and recovery"),
         ("policies", [{"actor": [7_000], "recovery": [], "shape": {}}] * 2, "layer_7000 is no layer"),
         ("policies", [{"actor": ["0"], "recovery": [], "shape": {}}] * 2, "is no layer"),

@@ -215,8 +215,8 @@ _KINDS: Mapping[str, Callable[[_Parts], Callable[[Mapping[str, float]], Driving]
 def _choices(manifest: Manifest, header: Mapping[str, Any], arrays: Arrays) -> tuple[Driving, ...]:
     """Each by its own networks, which share layers."""
     told: Any = header.get("policies")
-    if not isinstance(told, list) or not 2 <= len(told) <= MOST_CHOICES + 1:
-        raise NetworkError(f"policies: must be a list of 2 to {MOST_CHOICES + 1}")
+    if not isinstance(told, list) or not 2 <= len(told) <= MOST_CHOICES:
+        raise NetworkError(f"policies: must be a list of 2 to {MOST_CHOICES}")
     wide = {name: part.astype(np.float32) for name, part in arrays.items() if name.startswith("layer_")}
     inputs, left = len(manifest.inputs), [MOST_NUMBERS]
 

@@ -40,6 +40,7 @@ class Controller:
         self._goal, self._person = found.place("goal_distance") or 0, found.place("person_distance") or 0
         self._weights, self._driving = dict(bundle.weights), bundle.at(bundle.weights)
         self.decider: Decider | None = None
+        self.undecided = ""  # why nobody decides any more
         self.drives = 0
         self.reset()
 
@@ -116,7 +117,11 @@ class Controller:
         self.arrived = float(np.hypot(x - odometry.x, y - odometry.y)) <= self._bundle.manifest.goal_radius_m
         command = self.decide(observation)
         if self.decider is not None:
-            self.decider.stepped(scan, odometry, (x, y), people, observation, self.action)
+            try:
+                self.decider.stepped(scan, odometry, (x, y), people, observation, self.action)
+            except Exception as problem:  # it may be anything: the robot drives on by its usual policy
+                self.undecided, self.decider = str(problem) or type(problem).__name__, None
+                self.drive_by(0)
         return command
 
     @property
@@ -137,6 +142,8 @@ class Controller:
         """The bundle's policy of that place drives from now on. Raises IndexError for none."""
         if not 0 <= place < self.choices:
             raise IndexError(f"place = {place}: the bundle has {self.choices} policies")
+        if place != self.chosen and self._progress is not None:
+            self._progress.begin_anew(np.zeros(1, dtype=np.int64))
         self.chosen, self._driving = place, self._bundle.choices[place]
 
     def decide(self, observation: Floats) -> Command:

@@ -54,6 +54,11 @@ class Progress:
         self._waited = np.zeros(robots, dtype=np.int64)
         self._freed_at = np.full(robots, -np.inf)
 
+    def begin_anew(self, rows: Rows) -> None:
+        """Another one drives these robots from now on: what held the one before up is nothing to it."""
+        self._active[rows], self._waited[rows] = 0, 0
+        self._nearest[rows], self._freed_at[rows] = np.inf, -np.inf
+
     def drivers(self, distance_m: Doubles, rows: Rows) -> Rows:
         """(n,) who drives in this step, of the robots `rows` (n,) which are so far (n,) from their goals."""
         active, nearest, waited, freed_at = self._active, self._nearest, self._waited, self._freed_at

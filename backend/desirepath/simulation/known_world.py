@@ -1,10 +1,12 @@
 """What a robot knows of a place that it has no map of: where its lidar's beams ended, from wherever it has been.
 
-What no beam has crossed counts as free. People are told of apart, so that beams that end at them mark nothing.
+What no beam has crossed counts as free. People are told of apart, so that beams that end at them mark nothing; what
+moves and nobody tells of leaves walls behind.
 """
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,9 +21,12 @@ from desirepath.simulation.setups import Setup
 
 Doubles = NDArray[np.float64]
 CELL_M = 0.05
-MARGIN_M = 1.0  # around all that is known: a robot that leaves it has left what anybody can tell
+ENCLOSED = 0.5  # share of beams that end where there are walls around; else it is open, and cells are twice as large
+MARGIN_M = 1.0  # around what is known, where there are walls around
 AT_PEOPLE_M = 0.1  # beyond a person's outline a beam still ended at them
-FARTHEST_M = 60.0  # from where the robot is now: what lies beyond is forgotten
+FARTHEST_M = 20.0  # from where the robot is: what lies beyond is not looked at
+LARGEST_M = 10_000.0  # places beyond it are a mistake
+LARGEST_CELLS = 2**21
 
 
 @dataclass(frozen=True)
@@ -38,27 +43,39 @@ class KnownWorld:
     """Grows scan by scan."""
 
     def __init__(self) -> None:
-        self._cells: set[tuple[int, int]] = set()
+        self._cells = np.zeros((0, 2), dtype=np.int64)
+        self._open = False
 
-    def see(self, ended: Doubles, people: Sequence[tuple[float, float]], person_m: float) -> None:
-        """ended (n, 2): where beams ended, metres; people: where they stand, each within that radius."""
+    def see(self, ended: Doubles, beams: int, people: Sequence[tuple[float, float]], person_m: float) -> None:
+        """ended (n, 2): where some of so many beams ended, metres; people: where they stand, within that radius."""
+        self._open = len(ended) < ENCLOSED * beams
         for x, y in people:
             ended = ended[np.hypot(ended[:, 0] - x, ended[:, 1] - y) > person_m + AT_PEOPLE_M]
-        self._cells |= set(map(tuple, np.floor(ended / CELL_M).astype(np.int64).tolist()))
+        new = np.floor(ended[np.abs(ended).max(1, initial=0) < LARGEST_M] / CELL_M).astype(np.int64)
+        keys = np.concatenate([self._cells, new]) @ [LARGEST_CELLS, 1]
+        self._cells = np.stack(np.divmod(np.unique(keys) + LARGEST_CELLS // 2, LARGEST_CELLS), axis=1)
+        self._cells[:, 1] -= LARGEST_CELLS // 2
 
-    def map_around(self, places: Sequence[Pose]) -> GroundMap:
-        """All that was seen near the first of the places, where the robot is, with room for all of them."""
+    def copy(self) -> KnownWorld:
+        """As it is now; this one goes on growing."""
+        return copy.copy(self)  # `see` makes its cells anew
+
+    def map_around(self, places: Sequence[Pose], range_m: float) -> GroundMap:
+        """What was seen around the first of the places, where the robot is, with room for the others that are near.
+        range_m: of its lidar, which in the open sees no edge of what is known."""
         here = np.array([(place.x, place.y) for place in places])
-        cells = np.array(list(self._cells), dtype=np.int64).reshape(-1, 2)
-        cells = cells[np.abs(cells * CELL_M - here[0]).max(1) < FARTHEST_M]
-        every = np.concatenate([np.floor(here / CELL_M).astype(np.int64), cells])
-        margin = round(MARGIN_M / CELL_M)
+        here = here[np.abs(here - here[0]).max(1) <= FARTHEST_M]
+        stride, margin_m = (2, range_m + CELL_M) if self._open else (1, MARGIN_M)
+        cell_m = stride * CELL_M
+        cells = self._cells[np.abs(self._cells * CELL_M - here[0]).max(1, initial=0) < FARTHEST_M] // stride
+        every = np.concatenate([np.floor(here / cell_m).astype(np.int64), cells])
+        margin = math.ceil(margin_m / cell_m)
         low, high = every.min(0) - margin, every.max(0) + margin + 1
         occupied = np.zeros(tuple(high - low), dtype=np.bool_)
         occupied[tuple((cells - low).T)] = True
         unknown = np.zeros_like(occupied)
         unknown[[0, -1]] = unknown[:, [0, -1]] = True
-        return GroundMap(occupied, unknown, CELL_M, (float(low[0] * CELL_M), float(low[1] * CELL_M)))
+        return GroundMap(occupied, unknown, cell_m, (float(low[0] * cell_m), float(low[1] * cell_m)))
 
 
 def ended_beams(setup: Setup, pose: Pose, ranges: NDArray[np.floating[Any]]) -> Doubles:

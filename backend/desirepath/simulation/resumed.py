@@ -63,13 +63,13 @@ def roll_on(
     max_steps: int | None = None,
 ) -> list[Trajectory]:
     """n robots that have all driven the same past: each goes on by its own row of `acts` until it ends, at the latest
-    when the setup's time is up, or max_steps from now. known: the scene as the robots know it; default: as it is.
+    when the setup's time is up from now on, or after max_steps. known: the scene as the robots know it; default: as
+    it is.
 
     Trajectories are whole, with the past, in `known`.
     """
-    scene, done = known or past.scene, len(past.actions)
-    left = setup.max_steps - done
-    limit = max(1, left if max_steps is None else min(max_steps, left))
+    scene = known or past.scene
+    limit = setup.max_steps if max_steps is None else min(max_steps, setup.max_steps)
     engine = ResumedEngine(setup, n, scene, past)
     actions, steps = np.zeros((n, 2), dtype=np.float32), list[tuple[NDArray[Any], ...]]()
     while len(steps) < limit and not engine.dones.all():

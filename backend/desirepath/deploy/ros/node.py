@@ -40,6 +40,7 @@ from desirepath.deploy.walks import Walks
 
 DIAGNOSED_EVERY_S = 1.0
 KEPT_LATENCIES = 10_000
+DECISION_IS_OLD_S = 1.5
 STILL = ("arrived", "by hand")
 """Ends of reasons of stops that nothing was wrong in."""
 UNSET = {"keep_out_m": -1.0}
@@ -105,7 +106,7 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
             self.controller.weights = drive.weights
         self.decisions_s: deque[float] = deque(maxlen=KEPT_LATENCIES)
         self._thinks = ThreadPoolExecutor(1, "decides")
-        self._decision: tuple[int, Future[int]] | None = None  # the drive that it is of
+        self._decision: tuple[int, float, Future[int]] | None = None  # the drive that it is of, since when
         if self.controller.choices:
             self._decide_by(decides)
         self.stops: list[tuple[float, str]] = []  # when, by time.monotonic, and why
@@ -194,7 +195,7 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
         self._tell()
         if self.supervisor.steps > steps:
             self.latencies_s.append(time.perf_counter() - began)
-        if self.controller.decider is not None:
+        if self.controller.choices:
             self._choose_again(self.supervisor.steps > steps)
         if self._listener is not None:
             self._listener.scan(scan)
@@ -202,28 +203,40 @@ class DriveNode(Node):  # type: ignore[misc]  # rclpy has no types
     def _decide_by(self, decides: Callable[[bytes], Decider] | None) -> None:
         if decides is None:
             return self._say("the policy is several: without the whole of Desire Path its usual one drives alone")
-        self.controller.decider = decides(self.controller.content)
+        try:
+            self.controller.decider = decides(self.controller.content)
+        except Exception as problem:  # whatever is wrong there, the usual policy drives
+            return self._undecided(problem)
         self.controller.reset()
         sys.setswitchinterval(0.001)  # a scan waits no longer for whoever decides
+
+    def _undecided(self, problem: Exception | str) -> None:
+        self.controller.decider, self._decision = None, None
+        self.controller.drive_by(0)
+        self._say(f"who drives cannot be decided ({problem or type(problem).__name__}): the usual policy does")
 
     def _choose_again(self, stepped: bool) -> None:
         """Who drives on is decided beside the drive; whatever fails there, the usual policy drives."""
         one, decision = self.controller, self._decision
-        try:
-            if decision is None:
-                ask = one.ask_who_drives() if stepped else None
-                if ask is not None:
-                    self._decision = (one.drives, self._thinks.submit(self._timed, ask))
-            elif decision[1].done():
-                self._decision = None
-                place = decision[1].result()
-                if decision[0] == one.drives and place != one.chosen:
+        if one.undecided:
+            self._undecided(one.undecided)
+            one.undecided = ""
+        elif decision is None:
+            ask = one.ask_who_drives() if stepped else None
+            if ask is not None:
+                self._decision = (one.drives, time.monotonic(), self._thinks.submit(self._timed, ask))
+        elif decision[2].done():
+            self._decision = None
+            of_drive, asked_at, answer = decision
+            if of_drive != one.drives or time.monotonic() - asked_at > DECISION_IS_OLD_S:
+                return
+            try:
+                place = answer.result()
+                if place != one.chosen:
                     one.drive_by(place)
                     self._say(f"drives on by policy {place} of {one.choices - 1}")
-        except Exception as problem:  # it may be anything
-            one.decider, self._decision = None, None
-            one.drive_by(0)
-            self._say(f"who drives cannot be decided ({problem or type(problem).__name__}): the usual policy does")
+            except Exception as problem:  # it may be anything
+                self._undecided(problem)
 
     def _timed(self, ask: Callable[[], int]) -> int:
         began = time.perf_counter()

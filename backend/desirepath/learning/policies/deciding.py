@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from desirepath.deploy.observing import NOBODY
 from desirepath.learning.measures.step_basis import Doubles
 from desirepath.learning.policies.policy import Floats
 from desirepath.learning.policies.side_by_side import SideBySide
@@ -25,14 +25,16 @@ from desirepath.simulation.resumed import roll_on
 from desirepath.simulation.scene import Person, Pose, Scene
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory, arrived
-from desirepath.simulation.walks import Walk, WalkError
+from desirepath.simulation.walks import FASTEST_M_S, Walk, WalkError
 
 EVERY_S = 1.0
 LONGEST_S = 40.0  # a way that takes longer from here is taken for none
 WALKS_M_S = 0.15  # who is slower stands
 FORESEEN_S = 8.0  # that somebody goes on as they walk
-NOBODY_M = 30.0
-"""So far away, behind the robot, is the person whom nobody tells of."""
+NOBODY_M = NOBODY[0]
+NEXT_GOAL_M = 15.0  # a goal that is farther is looked at so far ahead
+MOST_PAST = 300  # steps
+STOOD = 10  # steps in which it did nothing: who drives has given up
 
 Gains = Callable[[Trajectory, Sequence[Trajectory]], Doubles]
 """(way that is usual, n others from the same moment on) -> (n,) how much better each is expected to be."""
@@ -55,16 +57,19 @@ class Chooser:
     policies: SideBySide
     gains: Gains
 
-    def choose(self, past: Trajectory, known: Scene, driving: int) -> int:
-        """The place of who drives on. past: what was driven so far, at the end of which the robot is."""
+    def choose(self, past: Trajectory, known: Scene, driving: int, *, stands: bool = False) -> int:
+        """The place of who drives on. past: what was driven so far, at the end of which the robot is; stands: whoever
+        drives has given up."""
         n = len(self.policies)
         acts, limit = self.policies.begin(np.arange(n)), round(LONGEST_S / CONTROL_DT_S)
-        return self.best(roll_on(get_setup(self.setup), acts, n, past, known=known, max_steps=limit), driving)
+        ways = roll_on(get_setup(self.setup), acts, n, past, known=known, max_steps=limit)
+        return self.best(ways, driving, stands=stands)
 
-    def best(self, ways: Sequence[Trajectory], driving: int) -> int:
+    def best(self, ways: Sequence[Trajectory], driving: int, *, stands: bool = False) -> int:
         """By what each would do. Whoever drives goes on unless another is surely better; the base policy does where
         nobody arrives."""
         arrive = arrived(ways)
+        arrive[driving] &= not stands
         usual = driving if arrive[driving] else 0
         if not arrive[usual]:
             return int(arrive.argmax()) if arrive.any() else 0
@@ -76,90 +81,110 @@ class Chooser:
 
 
 class OnItsWay:
-    """One drive: what was driven, what was seen, who drives. Begins where the robot stands."""
+    """One drive: what was driven, what was seen, who drives. Begins where the robot stands; of a long drive the last
+    MOST_PAST steps are judged."""
 
     def __init__(self, chooser: Chooser, goal: tuple[float, float], goal_radius_m: float) -> None:
         self._chooser, self._setup = chooser, get_setup(chooser.setup)
-        self._goal, self._goal_radius_m = Pose(*goal), goal_radius_m
+        self._goal, self._goal_radius_m = goal, goal_radius_m
         self._world = KnownWorld()
-        self._poses: list[NDArray[np.float32]] = []
-        self._people: list[Told] = []
-        self._observations: list[Floats] = []
+        self._seen: list[_Seen] = []
         self._actions: list[Floats] = []
-        self.driving = 0
+        self.steps, self.driving = 0, 0
 
-    @property
-    def steps(self) -> int:
-        return len(self._actions)
-
-    def see(self, pose: Pose, ended: Doubles, person: Told | None, observation: Floats) -> None:
-        """Where the robot is as a step begins, what it sees there (`KnownWorld.see`), and what its policies do."""
-        if person is None:
-            away = self._people[-1] if self._people else None
-            person = away or Told(pose.x - NOBODY_M * math.cos(pose.yaw), pose.y - NOBODY_M * math.sin(pose.yaw))
-        self._world.see(ended, [(person.x, person.y)], Person.radius)
-        self._poses.append(np.array([pose.x, pose.y, pose.yaw], dtype=np.float32))
-        self._people.append(person)
-        self._observations.append(observation.astype(np.float32))
+    def see(self, pose: Pose, ended: Doubles, beams: int, people: Sequence[Told], observation: Floats) -> None:
+        """Where the robot is as a step begins, where some of its beams ended there (`KnownWorld.see`), who it is told
+        of, and what its policies observe."""
+        self._world.see(ended, beams, [(one.x, one.y) for one in people], Person.radius)
+        nearest = min(people, key=lambda one: math.hypot(one.x - pose.x, one.y - pose.y), default=None)
+        self._seen.append(_Seen(pose, nearest, observation.astype(np.float32)))
 
     def acted(self, action: Floats) -> None:
         """What was done in this step."""
         self._actions.append(np.clip(action, -1, 1).astype(np.float32))
+        self.steps += 1
+        if len(self._actions) > MOST_PAST:
+            del self._actions[0], self._seen[0]
 
     def ask(self) -> Callable[[], int]:
         """What decides who drives on, from where it was seen last; it takes its time, and may run beside the drive."""
-        known = self._known()
-        past = self._past(known)
+        world, seen, actions = self._world.copy(), [*self._seen], [*self._actions]
 
         def decide() -> int:
-            self.driving = self._chooser.choose(past, known, self.driving)
+            known = self._known(world, seen)
+            stands = len(actions) >= STOOD and bool((np.array(actions[-STOOD:]) == (-1.0, 0.0)).all())
+            self.driving = self._chooser.choose(_past(known, seen, actions), known, self.driving, stands=stands)
             return self.driving
 
         return decide
 
-    def _known(self) -> SeenScene:
-        here, person = Pose(*map(float, self._poses[-1])), self._people[-1]
-        start = Pose(*map(float, self._poses[0]))
-        walk, first = self._walk(), self._people[0] if math.hypot(person.v_x, person.v_y) > WALKS_M_S else person
-        facing = math.atan2(start.y - first.y, start.x - first.x)  # nobody tells: towards the robot
-        at = walk.poses_at([0.0])[0] if walk else (person.x, person.y, facing)
+    def _known(self, world: KnownWorld, seen: Sequence[_Seen]) -> SeenScene:
+        start, here, told = seen[0].pose, seen[-1].pose, seen[-1].person
+        if told is None:  # as the policies observe nobody
+            told = Told(here.x - NOBODY_M * math.cos(here.yaw), here.y - NOBODY_M * math.sin(here.yaw))
+        facing = math.atan2(here.y - told.y, here.x - told.x)  # nobody tells: towards the robot
+        walk = _walk(seen)
+        at = walk.poses_at([0.0])[0] if walk else (told.x, told.y, facing)
+        away = np.subtract(self._goal, (here.x, here.y))
+        goal = (here.x, here.y) + away * min(1.0, NEXT_GOAL_M / max(float(np.hypot(*away)), 1e-9))
+        places = [here, start, Pose(*map(float, goal)), Pose(told.x, told.y)]
         return SeenScene(
             setup=self._setup.name,
             seed=0,
             start=start,
-            goal=self._goal,
+            goal=places[2],
             goal_radius=self._goal_radius_m,
             person=Person(Pose(*map(float, at))),
             walk=walk,
-            seen=self._world.map_around([here, start, self._goal, Pose(person.x, person.y)]),
+            seen=world.map_around(places, self._setup.robot.lidar.range_m),
         )
 
-    def _walk(self) -> Walk | None:
-        """As the person walked, then straight on; of who stands, none."""
-        told = self._people[-1]
-        if math.hypot(told.v_x, told.v_y) <= WALKS_M_S:
-            return None
-        ahead = Told(told.x + told.v_x * FORESEEN_S, told.y + told.v_y * FORESEEN_S)
-        times = [*(k * CONTROL_DT_S for k in range(len(self._people))), self.steps * CONTROL_DT_S + FORESEEN_S]
-        every, yaw = [*self._people, ahead], math.atan2(told.v_y, told.v_x)
-        try:
-            return Walk(tuple(times), tuple(one.x for one in every), tuple(one.y for one in every), (yaw,) * len(every))
-        except WalkError:  # whoever was told of jumped: another one, or an error of who tells
-            return None
 
-    def _past(self, known: Scene) -> Trajectory:
-        n, seen = self.steps, np.stack(self._observations)
-        return Trajectory(
-            scene=known,
-            outcome=Outcome.RUNNING,
-            poses=np.stack(self._poses),
-            observations=seen[:n],
-            actions=np.array(self._actions, dtype=np.float32).reshape(n, 2),
-            rewards=np.zeros(n, dtype=np.float32),
-            next_observations=seen[1:],
-            dones=np.zeros(n, dtype=np.bool_),
-            dt=CONTROL_DT_S,
-        )
+class _Seen(NamedTuple):
+    """As a step began. person: the nearest who was told of."""
+
+    pose: Pose
+    person: Told | None
+    observation: Floats
+
+
+def _walk(seen: Sequence[_Seen]) -> Walk | None:
+    """As the person walked since they were told of without a jump, before that standing, from now on straight on; of
+    who stands, none."""
+    told = seen[-1].person
+    if told is None or math.hypot(told.v_x, told.v_y) <= WALKS_M_S:
+        return None
+    stretch = [(len(seen) - 1, told)]
+    for k in range(len(seen) - 2, -1, -1):
+        before, after = seen[k].person, stretch[-1][1]
+        if before is None or math.hypot(after.x - before.x, after.y - before.y) > FASTEST_M_S * CONTROL_DT_S:
+            break
+        stretch.append((k, before))
+    stretch.reverse()
+    first = [(0, stretch[0][1])] if stretch[0][0] > 0 else []
+    ahead = Told(told.x + told.v_x * FORESEEN_S, told.y + told.v_y * FORESEEN_S)
+    knots = [*((k * CONTROL_DT_S, one) for k, one in first + stretch)]
+    knots.append((knots[-1][0] + FORESEEN_S, ahead))
+    times, x, y = zip(*((at, one.x, one.y) for at, one in knots), strict=True)
+    try:
+        return Walk(times, x, y, (math.atan2(told.v_y, told.v_x),) * len(times))
+    except WalkError:  # faster than anybody walks
+        return None
+
+
+def _past(known: Scene, seen: Sequence[_Seen], actions: Sequence[Floats]) -> Trajectory:
+    n, observations = len(actions), np.stack([one.observation for one in seen])
+    return Trajectory(
+        scene=known,
+        outcome=Outcome.RUNNING,
+        poses=np.array([(one.pose.x, one.pose.y, one.pose.yaw) for one in seen], dtype=np.float32),
+        observations=observations[:n],
+        actions=np.array(actions, dtype=np.float32).reshape(n, 2),
+        rewards=np.zeros(n, dtype=np.float32),
+        next_observations=observations[1:],
+        dones=np.zeros(n, dtype=np.bool_),
+        dt=CONTROL_DT_S,
+    )
 
 
 class DecidesAgain(SensingPolicy):
@@ -184,9 +209,9 @@ class DecidesAgain(SensingPolicy):
                 (x, y, _), (x_then, y_then, _) = scenes[i].person_poses(
                     [drive.steps * CONTROL_DT_S, max(drive.steps - 1, 0) * CONTROL_DT_S]
                 )
-                told = Told(x, y, (x - x_then) / CONTROL_DT_S, (y - y_then) / CONTROL_DT_S)
+                told = [Told(x, y, (x - x_then) / CONTROL_DT_S, (y - y_then) / CONTROL_DT_S)]
                 ranges = raw_ranges(setup, replace(scenes[i], person=Person(Pose(x, y)), walk=None), pose)
-                drive.see(pose, ended_beams(setup, pose, ranges), told, observation)
+                drive.see(pose, ended_beams(setup, pose, ranges), len(ranges), told, observation)
                 if drive.steps % self._every == 0:
                     driving[i] = drive.ask()()
                     self.choices[i].append(int(driving[i]))

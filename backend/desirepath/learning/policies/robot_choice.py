@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Self
 
@@ -56,10 +55,9 @@ class RobotChoice:
             self._drives = OnItsWay(self._chooser, goal, get_setup(self._policy.setup).goal_radius_m)
         elif self._acts is not None:
             self._drives.acted(self._acts)
-        near = min(people, key=lambda one: math.hypot(one.x - odometry.x, one.y - odometry.y), default=None)
-        told = None if near is None else Told(near.x, near.y, near.v_x, near.v_y)
-        pose = Pose(odometry.x, odometry.y, odometry.yaw)
-        self._drives.see(pose, _ended(scan, odometry, self._laser, self._chooser.setup), told, observation)
+        told = [Told(one.x, one.y, one.v_x, one.v_y) for one in people]
+        ended = _ended(scan, odometry, self._laser, self._chooser.setup)
+        self._drives.see(Pose(odometry.x, odometry.y, odometry.yaw), ended, len(scan.ranges), told, observation)
         self._acts = action
 
     def ask(self) -> Callable[[], int] | None:
@@ -70,11 +68,12 @@ class RobotChoice:
     def _warm_up(self) -> None:
         """Compiles what a decision needs, before anything drives."""
         setup = get_setup(self._policy.setup)
-        drive = OnItsWay(self._chooser, (2.0, 0.0), setup.goal_radius_m)
         ended = np.array([[4.0, 0.1 * k] for k in range(-20, 20)])
         nothing = np.ones(setup.observation_size, dtype=np.float32)
-        drive.see(Pose(0.0, 0.0), ended, Told(1.0, 2.0), nothing)
-        drive.ask()()
+        for v_x in (0.0, -0.5):
+            drive = OnItsWay(self._chooser, (2.0, 0.0), setup.goal_radius_m)
+            drive.see(Pose(0.0, 0.0), ended, len(ended), [Told(1.0, 2.0, v_x)], nothing)
+            drive.ask()()
 
 
 def _ended(scan: Scan, at: Odometry, laser: Place, setup: str) -> Doubles:

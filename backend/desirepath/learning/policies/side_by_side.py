@@ -51,10 +51,12 @@ class SideBySide:
         """Acts in new episodes. drivers (episodes,): the policy that drives in each; where it changes, who drives
         changes with it."""
         progress = Progress(len(drivers), self._most_recoveries + 1, CONTROL_DT_S, Recovery())
-        scale = self._setup.distance_scale_m
+        scale, before = self._setup.distance_scale_m, drivers.copy()
 
         def act(observations: Floats, rows: Rows) -> Floats:
             places = drivers[rows]
+            progress.begin_anew(rows[places != before[rows]])
+            before[rows] = places
             active = np.zeros(len(rows), dtype=np.int64)
             if self._most_recoveries:
                 active = progress.drivers(observations[:, 0].astype(np.float64) * scale, rows)
