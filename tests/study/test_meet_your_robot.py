@@ -18,8 +18,9 @@ from desirepath.report.meeting import meeting_section, summarise_meetings
 from desirepath.report.study_data import Meeting
 from desirepath.report.tidy_tables import read_study
 from desirepath.simulation.setups import setups_with
-from desirepath.store.models import Job, Session, Study, Trial
+from desirepath.store.models import Artefact, Job, Session, Study, Trial, utc_now
 from desirepath.store.snapshots import take_snapshot
+from desirepath.study.kind import Moment, kind_of
 from desirepath.study.kinds.live import crowd_setups, distance, objectives_on, startable
 from desirepath.study.kinds.meet_your_robot import MeetYourRobotStage, MeetYourRobotStep
 from desirepath.study.kinds.wait import TrainStage
@@ -29,6 +30,7 @@ from desirepath.study.personalising.live_rollouts import condition_on, looks_at,
 from desirepath.study.protocol.freezing import find_shipped_protocols, freeze
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
+from desirepath.study.session.versions import protocol_of
 from desirepath.study.studies import queries_of_study
 from desirepath.web.core.catalogues import Texts
 from tests.study.small_protocol import BLOCK, COME_BACK, small_protocol
@@ -255,6 +257,32 @@ def test_who_must_have_preferred_their_robot_meets_it_only_then(walk, own_chosen
     if then == "debriefing":
         about = walker.view.payload["about"]
         assert (about["outcome"], about["compared"]) == ("shown", [{"against": "base", "own": 0, "pairs": 1}])
+
+
+def test_nobody_meets_a_robot_that_went_with_somebody_who_was_erased(taught):
+    with taught.database.session() as s:
+        policy = s.scalars(select(Artefact.id)).first()
+    learned(taught, policy=policy)
+    with taught.database.transaction() as s:
+        s.get_one(Artefact, policy).quarantined_at = utc_now()
+    key = taught.view.key
+    taught.watch(key)
+    taught.submit(key, {"choice": "b"})
+    assert taught.view.kind == "debriefing"
+
+
+def test_who_is_at_it_already_goes_on_by_what_their_own_answers_taught(taught):
+    with taught.database.session() as s:
+        policy = s.scalars(select(Artefact.id)).first()
+    learned(taught, policy=policy)
+    met(taught)
+    with taught.database.transaction() as s:
+        s.get_one(Artefact, policy).quarantined_at = utc_now()
+    with taught.database.session() as s:
+        session = s.get_one(Session, taught.session.id)
+        moment = Moment(s, session, protocol_of(s, session), utc_now())
+        own, usual = kind_of(moment.step).policies(moment.step, moment, taught.files, None)
+    assert own.digest() == condition_on(moment.step.setup, taught.view.payload["start"]).digest() != usual.digest()
 
 
 def test_what_those_before_want_is_an_arm_of_the_comparison_and_of_the_report(walk, files):
