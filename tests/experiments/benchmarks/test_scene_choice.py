@@ -73,12 +73,12 @@ def test_chosen_and_best_arrive_and_nobody_chooses_better_than_who_knows_the_sco
     assert of_these.tolist() == [gained[scene] > 0 for scene in otherwise]
 
 
-def test_what_is_shown_directly_was_preferred_in_two_thirds_and_harm_is_counted_of_all_and_of_these() -> None:
+def test_what_is_shown_directly_was_preferred_in_five_and_harm_is_counted_of_all_and_of_these() -> None:
     asked = {"direct_asked": 6, "gain_direct_before": 0.1}
     persons = [
         asked | {"direct_wins": 6, "gain_direct_after": 0.3},
-        asked | {"direct_wins": 4, "gain_direct_after": -0.2},
-        asked | {"direct_wins": 3, "gain_direct_after": -0.4},
+        asked | {"direct_wins": 5, "gain_direct_after": -0.2},
+        asked | {"direct_wins": 4, "gain_direct_after": -0.4},
         asked | {"direct_wins": 0, "direct_asked": 0, "gain_direct_after": 0.0},  # it drives as the base policy
     ]
     found = _shown_directly(persons)
