@@ -575,7 +575,7 @@ def test_neutral_and_stand_in_are_arms_that_the_report_tells_apart(database, fil
         ("arms: [base, own, other], stand_ins: true, scenes: 3", "thesis", "stand_ins", "needs recipe instant"),
         ("arms: [base, own], stand_ins: true, scenes: 3", "instant", "stand_ins", "add other to the arms"),
         ("arms: [own, base], scenes: 3", "instant", "arms", "some of the others of"),
-        ("arms: [dwa, own], scenes: 3", "instant", "arms", "own with some of base, neutral and other"),
+        ("arms: [dwa, own], scenes: 3", "instant", "arms", "own with some of base, neutral, population and other"),
     ],
 )
 def test_arms_that_there_cannot_be_are_refused(comparison, recipe, field, told):
