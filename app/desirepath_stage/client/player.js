@@ -7,7 +7,7 @@
 (() => {
   "use strict";
   const { bridge, frames } = window.desirePath;
-  const UNSEEN_MS = 3000; // without a picture in a headset: nobody wore it
+  const UNSEEN_MS = 10000; // without a picture in a headset: nobody wore it, and slow graphics are no reason
   /** @type {string[]} */
   let robots = [];
   let person = "";
