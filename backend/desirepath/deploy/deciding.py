@@ -37,6 +37,6 @@ class Decider(Protocol):
         ...
 
     def ask(self) -> Callable[[], int] | None:
-        """What says the place of the policy that drives from now on; None: it is not time to decide. It takes its time,
-        and may be called in another thread."""
+        """A function that says the place of the policy that drives from now on; None: it is not time to decide. Asking
+        takes no time; the function does, and may be called in another thread."""
         ...

@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.deploy.bundle import MOST_CHOICES, MOST_NUMBERS, MOST_RECOVERIES
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.embedding import SIZE
 from desirepath.learning.measures.named import NAMES
@@ -41,11 +42,8 @@ CAUTION = 0.2
 with comparisons that decide afterwards: 0.4, as before those, gains half as much by nine answers, 0.1 no more by 15;
 nobody who is shown theirs is harmed with 0.2."""
 FIRST_CAUTION, LARGEST_CAUTION = 0.4, 10.0  # of files that do not name theirs; of any
-MOST_POLICIES, MOST_PEOPLE, MOST_ANSWERS = 100, 100, 500  # answers of each
-MOST_NUMBERS = 30_000_000
-"""Weights of all networks together, those that share layers counted apart: side by side they are in memory so. The 25
-policies of the study room have 2.8 million."""
-MOST_LAYERS, MOST_RECOVERIES = 40, 4  # of a policy; arrays of weights and of biases
+MOST_PEOPLE, MOST_ANSWERS = 100, 500  # answers of each
+MOST_LAYERS = 40  # of a policy; arrays of weights and of biases
 AT_ONCE = 20  # scenes, whose rollouts are in memory together
 OF_PAIRS = ("seen", "named", "embedding")
 OF_BEFORE = ("free_mean", "free_factor", "steps_mean", "steps_factor")
@@ -209,21 +207,25 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
     def __post_init__(self) -> None:
         named = {f"policy {k}": policy.setup for k, policy in enumerate(self.policies)}
         require_same(setup=self.setup, basis=self.basis.setup, answers=self.answers.setup, **named)
-        if not 2 <= len(self.policies) <= MOST_POLICIES:
+        if not 2 <= len(self.policies) <= MOST_CHOICES:
             raise PolicyError(
-                f"policies = {len(self.policies)}: needs the base policy and 1 to {MOST_POLICIES - 1} more"
+                f"policies = {len(self.policies)}: needs the base policy and 1 to {MOST_CHOICES - 1} more"
             )
         networks = [actor for one in self.policies for actor in (one.actor, *one.recovery_policies)]
         numbers = sum(layer.size for actor in networks for layer in actor)
         if numbers > MOST_NUMBERS:
             raise PolicyError(f"policies have {numbers:,} weights together: at most {MOST_NUMBERS:,}")
-        people = self.answers.people if isinstance(self.answers, PeopleInGeneral) else (self.answers,)
-        if len(people) > MOST_PEOPLE:
-            raise PolicyError(f"answers of {len(people)} people: at most {MOST_PEOPLE}")
-        if (answers := max(map(len, people), default=0)) > MOST_ANSWERS:
+        if len(self.people) > MOST_PEOPLE:
+            raise PolicyError(f"answers of {len(self.people)} people: at most {MOST_PEOPLE}")
+        if (answers := max(map(len, self.people), default=0)) > MOST_ANSWERS:
             raise PolicyError(f"answers = {answers}: at most {MOST_ANSWERS} of each")
         if self.scales.shape != (2,) or not (np.isfinite(self.scales) & (self.scales > 0)).all():
             raise PolicyError(f"scales = {self.scales.tolist()}: needs two numbers above 0")
+
+    @property
+    def people(self) -> tuple[Answers, ...]:
+        """Whose answers it goes by, each for themselves."""
+        return self.answers.people if isinstance(self.answers, PeopleInGeneral) else (self.answers,)
 
     @property
     def rollout_policy(self) -> SensingPolicy:
@@ -289,7 +291,7 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
             }
             for policy in self.policies
         ]
-        people = self.answers.people if isinstance(self.answers, PeopleInGeneral) else (self.answers,)
+        people = self.people
         arrays |= {f"pairs_{name}": np.concatenate([getattr(one.pairs, name) for one in people]) for name in OF_PAIRS}
         arrays |= {"steps": np.concatenate([one.steps for one in people]), "scales": self.scales}
         arrays |= {"chosen": np.concatenate([one.chosen for one in people])}
@@ -327,7 +329,7 @@ class ChoosingPolicy(StoredArrays, DrivingPolicy):
                 recovery_policies=tuple(actor(numbers) for numbers in of["recovery"][:MOST_RECOVERIES]),
                 slowing=read_slowing(of),
             )
-            for of in header["policies"][: MOST_POLICIES + 1]
+            for of in header["policies"][: MOST_CHOICES + 1]
         )
         pairs = PairDifferences(setup, *(_finite(arrays, f"pairs_{name}") for name in OF_PAIRS))
         caution = float(header.get("caution", FIRST_CAUTION))
