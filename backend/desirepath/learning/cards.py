@@ -131,8 +131,8 @@ class Card:
     notes: list[str] = field(default_factory=list)
 
     def save(self, path: Path) -> None:
-        """Numbers to five digits."""
-        path.write_text(json.dumps(short(asdict(self)), indent=2, sort_keys=True) + "\n", encoding="utf-8")
+        """Numbers to five digits; without indentation, which was half of it."""
+        path.write_text(json.dumps(short(asdict(self)), indent=0, sort_keys=True) + "\n", encoding="utf-8")
 
     @classmethod
     def load(cls, path: Path) -> Card:
