@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from playwright.sync_api import BrowserContext, Page
@@ -25,7 +25,7 @@ def empty_rooms(context: BrowserContext) -> None:
     context.route("**/stage/**", lambda route: route.fulfill(body=EMPTY_ROOM, content_type="text/html"))
 
 
-def room_says(page: Page, kind: str, **more: str | bool | None) -> None:
+def room_says(page: Page, kind: str, **more: Any) -> None:
     """A message of the stage, from its frame and its origin; the page has heard it when this returns."""
     frame = page.locator("#stage-frame iframe").element_handle().content_frame()
     assert frame is not None

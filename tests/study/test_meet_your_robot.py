@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import yaml
@@ -11,6 +12,7 @@ from sqlalchemy import select
 
 from desirepath.grammar.source import ProtocolError
 from desirepath.learning.measures.named import NAMED
+from desirepath.learning.policies.reason_codes import Did
 from desirepath.learning.preferences.objectives import NAMES, names_of
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import analyse
@@ -227,9 +229,16 @@ def test_who_keeps_their_robot_corrected_nothing(taught):
     met(taught)
     with pytest.raises(Refused, match="from 1 to 5"):
         taught.submit("meet_your_robot", {"agreement": 6, "weights": {}})
-    taught.submit("meet_your_robot", {"agreement": 5, "weights": taught.view.payload["start"]})
+    told = [{"place": 0, "did": ["as_usual"]}, {"place": 1, "did": ["behind", "farther"]}]
+    taught.submit("meet_your_robot", {"agreement": 5, "weights": taught.view.payload["start"], "why": told})
     value = answer(taught, "meet_your_robot").value
-    assert (value["corrected"], value["distance"]) == (False, 0.0)
+    assert (value["corrected"], value["distance"], value["why"]) == (False, 0.0, told)
+
+
+def test_every_reason_has_words_in_both_languages():
+    texts = Texts(LOCALES)
+    for language in ("en", "de"):
+        assert set(texts.get(language).table("live.script")["why"]) == {*get_args(Did), "here"}
 
 
 def test_nobody_is_shown_a_robot_as_theirs_that_is_not_surely_better(taught):

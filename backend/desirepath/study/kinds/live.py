@@ -26,6 +26,7 @@ from desirepath.study.wire import Answer, BadValue, Besides
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import DrivingPolicy
+    from desirepath.learning.policies.reason_codes import Reason
     from desirepath.simulation.scene import Scene
     from desirepath.simulation.trajectory import Trajectory
 
@@ -260,6 +261,10 @@ class LiveKind(Kind[S, A]):
     ) -> Sequence[DrivingPolicy]:
         """What drives each of them. weights: as the controls stand; None: as the step begins."""
         return [condition_on(step.setup, weights or {})]
+
+    def why(self, policies: Sequence[DrivingPolicy], trajectories: Sequence[Trajectory]) -> list[Reason]:
+        """Why the first robot drove otherwise than the second, where that is said."""
+        return []
 
     def scene(self, step: S, place: int) -> tuple[Scene, tuple[Trajectory, ...]]:
         """What stands on its stage, and what the robot may do there, so that the view from above is wide enough."""

@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from desirepath.grammar.parts import an_example
 from desirepath.grammar.source import Path, Problem, Source
+from desirepath.learning.policies.reason_codes import TOLD, Did
+from desirepath.simulation.setup_parts import PLACES
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.events import log_event
 from desirepath.store.job_results import Learned
@@ -47,6 +49,8 @@ from desirepath.study.wire import WholeNumber
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import DrivingPolicy
+    from desirepath.learning.policies.reason_codes import Reason
+    from desirepath.simulation.trajectory import Trajectory
 
 TAKES_S = 150.0  # ours
 POINTS = 5
@@ -55,9 +59,10 @@ BEGAN = "met_robot"
 
 class MeetYourRobotStage(LiveStage, Stage):
     """After the blind comparison: what was learned and how sure it is, in plain words; own and usual robot in the same
-    scenes; whether that is them; the weights to correct it. Passed over where no own robot was shown: the debriefing
-    says why. reasons: what each robot looks at on its way is said, too. preferred: in how many of the comparison's
-    `scenes` with base the own robot must have been chosen; who chose it less often does not come here.
+    scenes, and why the own one drove otherwise where it is chosen per scene; whether that is them; the weights to
+    correct it. Passed over where no own robot was shown: the debriefing says why. reasons: what each robot looks at on
+    its way is said, too. preferred: in how many of the comparison's `scenes` with base the own robot must have been
+    chosen; who chose it less often does not come here.
     """
 
     model_config = an_example({"setup": "study_room", "scenes": 3})
@@ -110,10 +115,21 @@ class MeetYourRobotStep(LiveStep):
     preferred: int = 0
 
 
+class ToldWhy(BaseModel):
+    """What stood there once both had driven. place: in which scene, from 0."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+    place: int = Field(ge=0, lt=PLACES)
+    did: list[Did] = Field(max_length=TOLD)
+
+
 class MetAnswer(LiveAnswer):
-    """agreement: is that you? 1 not at all, 5 exactly. weights: as the controls stand in the end."""
+    """agreement: is that you? 1 not at all, 5 exactly. weights: as the controls stand in the end. why: what was said of
+    the own robot's choice, each place once."""
 
     agreement: WholeNumber = Field(description=f"1 to {POINTS}")
+    why: list[ToldWhy] = Field([], max_length=PLACES)
 
 
 class AboutMeeting(AboutLive):
@@ -135,6 +151,8 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         "sure": "probability of what they were told, as it stood there; null: none",
         "something_else": "probability that their answers are about none of the nine objectives, where they "
         "were told so; else null",
+        "why": "what was said of the own robot's choice, once both had driven: [{place, did}], place from 0; did: "
+        "as_usual, or what it did otherwise than the usual one and their answers speak for (farther, slower_near, ...)",
         "corrected": "whether any weight was changed",
         "start": "the weights that the controls began with: the learned ones",
         "weights": "the weights at the end",
@@ -157,6 +175,13 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
             return [driving(files, own.id), base]
         # None was made, or it went with somebody's erased answers: what their own ones taught, as the controls begin.
         return [condition_on(step.setup, find_arrival_notes(moment, step, BEGAN).get("start", {})), base]
+
+    def why(self, policies: Sequence[DrivingPolicy], trajectories: Sequence[Trajectory]) -> list[Reason]:
+        from desirepath.learning.policies.choice_reasons import reasons_in_scene
+        from desirepath.learning.policies.choosing import ChoosingPolicy
+
+        own, usual = trajectories
+        return reasons_in_scene(policies[0], own, usual) if isinstance(policies[0], ChoosingPolicy) else []
 
     def payload(self, step: MeetYourRobotStep, page: Page) -> dict[str, Any]:
         return super().payload(step, page) | {
@@ -187,6 +212,7 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
     def check(self, step: MeetYourRobotStep, answer: MetAnswer, page: Page) -> dict[str, Any]:
         return super().check(step, answer, page) | {
             "agreement": within("value.agreement", answer.agreement, 1, POINTS),
+            "why": [told.model_dump(mode="json") for told in answer.why],
         }
 
     def keep(self, step: MeetYourRobotStep, acting: Acting, stored: dict[str, Any]) -> dict[str, Any]:

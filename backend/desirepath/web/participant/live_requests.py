@@ -6,6 +6,8 @@ rollouts are `study/personalising/live_rollouts.py`'s, what the stage shows `sta
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from fastapi import APIRouter, Request
 from starlette.responses import Response
 
@@ -61,10 +63,12 @@ def paths(token: str, key: str, services: TheServices, body: LiveAsked) -> Respo
     looks_at: list[list[str]] = [[] for _ in rolled_out]
     if step.reasons and not body.poses:
         looks_at = [live.looks_at(policy, one) for policy, one in zip(policies, trajectories, strict=True)]
+    why = kind.why(policies, trajectories) if body.weights is None and not body.poses else []
     return reply_of(
         LivePaths,
         {
             "place": place,
+            "why": [asdict(reason) for reason in why],
             "paths": [
                 {"track": one.track, "arrives": one.arrives, "looks_at": things}
                 for one, things in zip(rolled_out, looks_at, strict=True)

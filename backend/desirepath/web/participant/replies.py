@@ -6,6 +6,7 @@ from typing import Literal
 
 from pydantic import ConfigDict, Field
 
+from desirepath.learning.policies.reason_codes import Did
 from desirepath.web.core.contract import Reply
 from desirepath.web.participant.steps import StepNow
 
@@ -57,11 +58,21 @@ class LiveRollout(Reply):
     looks_at: list[str] = []
 
 
+class LiveReason(Reply):
+    """did: what the own robot does otherwise than the usual one. own, usual: how much, in the measure's SI unit."""
+
+    did: Did
+    own: float | None = None
+    usual: float | None = None
+
+
 class LivePaths(Reply):
-    """The ways that the robots of a step would take, in the order in which they stand on the stage."""
+    """The ways that the robots of a step would take, in the order in which they stand on the stage. why: what the first
+    one does otherwise than the second and its person's answers speak for, to be said after it drove."""
 
     place: int
     paths: list[LiveRollout]
+    why: list[LiveReason] = []
 
 
 class ReadPart(Reply):

@@ -4,6 +4,12 @@
 import { stageNeeds } from "../kind.js";
 import { LivePanel } from "../live.js";
 
+/** @typedef {import("../contract.js").LivePaths} LivePaths */
+/** @typedef {import("../contract.js").LiveReason} LiveReason */
+
+/** As it is said: one digit. @param {number | null | undefined} amount */
+const rounded = (amount) => Math.round(10 * (amount ?? 0)) / 10;
+
 class Meeting extends LivePanel {
   /** @param {HTMLElement} root @param {ConstructorParameters<typeof LivePanel>[1]} needs */
   constructor(root, needs) {
@@ -12,6 +18,10 @@ class Meeting extends LivePanel {
     this.watched = Boolean(needs.kept?.watched);
     /** @type {number | null} */
     this.agreement = typeof needs.kept?.agreement === "number" ? needs.kept.agreement : null;
+    /** What was said of the own robot's choice, by place. @type {Map<number, LiveReason["did"][]>} */
+    this.told = new Map(Array.isArray(needs.kept?.told) ? needs.kept.told : []);
+    /** Why it drives as it does there, which is said once it has driven. @type {LiveReason[]} */
+    this.why = [];
     this.inTurn = root.dataset.view !== "top_down"; // side by side is seen from above alone
     root.querySelectorAll("[data-agreement]").forEach((given) => {
       const point = /** @type {HTMLInputElement} */ (given);
@@ -27,7 +37,7 @@ class Meeting extends LivePanel {
 
   note() {
     const { weights, history } = this.controls;
-    this.keep({ weights, history, place: this.place, agreement: this.agreement, watched: this.watched, correcting: this.correcting });
+    this.keep({ weights, history, place: this.place, agreement: this.agreement, watched: this.watched, correcting: this.correcting, told: [...this.told] });
   }
 
   get asked() {
@@ -51,14 +61,33 @@ class Meeting extends LivePanel {
     /** @type {HTMLElement} */ (this.root.querySelector("#live-way")).dataset.seconds = String(own);
   }
 
+  /** @param {LivePaths} reply @param {boolean} onward @param {number[] | null} since */
+  draw(reply, onward, since) {
+    if (!onward) {
+      this.why = reply.why ?? [];
+      this.text("#meet-why", "");
+    }
+    super.draw(reply, onward, since);
+  }
+
   stood() {
     this.watched = true;
+    if (this.why.length && !this.correcting) {
+      this.told.set(this.place, this.why.map(({ did }) => did));
+      this.text("#meet-why", this.sayWhy());
+    }
     this.note();
     super.stood();
   }
 
+  sayWhy() {
+    const said = this.why.map(({ did, own, usual }) => this.own(`why.${did}`, { own: rounded(own), usual: rounded(usual) }));
+    return this.why[0].did === "as_usual" ? said[0] : this.own("why.here", { did: new Intl.ListFormat(this.language).format(said) });
+  }
+
   show() {
     super.show();
+    if (!this.paths) this.text("#meet-why", "");
     this.text("[data-drive]", this.own(this.driving ? "stop" : "drive_both"));
     const sliders = /** @type {HTMLElement} */ (this.root.querySelector("#meet-sliders"));
     sliders.hidden = !this.correcting;
@@ -89,7 +118,7 @@ class Meeting extends LivePanel {
   async done() {
     if (this.agreement === null) return;
     /** @type {import("../types.js").AnswerTo<"meet_your_robot">} */
-    const value = { ...this.controls.answer(), agreement: this.agreement };
+    const value = { ...this.controls.answer(), agreement: this.agreement, why: [...this.told].map(([place, did]) => ({ place, did })) };
     await this.decide(value);
   }
 }
