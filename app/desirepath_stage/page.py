@@ -21,6 +21,7 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `floor` | `place` | the floor was pressed there, where a real robot is mirrored |
 | `headset` | `on, here, why, controllers, refresh_rate` | worn or not; whether it can be; what is against |
 | `headset-press` | `id` | a button of its panel was pressed |
+| `head` | `head` | how the head moved in a headset, a few seconds of it (`HeadMoved`) |
 | `picked`, `pointed` | `thing` | an explained object was clicked; the pointer is over it, or over none (null) |
 | `state` | `connected, ready, webgl, playback_id, keys` | the answer to the parent's `{type: "hello"}` |
 
@@ -31,7 +32,7 @@ to the pen (`client/draw.js`), step to the feet (`client/walk.js`), look to the 
 (`client/steer.js`): `paths` (`orders.PathsMessage`), drive, stop; and `{type: "mirror", ...}` (`orders.MirrorOrder`,
 `client/mirror.js`); and `{type: "explain", ...}`:
 words, ranks and which objects can be picked (`client/explained.js`); and `{type: "headset", do, ...}`: `offer` with
-its words, `panel` with what stands in the room, leave (`client/headset.js`).
+its words and whether `head_pose` is stored, `panel` with what stands in the room, leave (`client/headset.js`).
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ _PLACE = (
     "pictures.js",
     "player.js",
 )
-_WORN = ("headset_room.js", "headset.js")
+_WORN = ("headset_room.js", "head_pose.js", "headset.js")
 _SCRIPTS = ("bridge.js", "frames.js", "viser_hooks.js", *_PLACE, *_PEN, *_WORN, *_LATER)
 
 

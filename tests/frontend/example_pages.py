@@ -31,6 +31,7 @@ GATE: dict[str, Any] = {
     "min_frame_rate": None,
     "light_below": None,
     "headset": None,
+    "head_pose": False,
 }
 
 
@@ -357,6 +358,7 @@ def example_application() -> FastAPI:
             "code": "P-4F7K",
             "looks_around": True,
             "headset": None,
+            "head_pose": False,
             "longest_problem": 4000,
             "languages": ["en", "de"],
             "next_kind": "questionnaire",

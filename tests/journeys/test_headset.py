@@ -4,6 +4,7 @@ room, and it goes on in the window when the headset is taken off."""
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,8 +18,9 @@ from desirepath.learning.queries.queries import QuerySet
 from desirepath.settings import Settings
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
-from desirepath.store.models import Session, Trial
+from desirepath.store.models import HeadPose, Session, Trial
 from desirepath.study.protocol.freezing import freeze_text
+from desirepath.study.protocol.headset_words import HEAD
 from desirepath.study.studies import create_study
 from tests.fewer_pictures import draw_fewer_pictures
 from tests.headset import plug_in_headset, pull_trigger_at, put_on, take_off
@@ -55,13 +57,18 @@ def link_to(installation: Installation, folder: Path) -> str:
         ("        - queries: {count: 1, role: practice}     # for practice: stored, marked, never analysed\n", ""),
         ("count: 15, choose: information", f"count: {PAIRS}"),
         ("view: top_down", "view: immersive"),
-        ("stages:", "device: {headset: offered, min_width: 600, min_height: 400}\nstages:"),
+        ("stages:", "device: {headset: offered, head_pose: true, min_width: 600, min_height: 400}\nstages:"),
     ):
         assert text.count(old) == 1, old
         text = text.replace(old, new)
-    settings = Settings(data=installation.data)
+    settings, told = Settings(data=installation.data), folder / "told"
+    shutil.copytree(PROTOCOLS, told)
+    for language, sentence in HEAD.items():
+        with (told / f"texts/information.{language}.md").open("a") as information:
+            information.write(f"\n{sentence}\n")
+    frozen = freeze_text(text, folder=told)
     with Database(settings.database).transaction() as s:
-        study = create_study(s, ArtefactStore(settings.artefacts), freeze_text(text), name="Worn", created_by=None)
+        study = create_study(s, ArtefactStore(settings.artefacts), frozen, name="Worn", created_by=None)
         return f"{installation.url}/join/{study.recruiting_token}"
 
 
@@ -106,10 +113,13 @@ def test_a_study_from_consent_to_code_on_a_headset(installation: Installation, p
         assert session.completion_code is not None
         expect(page.locator("#step")).to_contain_text(session.completion_code)
         trials = list(s.scalars(select(Trial).where(Trial.session_id == session.id).order_by(Trial.index)))
+        heads = list(s.scalars(select(HeadPose).where(HeadPose.session_id == session.id)))
     assert [(trial.hmd, trial.view) for trial in trials] == [(True, "immersive")] * PAIRS
     assert trials[0].restarts >= 1
     assert trials[0].headset is not None
     assert trials[0].headset["a"]["controllers"] == ["meta-quest-touch-plus"]
+    assert {(head.trial_id, head.side) for head in heads} > {(t.id, side) for t in trials for side in "ab"}
+    assert len({head.wearing for head in heads}) == 2
 
 
 def picture(page: Page, room: Frame, number: int) -> None:

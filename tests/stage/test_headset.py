@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
+from desirepath.store.head_poses import samples_problem
+from desirepath.web.participant.sent import HeadMoved
 from desirepath_stage.stage import Stage
 from tests.fewer_pictures import draw_fewer_pictures
 from tests.headset import EYES_M, HEAD, LOOK, plug_in_headset, pull_trigger_at, put_on, take_off, wait_for_pictures
@@ -122,6 +124,36 @@ def test_what_is_watched_in_it_says_so_and_leaving_cuts_it_short(rig: StageRig, 
     assert visitor.wait_for("interrupted", playback_id="cut")["reason"] == "headset"
     put_on_with_panel(visitor)
     visitor.wait_for("headset", on=True, count=2)
+
+
+def test_how_the_head_moves_is_told_where_it_is_asked_for(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    stage = offer(visitor)
+    tell(visitor, {"do": "offer", "words": {"enter": "Put on the headset"}, "head_pose": True})
+    put_on_with_panel(visitor)
+    wait_for_pictures(visitor.frame)
+    trajectory = drive(study_room(), duration_s=1.2)
+    stage.play(trajectory, label="A", label_s=0.2, view="immersive", playback_id="worn", trajectories=[trajectory])
+    visitor.wait_for("played", playback_id="worn")
+    half = 0.7
+    visitor.frame.evaluate(f"window.headset.quaternion.set(0, {math.sin(half)}, 0, {math.cos(half)})")  # to the left
+    wait_for_pictures(visitor.frame)
+    take_off(visitor.frame)
+    visitor.wait_for("headset", on=False, count=2)
+    heads = [event["head"] for event in visitor.events("head")]
+    assert [head["part"] for head in heads] == list(range(len(heads)))
+    assert len({head["wearing"] for head in heads}) == 1
+    assert {head["playback_id"] for head in heads} == {None, "worn"}
+    for head in heads:
+        assert samples_problem(head["times_s"], head["poses"]) is None
+        HeadMoved.model_validate(head)
+    before, *_, after = [pose for head in heads for pose in head["poses"]]
+    scene = study_room()
+    person, start = scene.person.pose, scene.start
+    assert before[:3] == pytest.approx([person.x, person.y, EYES_M], abs=0.02)
+    ahead = math.atan2(start.y - person.y, start.x - person.x)
+    for pose, yaw in ((before, ahead), (after, ahead + 2 * half)):
+        assert abs(np.dot(pose[3:], [0, 0, math.sin(yaw / 2), math.cos(yaw / 2)])) > 0.999, "upright, and turned"
 
 
 def test_an_arrow_tells_where_the_robot_is_that_is_out_of_sight(rig: StageRig, wear: Wear) -> None:

@@ -27,6 +27,7 @@ from desirepath.store.models import (
     Base,
     Erasing,
     Event,
+    HeadPose,
     Identity,
     Participant,
     Response,
@@ -127,6 +128,14 @@ def test_a_study_of_before_robots_and_headsets_goes_on_with_them(either: Databas
     with either.transaction() as s:
         robot, token = admit_robot(s, study.id, "Turtle", "experimenter")
         assert find_robot(s, token).id == robot.id
+        session = s.scalars(select(Session.id)).one()
+        pose = {"times_s": [0.0], "poses": [[0, 0, 1.6, 0, 0, 0, 1]]}
+        step = {"session_id": session, "step_key": "block.01", "wearing": "a" * 16}
+        s.add(HeadPose(**step, part=0, began_s=0.0, samples=1, recorded=pose))
+    with pytest.raises(DBAPIError, match="how a head moved is never changed"), either.transaction() as s:
+        s.execute(update(HeadPose).values(part=1))
+    with pytest.raises(DBAPIError, match="how a head moved is never deleted"), either.transaction() as s:
+        s.execute(delete(HeadPose))
 
 
 def test_what_was_made_before_stays_and_setups_of_long_names_are_kept(either: Database):

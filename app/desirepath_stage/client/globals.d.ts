@@ -46,6 +46,13 @@ interface DesirePath {
     state: { connected: boolean; ready: boolean; webgl: boolean; playback_id: string | null; keys?: StageKeys };
   };
   frames: { next(action: () => void): void; use(session: any): void };
+  headPose: {
+    ask(wanted: boolean): void;
+    begin(): void;
+    moves(at: number): void;
+    flush(): void;
+    see(transform: any, turned: (axis: number[]) => number[]): void;
+  };
   headset: {
     use(next: Orders["camera"], meshes: string[]): void;
     worn(): boolean;

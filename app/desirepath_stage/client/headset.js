@@ -7,7 +7,7 @@
  */
 (() => {
   "use strict";
-  const { bridge, viser, frames, headsetRoom: room } = window.desirePath;
+  const { bridge, viser, frames, headPose, headsetRoom: room } = window.desirePath;
   const DWELL_S = 1.5; // who looks at a button for so long, without hands, presses it
   const FADE_S = 0.35;
   const HIDDEN_MS = 3000; // off the head for so long, the session ends and it goes on in the window
@@ -116,6 +116,7 @@
     session = opened;
     [built, placed, dark, rays, last] = [false, false, 1, new Map(), 0];
     window.desirePath.player.interrupt("headset");
+    headPose.begin();
     frames.use(opened);
     document.documentElement.dataset.headset = "on";
     opened.requestAnimationFrame(picture);
@@ -124,6 +125,7 @@
   /** The headset was taken off, its battery is empty, or the room is left: it goes on in the window. */
   function end() {
     clearTimeout(hidden);
+    headPose.flush();
     viser.wear(null);
     room.clear();
     frames.use(null);
@@ -187,6 +189,7 @@
     if (raw && !placed && standing) place(raw);
     const pose = frame.getViewerPose(gl.xr.getReferenceSpace());
     if (!pose) return;
+    if (placed) headPose.see(pose.transform, (axis) => turned(pose.transform.orientation, axis));
     const eyes = ray(pose.transform);
     rays = new Map();
     for (const source of session.inputSources) {
@@ -239,6 +242,7 @@
   window.desirePath.headset = {
     /** Another scene stands. @param {Orders["camera"]} next @param {string[]} meshes */
     use(next, meshes) {
+      headPose.flush();
       camera = next;
       square = meshes.find((name) => name.endsWith("/square")) ?? "";
       placed = false;
@@ -264,6 +268,7 @@
     obey(message) {
       if (message.do === "offer") {
         words = message.words;
+        headPose.ask(message.head_pose === true);
         void offer();
       } else if (message.do === "panel") {
         room.show(message.panel);

@@ -118,6 +118,7 @@
       window.desirePath.camera.recentre();
       window.desirePath.explained.begin();
       window.desirePath.headset.begin();
+      window.desirePath.headPose.moves(begun + labelS * 1000);
       if (ground) walk.begin(ground);
       pose(tracks, 0, walked);
       let met = false;

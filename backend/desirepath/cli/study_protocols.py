@@ -27,10 +27,9 @@ def check(file: Path, as_json: JsonFlag = False) -> None:
 
     result = validate_protocol_file(file, query_sets())
     if as_json or result["valid"]:
-        say(result, as_json)
-    else:
-        for error in result["errors"]:
-            typer.echo(str(Problem(**error)), err=True)
+        say({key: value for key, value in result.items() if as_json or key != "warnings"}, as_json)
+    for found in [] if as_json else [*result["errors"], *result.get("warnings", [])]:
+        typer.echo(str(Problem(**found)), err=True)
     if not result["valid"]:
         raise typer.Exit(1)
 

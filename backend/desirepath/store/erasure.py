@@ -33,6 +33,7 @@ from desirepath.store.models import (
     Coding,
     Erasing,
     Event,
+    HeadPose,
     Job,
     JobAttempt,
     JobMetric,
@@ -269,6 +270,7 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
     answers = select(Response.id).where(Response.session_id.in_(of_sessions))
     drawn = list(s.scalars(select(StrokeRow.id).where(StrokeRow.session_id.in_(of_sessions))))
     strokes = _count(s, delete(StrokeRow).where(StrokeRow.session_id.in_(of_sessions)))
+    heads = _count(s, delete(HeadPose).where(HeadPose.session_id.in_(of_sessions)))
     coded = _count(s, delete(Coding).where(Coding.response_id.in_(answers)))
     s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.response_id.in_(answers)))
     s.execute(delete(ArtefactAnswer).where(ArtefactAnswer.artefact_id.in_(doomed.artefacts)))
@@ -280,6 +282,7 @@ def _delete_rows(s: Session, participant: Participant, doomed: _Doomed) -> dict[
     s.execute(delete(Job).where(Job.id.in_(doomed.jobs)))
     counts = {
         "strokes": strokes,
+        "head_poses": heads,
         "codings": coded,
         "responses": _count(s, delete(Response).where(Response.session_id.in_(of_sessions))),
         "trials": _count(s, delete(Trial).where(Trial.session_id.in_(of_sessions))),

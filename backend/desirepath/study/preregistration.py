@@ -113,7 +113,8 @@ def _sample(frozen: FrozenProtocol) -> Iterator[str]:
     size = f"a window of at least {asked.min_width} x {asked.min_height} pixels"
     yield (
         f"- Device: {size}, pointers: {', '.join(asked.pointers)}{', WebGL' if asked.webgl else ''}"
-        f"{f', a headset ({asked.headset})' if asked.headset else ''}."
+        f"{f', a headset ({asked.headset})' if asked.headset else ''}"
+        f"{', whose pose on the head is stored' if asked.head_pose else ''}."
     )
     yield (
         "- Not analysed: practice trials, pilot participants, who withdrew, who was excluded by hand (with a reason, "

@@ -15,6 +15,7 @@
  * @property {(text: string | null, forMs?: number) => void} banner
  * @property {(data: object) => void} notice to the server's log
  * @property {() => void} changed it was put on or taken off, or is needed
+ * @property {boolean} headPose whether it is stored how the head moves
  */
 
 const LOOK_MS = 120; // between changes of the page and the panel
@@ -55,7 +56,7 @@ export class Headset {
   hear(message) {
     if (!this.asked) return;
     if (message.type === "state" || message.type === "connected") {
-      this.needs.tell({ do: "offer", words: { enter: this.needs.say("headset.enter") } });
+      this.needs.tell({ do: "offer", words: { enter: this.needs.say("headset.enter") }, head_pose: this.needs.headPose });
     } else if (message.type === "headset") this.changed(message);
     else if (message.type === "headset-press") this.presses.get(message.id ?? "")?.();
   }

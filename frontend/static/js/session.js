@@ -6,6 +6,7 @@
 
 import { copyText, localTimes } from "./copy.js";
 import { readyDialogs } from "./dialogs.js";
+import { HeadPoses } from "./head-pose.js";
 import { Headset } from "./headset.js";
 import { keeper } from "./keep.js";
 import { kindModule } from "./kind.js";
@@ -48,7 +49,9 @@ let sent = 0;
 /** @type {Promise<void> | null} */
 let refreshing = null;
 
+const heads = new HeadPoses(`${api}/head`, () => (document.body.dataset.layout === "stage" ? current.step?.key : undefined));
 const stage = new StageFrame($("stage-frame"), data.stage_origin, (message) => {
+  heads.hear(message);
   headset.hear(message);
   trial?.hear(message);
 });
@@ -57,6 +60,7 @@ const headset = new Headset(data.headset, {
   tell: (order) => stage.headset(order),
   banner: showBanner,
   notice: (details) => notice("headset", details),
+  headPose: data.head_pose,
   changed: () => {
     trial?.update(/** @type {any} */ (current.step?.trial ?? {}));
     if (document.body.dataset.layout !== "stage") closeStage();

@@ -17,6 +17,7 @@
  * @property {string[]} [controllers]
  * @property {number | null} [refresh_rate]
  * @property {string} [id] of a button that was pressed in the room
+ * @property {import("./contract.js").HeadMoved} [head] how the head moved, a few seconds of it
  * @property {import("./contract.js").HeadsetUsed | null} [headset] what was played was watched with
  */
 

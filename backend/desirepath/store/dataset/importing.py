@@ -47,6 +47,7 @@ from desirepath.store.dataset.tables import (
     CODEBOOK,
     CODINGS,
     EVENTS,
+    HEAD_POSES,
     PARTICIPANTS,
     RESPONSES,
     SESSIONS,
@@ -55,6 +56,7 @@ from desirepath.store.dataset.tables import (
     TRIALS,
 )
 from desirepath.store.demonstration_snapshots import StrokeError
+from desirepath.store.head_poses import HeadPoseError, add_head_poses
 from desirepath.store.models import (
     Event,
     Participant,
@@ -80,7 +82,7 @@ def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str
     """
     check_files(folder)
     about = read_about(folder)
-    read = (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES, EVENTS, TRAJECTORIES, STROKES, CODEBOOK, CODINGS)
+    read = (PARTICIPANTS, SESSIONS, TRIALS, RESPONSES, EVENTS, TRAJECTORIES, STROKES, HEAD_POSES, CODEBOOK, CODINGS)
     tables = read_tables(folder, read)
     try:
         with db.transaction() as s:
@@ -90,11 +92,12 @@ def import_dataset(db: Database, files: ArtefactStore, folder: Path) -> dict[str
             _add_trajectories(s, files, folder, tables[TRAJECTORIES.name])
             _add_rows(s, about.study, tables)
             add_strokes(s, files, folder, tables[STROKES.name])
+            add_head_poses(s, tables[HEAD_POSES.name])
             add_recordings(files, folder, tables[RESPONSES.name])
             add_codings(s, about.study, tables[CODEBOOK.name], tables[CODINGS.name])
     except KeyError as missing:
         raise DatasetError(f"{folder}: {missing} is missing or names nothing in the data set") from missing
-    except StrokeError as problem:
+    except (StrokeError, HeadPoseError) as problem:
         raise DatasetError(str(problem)) from None
     except Unstorable as problem:
         raise DatasetError(f"{folder}: a value {problem}") from None

@@ -42,6 +42,7 @@ from desirepath.store.dataset.tables import (
     CODEBOOK,
     CODINGS,
     EVENTS,
+    HEAD_POSES,
     ITEMS,
     METRICS,
     PAIRS,
@@ -58,6 +59,7 @@ from desirepath.store.dataset.tables import (
     TUNING_CHANGES,
 )
 from desirepath.store.dataset.trajectory_files import write_trajectories
+from desirepath.store.head_poses import head_pose_rows
 from desirepath.store.models import ProtocolVersion, Study, Tombstone, TrajectoryRow, protocol_digest
 from desirepath.store.payment_codes import changes_without, data_without, yaml_without
 from desirepath.store.robot_recordings import write_recordings
@@ -136,6 +138,7 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
         EVENTS: list(content.events()),
         PAIRS: list(content.pairs(stored)),
         STROKES: list(stroke_rows(strokes, content.of_session)),
+        HEAD_POSES: list(head_pose_rows(s, content.by_id, content.of_session)),
     }
     write_demonstrations(files, strokes, out)
     write_recordings(s, files, list(content.by_id), out, voices=not content.open_data)
@@ -147,8 +150,10 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
     counted = {f"{STEPS.name}.parquet": written.steps}
     for table, rows in tables.items():
         pq.write_table(pa.Table.from_pylist(rows, schema=table.schema()), out / f"{table.name}.parquet")
-        (out / f"{table.name}.csv").write_text(csv_text(_plain_rows(table, rows)), encoding="utf-8", newline="")
-        counted |= {f"{table.name}.{ending}": len(rows) for ending in ("parquet", "csv")}
+        counted[f"{table.name}.parquet"] = len(rows)
+        if table.csv:
+            (out / f"{table.name}.csv").write_text(csv_text(_plain_rows(table, rows)), encoding="utf-8", newline="")
+            counted[f"{table.name}.csv"] = len(rows)
     _write_study(s, study, out, {table.name: len(rows) for table, rows in tables.items()}, stored.values())
     return counted
 

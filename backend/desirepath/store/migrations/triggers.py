@@ -115,3 +115,7 @@ REFUSALS = (
     Refusal("stroke_never_deleted", "stroke", "DELETE", "a stroke is never deleted", ERASING_SESSION),
     Refusal("stroke_walk_never_updated", "stroke", "UPDATE OF walk", "a walk is never changed", "OLD.walk IS NULL"),
 )
+HEAD_POSE_REFUSALS = (  # since 0005
+    Refusal("head_pose_never_updated", "head_pose", "UPDATE", "how a head moved is never changed"),
+    Refusal("head_pose_never_deleted", "head_pose", "DELETE", "how a head moved is never deleted", ERASING_SESSION),
+)

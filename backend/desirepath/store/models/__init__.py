@@ -7,7 +7,7 @@ shape is documented beside them and in docs/data-dictionary.md. After a change h
 
 from __future__ import annotations
 
-from desirepath.store.models.asked import Event, ProblemReport, Response, StrokeRow, TrajectoryRow, Trial
+from desirepath.store.models.asked import Event, HeadPose, ProblemReport, Response, StrokeRow, TrajectoryRow, Trial
 from desirepath.store.models.base import Base, UtcDateTime, new_id, utc_now
 from desirepath.store.models.coding import CodebookCode, Coding
 from desirepath.store.models.lab import (
@@ -55,6 +55,7 @@ __all__ = [
     "Coding",
     "Erasing",
     "Event",
+    "HeadPose",
     "Identity",
     "Invitation",
     "Job",

@@ -150,6 +150,32 @@ class StrokeRow(Base):
     )
 
 
+class HeadPose(Base):
+    """A few seconds of how a head moved in a headset, in the scene's frame; never updated (`store/head_poses.py`).
+
+    wearing, part: the time for which the headset was on, by a name of the page's own, and the part's place in it, from
+    0. began_s: seconds from putting it on to the part. Where something was playing: trial_id, side, showing (which one
+    of that side, rising with restarts and replays), and playing_s: from the robot's first move to the part, negative
+    before. recorded: {"times_s": [...] from 0, "poses": [[x, y, z m, qx, qy, qz, qw], ...]}, samples: how many.
+    """
+
+    __tablename__ = "head_pose"
+    id: Mapped[str] = mapped_column(String(32), primary_key=True, default=new_id)
+    session_id: Mapped[str] = mapped_column(ForeignKey("session.id"), index=True)
+    step_key: Mapped[str] = mapped_column(String(80))
+    trial_id: Mapped[str | None] = mapped_column(ForeignKey("trial.id"))
+    side: Mapped[str | None] = mapped_column(String(1))
+    showing: Mapped[int | None] = mapped_column(Integer)
+    wearing: Mapped[str] = mapped_column(String(32))
+    part: Mapped[int] = mapped_column(Integer)
+    began_s: Mapped[float] = mapped_column(Float)
+    playing_s: Mapped[float | None] = mapped_column(Float)
+    samples: Mapped[int] = mapped_column(Integer)
+    recorded: Mapped[dict[str, Any]] = mapped_column(JSON)
+    created_at: Mapped[datetime] = mapped_column(default=utc_now)
+    __table_args__ = (UniqueConstraint("session_id", "wearing", "part"),)
+
+
 class ProblemReport(Base):
     """What a participant wrote by 'report a problem'."""
 

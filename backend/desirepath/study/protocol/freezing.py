@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from desirepath.study.kinds.evaluation import EvaluationStage
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.protocol.analysis_checks import analysis_problems
 from desirepath.study.protocol.checking import problems_across
+from desirepath.study.protocol.headset_words import head_problems, headset_warnings
 from desirepath.study.protocol.reading import Read, Reader, check_size, too_long, valid_part
 from desirepath.study.protocol.schema import Protocol, all_questionnaires, all_texts, fill_in
 from desirepath.study.protocol.stages import T
@@ -161,12 +162,15 @@ _thawed: dict[Content, FrozenProtocol] = {}  # by content, so never stale; one s
 
 
 def validate_protocol_file(file: Path | str, query_sets: Mapping[str, str] | None = None) -> dict[str, Any]:
-    """{"valid": bool, "errors": [{file, line, field, value, message}]}; never raises for what the file says."""
+    """{"valid": bool, "errors": [{file, line, field, value, message}]}, and "warnings" as these, where there are any;
+    never raises for what the file says."""
     try:
-        freeze(file, query_sets)
+        frozen = freeze(file, query_sets)
     except ProtocolError as wrong:
         return {"valid": False, "errors": wrong.errors}
-    return {"valid": True, "errors": []}
+    source = Source(Path(file).name, frozen.yaml)
+    warnings = [asdict(found) for found in headset_warnings(frozen.protocol, frozen.files, source)]
+    return {"valid": True, "errors": [], **({"warnings": warnings} if warnings else {})}
 
 
 def find_shipped_protocols() -> list[Path]:
@@ -216,6 +220,7 @@ def _frozen(text: str, file: str, read: Read, sets: Sets | None = None, *, in_pa
     else:
         across = [*problems_across(protocol, questionnaires, source)]
         across += analysis_problems(protocol, questionnaires, source) if new else ()
+        across += head_problems(protocol, reader.files, source) if new else ()
         problems += [one for one in across if one.field.startswith("stages[") or not in_part]
     if problems:
         raise ProtocolError(problems)

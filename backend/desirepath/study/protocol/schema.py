@@ -28,6 +28,7 @@ class DeviceGate(Part):
     from inside it and drawing do not (`LARGE`). pointers: `fine` is a mouse or pen, `coarse` a finger. frame rates in
     pictures per second, measured on the page; below `light_below` a lighter scene is shown before anybody is refused
     below `min_frame_rate`. headset: the immersive view can (`offered`) or must (`required`) be seen with one.
+    head_pose: where the head is and which way it faces is stored, 30 times a second while one is worn.
     """
 
     webgl: bool = True
@@ -37,6 +38,7 @@ class DeviceGate(Part):
     min_frame_rate: float | None = Field(None, gt=0, le=120)
     light_below: float | None = Field(None, gt=0, le=120)
     headset: Literal["offered", "required"] | None = None
+    head_pose: bool = False
 
 
 class ScreenOut(Part):

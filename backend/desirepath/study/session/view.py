@@ -79,9 +79,11 @@ def trial_of(s: DatabaseSession, session: Session) -> Trial | None:
     return known[key]
 
 
-def playback_id(trial: Trial, side: Side) -> str:
-    """Names one showing of one trajectory; another one after every restart. Says nothing about who watches what."""
-    shown = f"{trial.id}:{trial.restarts}:{side}" + (f":{trial.replays}" if trial.replays else "")
+def playback_id(trial: Trial, side: Side, *, restarts: int | None = None, replays: int | None = None) -> str:
+    """Names one showing of one trajectory; another one after every restart. Says nothing about who watches what.
+    restarts, replays: of an earlier showing; default as the trial is now."""
+    again = trial.replays if replays is None else replays
+    shown = f"{trial.id}:{trial.restarts if restarts is None else restarts}:{side}" + (f":{again}" if again else "")
     return hashlib.sha256(shown.encode()).hexdigest()[:24]
 
 

@@ -16,6 +16,7 @@ from pydantic import (
 )
 
 from desirepath.learning.words.lexicon import LONGEST as LONGEST_SENTENCE
+from desirepath.store.head_poses import FARTHEST_M, MOST_SAMPLES
 from desirepath.study.drawing.strokes import MOST_POINTS
 from desirepath.study.drawing.walks import MOST_POSES
 from desirepath.study.robots import REACH_M
@@ -101,6 +102,26 @@ class Seen(Sent):
     side: Side
     playback_id: str | None = Field(None, max_length=64)
     headset: HeadsetUsed | None = Field(None, description="of who watched all of it with one")
+
+
+HeadSeconds = Annotated[float, Field(allow_inf_nan=False, ge=0, le=86_400)]
+HeadNumber = Annotated[float, Field(allow_inf_nan=False, ge=-FARTHEST_M, le=FARTHEST_M)]
+HeadAt = Annotated[list[HeadNumber], Field(min_length=7, max_length=7), FailFast()]
+HeadTimes = Annotated[list[HeadSeconds], Field(min_length=1, max_length=MOST_SAMPLES), FailFast()]
+
+
+class HeadMoved(Sent):
+    """A few seconds of how a head moved in a headset. wearing, part: which time it was on, and the part's place in it;
+    began_s: since it was put on; playback_id, playing_s: what was playing, seconds since the robot's first move;
+    times_s (n,) from 0; poses (n, 7): x, y, z in m, unit quaternion x, y, z, w."""
+
+    wearing: str = Field(pattern="^[0-9a-f]{16,32}$")
+    part: int = Field(ge=0, le=100_000)
+    began_s: HeadSeconds
+    playback_id: str | None = Field(None, max_length=64)
+    playing_s: Annotated[float, Field(allow_inf_nan=False, ge=-86_400, le=86_400)] | None = None
+    times_s: HeadTimes
+    poses: Annotated[list[HeadAt], Field(min_length=1, max_length=MOST_SAMPLES), FailFast()]
 
 
 class Interrupted(Sent):

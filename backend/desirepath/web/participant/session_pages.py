@@ -32,6 +32,7 @@ from desirepath.web.core.dependencies import TheServices, contact, page, service
 from desirepath.web.core.throttle import EVENTS_PER_SESSION, PROBLEMS_PER_SESSION, count
 from desirepath.web.participant import (
     device_check,
+    head_requests,
     live_requests,
     recruiting,
     robot_requests,
@@ -229,5 +230,5 @@ def _change(
 
 
 _DRIVEN = (stroke_requests, live_requests, robot_requests)
-for part in (recruiting, device_check, trials, shown_videos, *_DRIVEN, voice_requests, stream):
+for part in (recruiting, device_check, trials, head_requests, shown_videos, *_DRIVEN, voice_requests, stream):
     router.include_router(part.router)

@@ -45,6 +45,7 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "code": s.get_one(Participant, session.participant_id).code,
         "speaks": any(isinstance(step, ThinkAloudStep) for step in plan),
         "headset": frozen.protocol.asked_of_devices.headset,
+        "head_pose": frozen.protocol.asked_of_devices.head_pose,
         "looks_around": any(step.view not in (None, "top_down") for step in plan),
         "step": view,
         "next_kind": next_kind(plan, session.position),
