@@ -177,6 +177,24 @@ def test_the_verdict_names_what_the_own_policy_is_preferred_to() -> None:
     assert "the base policy, but" not in verdict(found(base + neutral + other))
 
 
+def test_it_is_said_how_many_earlier_people_stood_behind_their_policy_and_what_successive_people_share() -> None:
+    before = [5, 6, 30, None, 12, 12, 12]
+    base = [one for k in range(7) for one in compared(f"P-{k}", "base", 2, 1)]
+    answers = [
+        replace(one, earlier=people)
+        for k, people in enumerate(before)
+        for one in compared(f"P-{k}", "population", 2, 1)
+    ]
+    of = found(base + answers)
+    assert [one.earlier for one in of.personalised] == [(), (5, 6, 30, 12, 12, 12)]
+    told = verdict(of)
+    assert "a median of 12 earlier people (5 to 30) (known of 6 of 7 people)" in told
+    assert "successive ones meet nearly the same opponent" in told
+    assert "opponent" not in verdict(found(base))
+    unknown = verdict(found([replace(one, earlier=None) for one in answers]))
+    assert "do not say how many people stood behind it" in unknown
+
+
 def test_a_neutral_arm_is_a_comparison_of_its_own() -> None:
     answers = [one for k in range(9) for one in compared(f"P-{k}", "base", 3, 0) + compared(f"P-{k}", "neutral", 3, 0)]
     assert [one.against for one in found(answers).personalised] == ["base", "neutral"]

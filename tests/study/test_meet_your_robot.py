@@ -306,7 +306,8 @@ def test_what_those_before_want_is_an_arm_of_the_comparison_and_of_the_report(wa
         walker.submit(key, {"choice": "a"})
     with walker.database.session() as s:
         query = queries_of_study(s, walker.files, s.get_one(Study, walker.session.study_id))[0]
-    learned(walker, population=[{"population": query.trajectory_a, "own": query.trajectory_b}])
+    pair = {"population": query.trajectory_a, "own": query.trajectory_b}
+    learned(walker, population=[pair], in_general={"people": 7, "passed": True})
     for _ in range(2):
         with walker.database.session() as s:
             arms = s.scalars(select(Trial).where(Trial.step_key == walker.view.key)).one().arms
@@ -319,7 +320,7 @@ def test_what_those_before_want_is_an_arm_of_the_comparison_and_of_the_report(wa
         data, load = read_study(s, files, s.get_one(Study, walker.session.study_id))
     assert {(of.chosen, of.rejected) for of in data.comparisons} == {("own", "base"), ("own", "population")}
     found = analyse(data, load, "people", AnalysisPlan(sessions="all"), intervals=False)
-    assert [of.against for of in found.personalised] == ["base", "population"]
+    assert [(of.against, of.earlier) for of in found.personalised] == [("base", ()), ("population", (7,))]
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ Numbers are `choice_findings.py`'s; the report's other parts `report_text.py`'s.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from statistics import median
 
 from desirepath.analysis.tested import Mean
 from desirepath.analysis.triads import CHANCE_CIRCULAR
@@ -153,6 +154,8 @@ def personalised_section(findings: Findings) -> Section:
             f"{shared.people} people were lent {shared.clusters} different policies of other participants; people who "
             "were lent the same one count as one, since what is good or bad about it they share."
         )
+    if "population" in against:
+        paragraphs.append(_who_stood_behind(against["population"]))
     if findings.guessed is not None:
         paragraphs.append(
             f"{findings.guessed.right} of {findings.guessed.people} guessed which of the last pair came from their own "
@@ -170,6 +173,21 @@ def personalised_section(findings: Findings) -> Section:
         f"counts once, answers of one person depend on each other. For reading only, {second}: {beside}."
     )
     return Section("Does it personalise?", paragraphs)
+
+
+def _who_stood_behind(comparison: Personalised) -> str:
+    """How many people a population's policy was made from, and what that means for the test of it."""
+    known = comparison.earlier
+    missing = "" if len(known) == comparison.people else f" (known of {len(known)} of {comparison.people} people)"
+    told = "The data do not say how many people stood behind it"
+    if known:
+        told = f"Behind it stood, per participant, a median of {median(known):g} earlier people ({min(known)} to "
+        told += f"{max(known)}){missing}"
+    return (
+        f"The policy by what earlier participants want is made anew for each participant. {told}. They are mostly the "
+        "same people from one participant to the next, so that successive ones meet nearly the same opponent: "
+        "participants are counted as independent, and whether it is good or bad by chance they share."
+    )
 
 
 _REFUSED = {

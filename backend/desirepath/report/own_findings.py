@@ -34,7 +34,8 @@ class Personalised:
     test: the one that the plan declares, corrected; beside: the other of sign test and signed ranks, uncorrected and
     for reading only. clusters: independent units; people who were lent the same policy are one. answers: comparisons,
     look_alike: of them those whose rollouts look alike; they are counted. stand_ins: people whose opponent was made
-    from a simulated person's answers, because no other participant's was ready.
+    from a simulated person's answers, because no other participant's was ready. earlier: of each person, as far as is
+    known, how many stood behind the policy by what earlier participants want.
     """
 
     against: str
@@ -46,6 +47,7 @@ class Personalised:
     answers: int
     look_alike: int
     stand_ins: int = 0
+    earlier: tuple[int, ...] = ()
 
     def preferred(self, alpha: float) -> bool:
         """Whether the own policy was shown to be preferred: a significant test in its favour."""
@@ -72,6 +74,7 @@ def compare_own(comparisons: Sequence[Comparison], plan: AnalysisPlan) -> list[P
             answers=len(of_opponent),
             look_alike=sum(comparison.look_alike for comparison in of_opponent),
             stand_ins=len({comparison.person for comparison in of_opponent if comparison.stand_in}),
+            earlier=tuple({one.person: one.earlier for one in of_opponent if one.earlier is not None}.values()),
         )
         for (against, of_opponent), test, (_, beside) in zip(of_arm, tests, raw, strict=True)
     ]

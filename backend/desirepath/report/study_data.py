@@ -100,7 +100,8 @@ def find_topic(rating: Rating, topics: Mapping[str, set[str]]) -> str:
 class Comparison:
     """One blind comparison of two policies. chosen, rejected: arms (own, base, other, neutral,
     population). opponent: what is the same for equal policies that stood against the own one, where the data set tells.
-    stand_in: it was made from a simulated person's answers."""
+    stand_in: it was made from a simulated person's answers. earlier: so many people's want is the population's, where
+    the data set tells."""
 
     person: str
     chosen: str
@@ -108,6 +109,7 @@ class Comparison:
     look_alike: bool
     opponent: str | None = None
     stand_in: bool = False
+    earlier: int | None = None
 
 
 @dataclass(frozen=True)

@@ -224,6 +224,7 @@ def _comparison(trial: Row, answer: Row) -> Comparison | None:
         look_alike=bool(arms.get("look_alike")),
         opponent=arms.get("lent") or opponent,
         stand_in=bool(arms.get("stand_in")),
+        earlier=arms.get("people"),
     )
 
 

@@ -40,7 +40,7 @@ class Trial(Base):
     # comparison only: {"a": artefact id or "dwa", "b": as a, "own": "a"|"b", "look_alike": bool}; with another
     # participant's policy also "other": "a"|"b" and "lent": what is the same for equal policies, "stand_in": true for a
     # simulated person's; with the conditioned policy without preferences "neutral": "a"|"b", with the one by what
-    # earlier participants want "population": "a"|"b"
+    # earlier participants want "population": "a"|"b" and "people": how many they are
     arms: Mapped[dict[str, Any] | None] = mapped_column(JSON)
     phase: Mapped[str] = mapped_column(String(16), default="ready")
     phase_since: Mapped[datetime | None]

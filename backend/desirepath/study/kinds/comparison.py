@@ -12,7 +12,7 @@ from pydantic import Field, field_validator
 
 from desirepath.grammar.parts import an_example
 from desirepath.grammar.words import View
-from desirepath.store.job_results import Learned, Rollouts
+from desirepath.store.job_results import AlignResult, Learned, Rollouts
 from desirepath.store.models import TrajectoryRow, Trial
 from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated
 from desirepath.study.kinds.guess import GuessStep
@@ -178,6 +178,8 @@ def make_comparisons(acting: Acting) -> int:
         arms: dict[str, Any] = {"a": policies[a], "b": policies[b], "own": "a" if a == "own" else "b"}
         if against != "base":
             arms[against] = "b" if a == "own" else "a"
+        if against == "population" and isinstance(result, AlignResult) and result.in_general is not None:
+            arms["people"] = result.in_general["people"]
         if against == "other" and policies["other"] is not None:
             arms["lent"] = policy_key(s, policies["other"])
             if job.params.get("other") is None:
