@@ -57,6 +57,39 @@ def test_where_a_headset_is_required_nothing_counts_that_was_watched_without(wal
     assert watch(walker, QUEST, QUEST).hmd
 
 
+def test_where_conditions_differ_in_it_each_is_watched_as_it_says(walk):
+    block = {"each": ["headset", "immersive"], "trials": [{"queries": {"count": 1}}]}
+    walker = walk({"block": block}, device={"headset": "required", "webgl": False})
+    for _ in range(2):
+        step = walker.view
+        worn = step.trial["worn"]
+        assert worn == step.key.startswith("block.headset")
+        play = walker.do(machine.start_trial, step.key, request_id=None, now=walker.now)
+        walker.later(60)
+        seen = (machine.trajectory_seen, step.key, "a", play.playback_id)
+        with pytest.raises(Refused) as no:
+            walker.do(*seen, headset=None if worn else QUEST, now=walker.now)
+        assert no.value.code == ("headset_required" if worn else "window_required")
+        play = walker.do(*seen, headset=QUEST if worn else None, now=walker.now)
+        walker.later(60)
+        seen = (machine.trajectory_seen, step.key, "b", play.playback_id)
+        walker.do(*seen, headset=QUEST if worn else None, now=walker.now)
+        walker.submit(step.key, {"choice": "a"})
+    with walker.database.session() as s:
+        assert {trial.block: (trial.view, trial.hmd) for trial in s.scalars(select(Trial))} == {
+            "headset": ("immersive", True),
+            "immersive": ("immersive", False),
+        }
+
+
+def test_conditions_with_a_headset_need_one(tmp_path):
+    write_files(tmp_path)
+    block = {"each": ["headset", "immersive"], "trials": [{"queries": {"count": 1}}]}
+    with pytest.raises(ProtocolError) as wrong:
+        freeze_text(protocol_text([{"block": block}], device={"headset": "offered"}), folder=tmp_path)
+    assert "needs device: {headset: required}" in str(wrong.value)
+
+
 def test_a_headset_needs_the_view_from_inside(tmp_path):
     write_files(tmp_path)
     with pytest.raises(ProtocolError) as wrong:

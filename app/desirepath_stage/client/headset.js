@@ -22,6 +22,7 @@
   let square = "";
   /** @type {Record<string, string> | null} */
   let words = null;
+  let asked = false; // for a headset, by the study
   let supported = false;
   /** Why no headset is worn, as page.py lists it. @type {string | null} */
   let refused = null;
@@ -71,9 +72,9 @@
 
   /** Shows the button where a headset can be put on, and tells the page how things stand. */
   function show() {
-    if (!words) return; // the study asks for no headset
-    button.hidden = !(supported && !session && here());
-    button.textContent = words.enter;
+    if (!asked) return;
+    button.hidden = !(words && supported && !session && here());
+    button.textContent = words?.enter ?? "";
     bridge.post("headset", { on: session !== null, here: here(), why: refused, ...told() });
   }
 
@@ -267,7 +268,7 @@
     /** @param {any} message from the page */
     obey(message) {
       if (message.do === "offer") {
-        words = message.words;
+        [words, asked] = [message.words, true]; // none: what is shown now is for the window
         headPose.ask(message.head_pose === true);
         void offer();
       } else if (message.do === "panel") {

@@ -12,7 +12,7 @@ from typing import Annotated, Literal, Protocol, Self, runtime_checkable
 from pydantic import BeforeValidator, Field, model_validator
 
 from desirepath.grammar.parts import Part, Slug
-from desirepath.grammar.words import VIEWS, View
+from desirepath.grammar.words import IN_HEADSET, VIEWS, View
 
 Levels = Annotated[list[Slug], Field(min_length=2, max_length=8)]
 
@@ -22,16 +22,23 @@ def _as_factors(given: object) -> object:
 
 
 Factors = Annotated[dict[Slug, Levels], BeforeValidator(_as_factors), Field(min_length=1, max_length=3)]
-"""factor -> its levels; a plain list stands for {view: list}. `view` is a view, every other factor a word of the
-protocol's own that names of texts may hold in braces."""
+"""factor -> its levels; a plain list stands for {view: list}. `view` is a view or `headset`, every other factor a word
+of the protocol's own that names of texts may hold in braces."""
 
 
 class Condition(Part):
-    """One cell of a crossing: what its trials are shown in. `name` is what trials carry as `block`."""
+    """One cell of a crossing: what its trials are shown in. `name` is what trials carry as `block`. worn: whether the
+    immersive view is to be seen with a headset there, where conditions differ in that."""
 
     name: str
     view: View
     levels: dict[str, str]
+    worn: bool | None = None
+
+    @property
+    def shown(self) -> dict[str, object]:
+        """What its steps say of it."""
+        return {"view": self.view} | ({} if self.worn is None else {"worn": self.worn})
 
     def filled(self, text: str) -> str:
         """A text's name with this condition's levels in place of `{view}` and the stage's other factors."""
@@ -82,8 +89,9 @@ class Crossed(Part):
         for name, levels in [*(self.each or {}).items(), *(self.one_of or {}).items()]:
             if len(set(levels)) != len(levels):
                 raise ValueError(f"the factor {name} has a level twice: {', '.join(levels)}")
-            if name == "view" and (wrong := [level for level in levels if level not in VIEWS]):
-                raise ValueError(f"{wrong[0]!r} is no view; views: {', '.join(VIEWS)}")
+            known = (*VIEWS, IN_HEADSET)
+            if name == "view" and (wrong := [level for level in levels if level not in known]):
+                raise ValueError(f"{wrong[0]!r} is no view; views: {', '.join(known)}")
         return self
 
     def _varies(self, where: Literal["each", "one_of"]) -> bool:
@@ -101,9 +109,17 @@ class Crossed(Part):
         for cell in _combinations(self.each):
             levels = {**cell, **mine}
             name = "-".join((cell or mine).values())
-            view = levels.get("view") or self.view
-            combinations.append(Condition.model_validate({"name": name, "view": view, "levels": levels}))
+            level = levels.get("view") or self.view
+            view = "immersive" if level == IN_HEADSET else level
+            worn = level == IN_HEADSET if view == "immersive" and self.in_headset else None
+            fields = {"name": name, "view": view, "levels": levels, "worn": worn}
+            combinations.append(Condition.model_validate(fields))
         return combinations
+
+    @property
+    def in_headset(self) -> bool:
+        """Whether some of its conditions are seen with a headset, and others are not."""
+        return any(IN_HEADSET in (factors or {}).get("view", ()) for factors in (self.each, self.one_of))
 
 
 def _combinations(factors: dict[str, list[str]] | None) -> list[dict[str, str]]:

@@ -6,6 +6,9 @@ from typing import Literal, get_args
 
 View = Literal["top_down", "first_person", "immersive"]
 VIEWS: tuple[str, ...] = get_args(View)
+IN_HEADSET = (
+    "headset"  # among the levels of a factor `view`: immersive with a headset, and immersive alone in the window
+)
 PersonMode = Literal["still", "walks", "recorded"]  # the person while the robot drives a drawn path
 
 PLAYING = ("playing_a", "playing_b")  # phases of a trial in which a trajectory is on the stage

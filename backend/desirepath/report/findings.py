@@ -6,9 +6,9 @@ figures beside.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Literal
 
@@ -48,6 +48,14 @@ Who = Literal["people", "simulated", "all"]
 
 class NothingToReport(ValueError):
     """A study without answers of those who were asked for; says whose there are."""
+
+
+@dataclass(frozen=True)
+class OfDevice:
+    """Who answered with a device, and what is known of these answers."""
+
+    people: int
+    of: OfCondition
 
 
 @dataclass(frozen=True)
@@ -94,7 +102,7 @@ class Findings:
     ways: Methods | None
     further: Further | None
     explained: Explained | None
-    devices: Mapping[tuple[str, str], int]
+    devices: Mapping[tuple[str, str], OfDevice]
 
     @property
     def tests(self) -> list[Tested]:
@@ -180,7 +188,9 @@ def analyse(
         if (intervals if beside is None else beside)
         else None,
         explained=ranked,
-        devices=_devices(own.choices, {row.code: row for row in analysed}),
+        devices=_devices(own.choices, {row.code: row for row in analysed}, used)
+        if (intervals if beside is None else beside)
+        else {},
     )
 
 
@@ -203,19 +213,28 @@ def _flow(everyone: Sequence[ParticipantRow], analysed: Sequence[ParticipantRow]
     )
 
 
-def _devices(choices: Sequence[Choice], people: Mapping[str, ParticipantRow]) -> dict[tuple[str, str], int]:
-    """(view, device) -> regular answers, so that nobody takes a window for a headset."""
-    counted = Counter(
-        (choice.view, device_words(choice, people[choice.person])) for choice in choices if choice.role == "regular"
-    )
-    return dict(sorted(counted.items()))
+def _devices(
+    choices: Sequence[Choice], people: Mapping[str, ParticipantRow], plan: AnalysisPlan
+) -> dict[tuple[str, str], OfDevice]:
+    """By (what it was seen as, device), so that nobody takes a window for a headset."""
+    seen: dict[tuple[str, str], list[Choice]] = defaultdict(list)
+    for choice in choices:
+        device = device_words(choice, people[choice.person])
+        in_window = ", in the window" if choice.view == "immersive" and not choice.device.get("headset") else ""
+        seen[choice.view + in_window, device].append(replace(choice, condition=device))
+    return {
+        key: OfDevice(
+            len({choice.person for choice in mine if choice.role == "regular"}), describe_condition(mine, key[1], plan)
+        )
+        for key, mine in sorted(seen.items())
+    }
 
 
 def device_words(choice: Choice, person: ParticipantRow) -> str:
     """What an answer was given on, as far as its page reported."""
     device = choice.device
     if person.simulated and "pointer" not in device:
-        return "none (simulated)"
+        return "headset (simulated)" if device.get("headset") else "none (simulated)"
     if not device:
         return "not told"
     if device.get("headset"):

@@ -26,6 +26,7 @@ from desirepath.report.report_cells import (
     number_words,
     pair_words,
     percent,
+    share_words,
     table_section,
     test_row,
 )
@@ -156,9 +157,20 @@ def _people(findings: Findings) -> Section:
 def _devices(findings: Findings) -> Section:
     return table_section(
         "Views and devices",
-        "Regular answers by view and device. Immersive is a window onto the room unless the device is a headset.",
-        ["view", "device", "answers"],
-        [[name_in_words(view), device, f"{n:,}"] for (view, device), n in findings.devices.items()],
+        "Regular answers by view and device; beside them position bias, and the same query asked again.",
+        ["view", "device", "people", "answers", "P(second shown), 95 % interval", "decision (s)", "asked again, alike"],
+        [
+            [
+                name_in_words(view),
+                device,
+                str(seen.people),
+                f"{seen.of.answers:,}",
+                share_words(seen.of.second_shown),
+                number_words(seen.of.decision_s.mean, "{:.1f}"),
+                share_words(seen.of.repeat.share) if seen.of.repeat.share.n else NONE,
+            ]
+            for (view, device), seen in findings.devices.items()
+        ],
     )
 
 

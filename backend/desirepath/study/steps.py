@@ -161,6 +161,7 @@ class BlockPart(Part):
 class Step(BaseModel):
     """Base of a step in a participant's plan. key: unique in the plan; stage: the stage's; block: the condition's name.
 
+    `worn`: whether the immersive view is seen with a headset, None: as the protocol's `device` says.
     `when`: not everybody meets it. `then`: what its answer begins. `rates`: its answer's field that is a number and
     rates what its trial shows; data sets and reports find ratings by it, reward models those of trials of kind
     `rating`. Plans are stored as JSON with what was set alone; what older plans say that nobody reads any more is
@@ -174,6 +175,7 @@ class Step(BaseModel):
     stage: str
     block: str | None = None
     view: View | None = None
+    worn: bool | None = None
     when: When | None = None
     then: Literal["train", "train_again"] | None = None
     rates: str | None = None

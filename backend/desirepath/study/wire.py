@@ -91,6 +91,7 @@ class TrialState(Progress):
     restarts: int = Field(description="how often this trial had to begin again")
     replays: int = Field(description="how often both trajectories were watched again")
     next_side: Side = Field(description="which one Start plays: B where only B was cut short")
+    worn: bool | None = Field(None, description="to be watched with a headset, or in the window; null: as one likes")
     playback_id: str | None = Field(description="what is playing now")
     videos: dict[Side, str] | None = Field(None, description="addresses of what is shown in the stage's place")
 

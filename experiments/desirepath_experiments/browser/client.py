@@ -141,7 +141,7 @@ class BrowserSessionClient:
         start.click()
         return self._until(lambda trial: trial["phase"] in PLAYING, f"{key}: the trajectory to play")
 
-    def report_seen(self, key: str, side: str, playback_id: str) -> State:
+    def report_seen(self, key: str, side: str, playback_id: str, *, worn: bool = False) -> State:
         """Wait while the page plays the trajectory and tells the server itself."""
         phase = f"playing_{side}"
         if side == "a":

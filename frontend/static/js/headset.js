@@ -29,6 +29,8 @@ export class Headset {
   constructor(asked, needs) {
     this.asked = asked;
     this.needs = needs;
+    /** Whether the step is seen with one, or in the window; null: as the study says. @type {boolean | null} */
+    this.wanted = null;
     this.on = false;
     /** Whether what is shown can be seen with one. */
     this.here = false;
@@ -46,9 +48,11 @@ export class Headset {
     return this.on;
   }
 
-  /** Why nothing can begin: the study is to be seen with a headset. null: it can. */
+  /** Why nothing can begin: what is shown is to be seen with a headset, or without. null: it can. */
   get missing() {
-    if (this.asked !== "required" || !this.here || this.on) return null;
+    const needed = this.wanted ?? (this.asked === "required" || null);
+    if (needed === null || !this.here || this.on === needed) return null;
+    if (!needed) return this.needs.say("headset.window");
     return this.needs.say(this.why ? `headset.refused.${this.why}` : "headset.needed");
   }
 
@@ -56,9 +60,21 @@ export class Headset {
   hear(message) {
     if (!this.asked) return;
     if (message.type === "state" || message.type === "connected") {
-      this.needs.tell({ do: "offer", words: { enter: this.needs.say("headset.enter") }, head_pose: this.needs.headPose });
+      this.offer();
     } else if (message.type === "headset") this.changed(message);
     else if (message.type === "headset-press") this.presses.get(message.id ?? "")?.();
+  }
+
+  /** Another step is shown. @param {boolean | null} wanted with a headset, in the window, or as the study says */
+  use(wanted) {
+    if (wanted === this.wanted) return;
+    this.wanted = wanted;
+    if (this.asked) this.offer();
+  }
+
+  offer() {
+    const words = this.wanted === false ? null : { enter: this.needs.say("headset.enter") };
+    this.needs.tell({ do: "offer", words, head_pose: this.needs.headPose });
   }
 
   /** @param {StageMessage} message */
@@ -100,8 +116,9 @@ export class Headset {
     const panel = { count: words(document.querySelector("#progress-text")), text: "", hint: "", buttons, quiet: false, progress: /** @type {number | null} */ (null) };
     const bar = document.querySelector("#step .trialbar");
     const cover = words(document.querySelector("#stage-cover-text"));
-    if (!bar || document.body.dataset.layout !== "stage") {
-      panel.text = say("headset.off");
+    const inWindow = this.wanted === false;
+    if (!bar || document.body.dataset.layout !== "stage" || inWindow) {
+      panel.text = say(inWindow ? "headset.window" : "headset.off");
       add({ id: "leave", text: say("headset.leave"), main: true }, () => {});
       return panel;
     }

@@ -160,6 +160,7 @@ async function mount(mine = arrival) {
   if (mine !== arrival || elsewhere) return;
   if (module && current.step) {
     const key = current.step.key;
+    headset.use(/** @type {any} */ (current.step.trial)?.worn ?? null);
     const mounted = module.mount({
       step,
       key,

@@ -73,7 +73,7 @@ class RatingStage(Crossed, Stage):
         steps: list[Step] = []
         for condition in at.conditions:
             prefix = f"{at.key}.{condition.name}" if condition.name else at.key
-            where = {"stage": at.key, "block": condition.name or at.key, "view": condition.view}
+            where = {"stage": at.key, "block": condition.name or at.key, **condition.shown}
             for number, i in enumerate(at.random.permutation(self.count), 1):
                 shown = {"query": pairs[i].query, "trajectory": pairs[i].trajectory_a, "rates": RATING}
                 fields = {"number": number, "of": self.count, "points": self.scale.points}

@@ -11,7 +11,7 @@ from desirepath.grammar.conditions import Ordered
 from desirepath.grammar.error_words import meant
 from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.source import Problem, Source
-from desirepath.grammar.words import VIEWS
+from desirepath.grammar.words import IN_HEADSET, VIEWS
 from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.rating import RatingStage
@@ -134,7 +134,9 @@ def _ranking(
         yield source.problem(here, f"has no item of type ranking; rankings are {', '.join(rankings) or 'none'}")
         return
     blocks = protocol.stages_of(BlockStage)
-    shown = {condition.view for of in blocks for group in range(len(of.groups)) for condition in of.conditions(group)}
+    conditions = [condition for of in blocks for group in range(len(of.groups)) for condition in of.conditions(group)]
+    shown = {condition.levels.get("view", condition.view) for condition in conditions}
+    views = {*VIEWS, IN_HEADSET}
     between = {view for of in blocks for view in (of.one_of or {}).get("view", ())}
     for index, entry in enumerate(protocol.stages):
         for one, path in entry.stage.questionnaires():
@@ -142,10 +144,10 @@ def _ranking(
                 continue
             options = {o.value for item in questionnaires[one].items if item.type == "ranking" for o in item.options}
             at = ("stages", index, entry.kind, *path)
-            if options and options <= set(VIEWS) and (missing := sorted(options - shown)):
+            if options and options <= views and (missing := sorted(options - shown)):
                 message = f"ranks {', '.join(missing)}, which nobody is shown; shown are {', '.join(sorted(shown))}"
                 yield source.problem(at, f"{message}; show it, or take it out of the ranking")
-            elif options and options <= set(VIEWS) and len(options & between) > 1:
+            elif options and options <= views and len(options & between) > 1:
                 message = f"ranks {', '.join(sorted(options & between))}, of which everybody is shown one only (one_of)"
                 yield source.problem(at, f"{message}; use 'each', or remove the ranking")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from desirepath.grammar import source as yaml_source
+from desirepath.grammar.conditions import Crossed
 from desirepath.grammar.error_words import meant
 from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.skipping import problems_with
@@ -42,6 +43,10 @@ def problems_across(
 def _headset(protocol: Protocol, source: Source) -> Iterator[Problem]:
     """A headset shows the room from inside; where nobody is shown that, there is nothing to see with it."""
     asked = protocol.asked_of_devices.headset
+    for index, entry in enumerate(protocol.stages):
+        if isinstance(entry.stage, Crossed) and entry.stage.in_headset and asked != "required":
+            message = "has the view headset, which needs device: {headset: required}"
+            yield source.problem(("stages", index, entry.kind), message)
     if asked and not any("immersive" in stage.views for stage in protocol.all_stages):
         yield source.problem(("device", "headset"), f"is {asked}, but no stage has the view immersive")
     for index, entry in enumerate(protocol.stages):

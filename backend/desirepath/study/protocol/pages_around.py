@@ -56,7 +56,7 @@ class PagesAround(Stage):
         steps: list[Step] = []
         for turn, condition in enumerate(at.conditions):
             prefix = f"{at.key}.{condition.name}" if condition.name else at.key
-            where = {"stage": at.key, "block": condition.name or at.key, "view": condition.view}
+            where = {"stage": at.key, "block": condition.name or at.key, **condition.shown}
             for place in ("between", "before") if turn else ("before",):
                 steps += self._pages(place, prefix, condition, where)
             steps += self.plan_condition(prefix, condition, where, at)

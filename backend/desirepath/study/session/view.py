@@ -115,7 +115,7 @@ def current(s: DatabaseSession, session: Session, *, now: datetime | None = None
     page = Page(frozen, session.language, session.completion_code, moment.answer_to)
     payload = kind.payload(step, page) | kind.payload_now(step, moment)
     trial = trial_of(s, session) if kind.shows == "trajectories" else None
-    state = _trial_state(s, trial) if trial is not None else kind.state(step, moment)
+    state = _trial_state(s, trial, step) if trial is not None else kind.state(step, moment)
     return StepView(step.kind, step.key, payload=payload, trial=state, **behind)
 
 
@@ -164,7 +164,7 @@ def _progress(moment: Moment, protocol: Protocol) -> dict[str, Any]:
     return counted | {"minutes_left": ahead, "further": further, "done": behind / max(behind + ahead, 0.01)}
 
 
-def _trial_state(s: DatabaseSession, trial: Trial) -> dict[str, Any]:
+def _trial_state(s: DatabaseSession, trial: Trial, step: Step) -> dict[str, Any]:
     shown = playing(trial)
     return {
         "phase": trial.phase,
@@ -173,6 +173,7 @@ def _trial_state(s: DatabaseSession, trial: Trial) -> dict[str, Any]:
         "label_s": label_s(trial),
         "restarts": trial.restarts,
         "replays": trial.replays,
+        "worn": step.worn,
         "next_side": "b" if trial.a_seen_at is not None else "a",
         "playback_id": shown.playback_id if shown else None,
     }

@@ -91,8 +91,11 @@ def trajectory_seen(
         raise refusal(session, 409, "other_playback", "This is not what is being shown.", trial, side=side)
     _check_watched(s, session, trial, side, now)
     worn = headset if trial.view == "immersive" else None
-    if worn is None and trial.view == "immersive" and _headset_required(s, session):
+    wanted = _is_worn(s, session) if trial.view == "immersive" else None
+    if wanted and worn is None:
         raise refusal(session, 409, "headset_required", "This is to be watched with a headset.", trial, side=side)
+    if wanted is False and worn is not None:
+        raise refusal(session, 409, "window_required", "This is to be watched in the window.", trial, side=side)
     trial.headset = {**(trial.headset or {}), side: worn}
     trial.hmd = all(trial.headset.values())
     if side == "a":
@@ -105,8 +108,13 @@ def trajectory_seen(
     return playing(trial)
 
 
-def _headset_required(s: DatabaseSession, session: Session) -> bool:
-    return not session.simulated and protocol_of(s, session).protocol.asked_of_devices.headset == "required"
+def _is_worn(s: DatabaseSession, session: Session) -> bool | None:
+    """Whether what is shown must be watched with a headset (true) or in the window (false), None: as one likes."""
+    if session.simulated:
+        return None
+    if (worn := step_of(session).worn) is not None:
+        return worn
+    return protocol_of(s, session).protocol.asked_of_devices.headset == "required" or None
 
 
 def _check_watched(s: DatabaseSession, session: Session, trial: Trial, side: Side, now: datetime) -> None:

@@ -13,7 +13,13 @@ import httpx
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.sides import Side
 from desirepath.study.links import next_token
-from desirepath.study.simulated.participant import Character, SimulationError, State, walk_all
+from desirepath.study.simulated.participant import (
+    SIMULATED_HEADSET,
+    Character,
+    SimulationError,
+    State,
+    walk_all,
+)
 
 BUSY_TRIES = 20  # of a request that a busy server put off (503); nothing of it was stored, so it is simply sent again
 
@@ -72,8 +78,9 @@ class HttpSessionClient:
     def start(self, key: str) -> State:
         return self._post(f"{self._api}/trials/{key}/start", {"request_id": uuid4().hex})
 
-    def report_seen(self, key: str, side: Side, playback_id: str) -> State:
-        return self._post(f"{self._api}/trials/{key}/seen", {"side": side, "playback_id": playback_id})
+    def report_seen(self, key: str, side: Side, playback_id: str, *, worn: bool = False) -> State:
+        body = {"side": side, "playback_id": playback_id, "headset": dict(SIMULATED_HEADSET) if worn else None}
+        return self._post(f"{self._api}/trials/{key}/seen", body)
 
     def trajectories(self) -> tuple[Trajectory, Trajectory]:
         answered = self._request("GET", f"{self._api}/trial-data")

@@ -26,7 +26,13 @@ from desirepath.study.session import machine
 from desirepath.study.session.finding import acting
 from desirepath.study.session.joining import join_study
 from desirepath.study.simulated.known import tell_simulated
-from desirepath.study.simulated.participant import Character, SimulationError, State, walk_all
+from desirepath.study.simulated.participant import (
+    SIMULATED_HEADSET,
+    Character,
+    SimulationError,
+    State,
+    walk_all,
+)
 
 
 def walk_in_process(
@@ -83,8 +89,13 @@ class _InProcess:
     def start(self, key: str) -> State:
         return self._do("start", lambda s, x: machine.start_trial(s, x, key, request_id=None, now=utc_now()))
 
-    def report_seen(self, key: str, side: machine.Side, playback_id: str) -> State:
-        return self._do("seen", lambda s, x: machine.trajectory_seen(s, x, key, side, playback_id, now=utc_now()))
+    def report_seen(self, key: str, side: machine.Side, playback_id: str, *, worn: bool = False) -> State:
+        headset = dict(SIMULATED_HEADSET) if worn else None
+
+        def act(s: DatabaseSession, session: Session) -> machine.Playback | None:
+            return machine.trajectory_seen(s, session, key, side, playback_id, headset=headset, now=utc_now())
+
+        return self._do("seen", act)
 
     def trajectories(self) -> tuple[Trajectory, Trajectory]:
         with acting(self._database, self._token, request="trajectories", now=utc_now()) as (s, session):

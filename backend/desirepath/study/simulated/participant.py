@@ -51,7 +51,10 @@ class SessionClient(Protocol):
 
     def state(self) -> State: ...
     def start(self, key: str) -> State: ...
-    def report_seen(self, key: str, side: Side, playback_id: str) -> State: ...
+    def report_seen(self, key: str, side: Side, playback_id: str, *, worn: bool = False) -> State:
+        """worn: with a headset, which is a simulated one."""
+        ...
+
     def trajectories(self) -> tuple[Trajectory, Trajectory]: ...
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
         """Send a drawn path; the state has `problem` where it cannot be driven."""
@@ -62,6 +65,16 @@ class SessionClient(Protocol):
         ...
 
     def submit(self, key: str, value: Mapping[str, Any]) -> State: ...
+
+
+SIMULATED_HEADSET: Mapping[str, Any] = {
+    "controllers": ["simulated"],
+    "refresh_rate": None,
+    "frames": 0,
+    "dropped": 0,
+    "pointing": [],
+}
+"""What is stored as the headset of who has no eyes (`HeadsetUsed`)."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +191,8 @@ class SimulatedParticipant:
         state = self._client.start(step["key"])
         for side in sides:
             seen: Side = "a" if side == "a" else "b"
-            state = self._client.report_seen(step["key"], seen, state["step"]["trial"]["playback_id"])
+            shown = state["step"]["trial"]
+            state = self._client.report_seen(step["key"], seen, shown["playback_id"], worn=bool(shown.get("worn")))
         return self._client.trajectories()
 
     def choose(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> Side:
