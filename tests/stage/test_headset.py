@@ -225,6 +225,17 @@ def test_who_does_not_allow_it_can_try_again(rig: StageRig, wear: Wear) -> None:
     visitor.wait_for("headset", on=True, why=None)
 
 
+def test_what_is_seen_in_the_window_has_no_button_and_leaving_is_told(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    offer(visitor)
+    put_on_with_panel(visitor)
+    visitor.wait_for("headset", on=True)
+    tell(visitor, {"do": "offer", "words": None})
+    pull_trigger_at(visitor.frame, "leave")
+    visitor.wait_for("headset", on=False, count=2)
+    assert not visitor.frame.locator("#desire-path-headset").is_visible()
+
+
 def test_from_above_there_is_nothing_to_put_a_headset_on_for(rig: StageRig, wear: Wear) -> None:
     visitor = wear()
     stage = offer(visitor)
