@@ -27,7 +27,7 @@ PUT_ON = """;(() => {
 EYES_M = 1.55
 AIM = """(id) => {
   const { viser, headsetRoom } = window.desirePath;
-  const at = headsetRoom.place(id);
+  const at = typeof id === "string" ? headsetRoom.place(id) : id;
   if (!at) return false;
   const head = viser.drawing().gl.xr.getCamera();
   const way = head.position.clone().set(...viser.toView(at));
@@ -77,6 +77,7 @@ def put_on(stage: Frame) -> None:
     stage.wait_for_function(
         "document.documentElement.dataset.headset === 'on' && window.desirePath.headsetRoom.place('leave')"
     )
+    wait_for_pictures(stage)  # of where one stands now
 
 
 def pull_trigger_at(stage: Frame, button: str, *, lets_go: bool = True) -> None:
@@ -93,6 +94,33 @@ def pull_trigger_at(stage: Frame, button: str, *, lets_go: bool = True) -> None:
         wait_for_pictures(stage)
         stage.evaluate(pull, 0)
         wait_for_pictures(stage)
+
+
+def aim(stage: Frame, at: tuple[float, ...]) -> None:
+    """Point the right controller at a place in the room, x, y and perhaps z in metres, and see it there."""
+    stage.evaluate(AIM, [*at, 0][:3])
+    wait_for_pictures(stage)
+
+
+def hold_trigger(stage: Frame, held: bool) -> None:
+    """Pull the right controller's trigger, or let go of it, and see what comes of it."""
+    stage.evaluate(TRIGGER, int(held))
+    wait_for_pictures(stage)
+
+
+def draw_by_ray(stage: Frame, places: list[tuple[float, float]], *, lets_go: bool = True) -> None:
+    """Trigger held from the first place on the floor to the last."""
+    aim(stage, places[0])
+    hold_trigger(stage, True)
+    for place in places[1:]:
+        aim(stage, place)
+    if lets_go:
+        hold_trigger(stage, False)
+
+
+def lean_stick(stage: Frame, hand: str, x: float, y: float) -> None:
+    """Lean the thumbstick of that hand, to the right and towards oneself."""
+    stage.evaluate("([hand, x, y]) => window.headset.controllers[hand].updateAxes('thumbstick', x, y)", [hand, x, y])
 
 
 def wait_for_pictures(stage: Frame) -> None:

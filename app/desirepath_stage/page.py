@@ -60,7 +60,7 @@ _PLACE = (
     "pictures.js",
     "player.js",
 )
-_WORN = ("headset_room.js", "head_pose.js", "headset.js")
+_WORN = ("quads.js", "headset_floor.js", "headset_room.js", "headset_hands.js", "head_pose.js", "headset.js")
 _SCRIPTS = ("bridge.js", "frames.js", "viser_hooks.js", *_PLACE, *_PEN, *_WORN, *_LATER)
 
 

@@ -10,11 +10,25 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
+from desirepath.simulation.demonstration_scenes import demonstration_scene
 from desirepath.store.head_poses import samples_problem
 from desirepath.web.participant.sent import HeadMoved
+from desirepath_stage.paper import Paper
 from desirepath_stage.stage import Stage
 from tests.fewer_pictures import draw_fewer_pictures
-from tests.headset import EYES_M, HEAD, LOOK, plug_in_headset, pull_trigger_at, put_on, take_off, wait_for_pictures
+from tests.headset import (
+    EYES_M,
+    HEAD,
+    LOOK,
+    aim,
+    draw_by_ray,
+    hold_trigger,
+    plug_in_headset,
+    pull_trigger_at,
+    put_on,
+    take_off,
+    wait_for_pictures,
+)
 from tests.stage.stage_rig import StageRig, Visitor, drive, study_room
 from tests.stage.test_stage import stage_of
 
@@ -22,7 +36,9 @@ PANEL = {
     "count": "Pair 3 of 15",
     "text": "Which of the two drives would you rather live with?",
     "hint": "",
+    "rows": [],
     "quiet": False,
+    "beside": False,
     "progress": None,
     "buttons": [
         {"id": "a", "text": "A", "letter": True},
@@ -186,6 +202,68 @@ def test_a_pinch_and_a_long_look_press_too(rig: StageRig, wear: Wear) -> None:
     visitor.wait_for("headset-press", id="a", count=2)
     told = visitor.frame.evaluate("window.desirePath.headset.report()")
     assert {"gaze", "hand"} <= set(told["pointing"])
+
+
+SHEET = demonstration_scene("corridor", 0)
+
+
+def paper(visitor: Visitor) -> Stage:
+    """A sheet to draw on, seen from inside with the headset on."""
+    stage = stage_of(visitor)
+    stage.draw(SHEET, "immersive", Paper("sheet-1"))
+    visitor.wait_for("ready")
+    tell(visitor, {"do": "offer", "words": {"enter": "Put on the headset"}})
+    visitor.wait_for("drawing")
+    put_on_with_panel(visitor)
+    visitor.wait_for("headset", on=True)
+    return stage
+
+
+def bend(begin: float, end: float) -> list[tuple[float, float]]:
+    """From one share of the way between robot and goal to another, to the side of the person."""
+    here, there = np.array([SHEET.start.x, SHEET.start.y]), np.array([SHEET.goal.x, SHEET.goal.y])
+    shares = np.linspace(begin, end, 7)
+    return [tuple(here + u * (there - here) + (0, 0.6 * math.sin(math.pi * u))) for u in shares]
+
+
+def newest(visitor: Visitor) -> dict[str, Any]:
+    return visitor.events("drawing")[-1]
+
+
+def test_a_path_is_drawn_with_the_ray_and_goes_on_after_the_headset_was_off(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    paper(visitor)
+    draw_by_ray(visitor.frame, [(SHEET.start.x, SHEET.start.y + 2.0), *bend(0.1, 0.2)])
+    assert newest(visitor)["length_m"] == 0, "away from the ring nothing begins"
+    draw_by_ray(visitor.frame, bend(0, 0.5), lets_go=False)
+    visitor.wait_until(lambda: newest(visitor)["drawing"] and newest(visitor)["length_m"] > 2, "the line follows")
+    visitor.frame.evaluate("window.headset.controllers.left.updateButtonValue('trigger', 1)")
+    wait_for_pictures(visitor.frame)
+    assert newest(visitor)["drawing"], "the other hand takes no pen away"
+    take_off(visitor.frame)
+    visitor.wait_until(lambda: newest(visitor)["can_finish"], "what was under the pen is drawn")
+    assert visitor.frame.evaluate("window.desirePath.headsetFloor.lies()") is None, "it is over the window again"
+    drawn = newest(visitor)["length_m"]
+    visitor.frame.evaluate("Object.values(window.headset.controllers).forEach((c) => c.updateButtonValue('trigger', 0))")
+    put_on_with_panel(visitor)
+    visitor.wait_for("headset", on=True, count=2)
+    assert newest(visitor)["length_m"] == drawn
+    draw_by_ray(visitor.frame, bend(0.5, 1))
+    stroke = visitor.wait_for("stroke", id="sheet-1")
+    points = np.array(stroke["points"])
+    assert np.hypot(*(points[-1] - [SHEET.goal.x, SHEET.goal.y])) <= SHEET.goal_radius
+    assert np.hypot(*np.diff(points, axis=0).T).max() < 1.5, "no gap where it was taken off"
+    assert (stroke["pointer"], stroke["headset"]["pointing"]) == ("controller", ["controller"])
+    assert np.all(np.diff(stroke["times_s"]) >= 0)
+
+
+def test_who_switches_the_controller_off_lifts_the_pen(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    paper(visitor)
+    draw_by_ray(visitor.frame, bend(0, 0.4), lets_go=False)
+    visitor.wait_until(lambda: newest(visitor)["drawing"], "it is being drawn")
+    visitor.frame.evaluate("window.headset.controllers.right.connected = false")
+    visitor.wait_until(lambda: newest(visitor)["can_finish"] and not newest(visitor)["drawing"], "it is lifted")
 
 
 def put_on_with_panel(visitor: Visitor) -> None:

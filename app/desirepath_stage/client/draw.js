@@ -1,6 +1,7 @@
 // @ts-check
 /**
- * The pen: a path drawn on the floor with a speed at every point, by mouse, finger, pen or keys, all in this window.
+ * The pen: a path drawn on the floor with a speed at every point, by mouse, finger, pen or keys, all in this window, or by
+ * the ray of a hand with a headset (headset.js), which gives places on the floor.
  *
  * Sections are drawn one after the other (sections.js). When the last one ends at the goal, or the page says so, the whole
  * stroke goes to the page as `stroke`. How it looks is ink.js's, whether it can be driven the server's. Orders of the
@@ -8,7 +9,7 @@
  */
 (() => {
   "use strict";
-  const { bridge, ink, clearance, sections } = window.desirePath;
+  const { bridge, frames, ink, clearance, sections } = window.desirePath;
   const { apart, end, measure } = sections;
   const BEGIN_M = 0.45; // ours: so near to the ring (or RING_PX) the pen is meant to be on it
   const RING_PX = 48; // a finger's width
@@ -24,6 +25,8 @@
   /** @type {Orders["draw"] | null} */
   let order = null;
   let pointerId = -1;
+  /** Whether a hand with a headset has the pen. */
+  let inHand = false;
   /** @type {Set<string>} */
   let pointers = new Set();
   /** Where the pointer is in the window. */
@@ -111,7 +114,11 @@
 
   /** @param {number} x @param {number} y pixels @param {number} time ms */
   function addAt(x, y, time) {
-    const found = window.desirePath.viser.floorAt(x, y);
+    goTo(window.desirePath.viser.floorAt(x, y), time);
+  }
+
+  /** @param {number[] | null} found on the floor @param {number} time ms */
+  function goTo(found, time) {
     if (found && order && apart(found, order.start) < FARTHEST_M) sections.add(found, speed, time);
   }
 
@@ -119,10 +126,28 @@
   function touches(event) {
     const found = window.desirePath.viser.floorAt(event.clientX, event.clientY);
     if (document.documentElement.dataset.view === "top_down") return found !== null;
+    if (found && touchesAt(found)) return true;
     const [x, y] = begin();
     const at = window.desirePath.viser.projector()(x, y);
-    const nearOnScreen = at && Math.hypot(at[0] - event.clientX, at[1] - event.clientY) <= RING_PX;
-    return Boolean(nearOnScreen || (found && apart(found, [x, y]) <= BEGIN_M));
+    return Boolean(at && Math.hypot(at[0] - event.clientX, at[1] - event.clientY) <= RING_PX);
+  }
+  const touchesAt = (/** @type {number[]} */ found) => apart(found, begin()) <= BEGIN_M;
+
+  const mayPress = () => order !== null && !faded && !sections.isOpen() && !mustChoose();
+
+  /** The pen is put down. @param {number[] | null} found there @param {number} time ms @param {() => void} [feel] how fast */
+  function put(found, time, feel = () => {}) {
+    if (!order) return;
+    if (beginsAway() && (!found || apart(found, order.start) <= BEGIN_M)) sections.clear(); // undo brings it back
+    cursor = null;
+    problem = null;
+    sections.put();
+    feel();
+    // Begun on the ring: the line starts where the robot stands, or where the section before ended.
+    if (!found || apart(found, end()) <= BEGIN_M) {
+      if (!sections.any()) sections.add(end().slice(0, 2), speed, time);
+    } else sections.add(found, speed, time);
+    tell();
   }
 
   function close() {
@@ -137,6 +162,7 @@
     bridge.post("stroke", {
       id: order.id,
       walk,
+      headset: window.desirePath.headset.report(),
       ...sections.stroke(),
       pointer: [...pointers].sort().join("+") || "keys",
     });
@@ -197,11 +223,11 @@
     const seconds = Math.min(0.1, (now - lastFrame) / 1000);
     lastFrame = now;
     const down = sections.isOpen();
-    if (down) {
+    if (down && !inHand) {
       followWithGaze(px, py, seconds);
       if (window.desirePath.camera.mayTurn()) addAt(px, py, now);
-      tell(false);
     }
+    if (down) tell(false);
     const { points, speeds, nears, tight } = measure();
     const last = points.length - 1;
     const track = order.walks[walk ?? -1];
@@ -222,7 +248,7 @@
       walk: faded ? null : track ?? null,
       goal: order.goal, kept: order.kept, pen: faded ? null : pen, cursor: cursor !== null,
     });
-    requestAnimationFrame(frame);
+    frames.next(frame);
   }
 
   const { element } = window.desirePath.sheet;
@@ -255,7 +281,8 @@
       const another = order === null;
       order = given;
       sections.begin(given.start, given.drawn, given);
-      [cursor, faded, pointers] = [null, false, new Set()];
+      [cursor, faded, inHand, pointers] = [null, false, false, new Set()];
+      window.desirePath.headset.begin();
       use(given, given.chosen);
       problem = given.problem && { ...given.problem, at: given.problem.at ?? end(), text: thingWords(given.problem.thing) };
       document.documentElement.dataset.drawing = "on";
@@ -266,7 +293,7 @@
         0.6 * given.start[0] + 0.4 * given.goal[0], 0.6 * given.start[1] + 0.4 * given.goal[1],
       ]);
       lastFrame = performance.now();
-      if (another) requestAnimationFrame(frame);
+      if (another) frames.next(frame);
       tell();
       if (given.resting) this.rest();
     },
@@ -316,23 +343,36 @@
 
     /** A pointer went down on the sheet. @param {PointerEvent} event @returns {boolean} whether the pen takes it */
     press(event) {
-      if (!order || faded || sections.isOpen() || event.button !== 0 || mustChoose() || !touches(event)) return false;
+      if (!mayPress() || event.button !== 0 || !touches(event)) return false;
       pointerId = event.pointerId;
       [px, py] = [event.clientX, event.clientY];
       pointers.add(event.pointerType || "mouse");
       element.setPointerCapture(event.pointerId);
-      const found = window.desirePath.viser.floorAt(px, py);
-      if (beginsAway() && (!found || apart(found, order.start) <= BEGIN_M)) sections.clear(); // undo brings it back
-      cursor = null;
-      problem = null;
-      sections.put();
-      speedByPressure(event);
-      // Begun on the ring: the line starts where the robot stands, or where the section before ended.
-      if (!found || apart(found, end()) <= BEGIN_M) {
-        if (!sections.any()) sections.add(end().slice(0, 2), speed, event.timeStamp);
-      } else sections.add(found, speed, event.timeStamp);
-      tell();
+      put(window.desirePath.viser.floorAt(px, py), event.timeStamp, () => speedByPressure(event));
       return true;
+    },
+
+    /** Whether there is something to draw on now. */
+    waits: () => order !== null && !faded,
+
+    /** A hand with a headset: the pen put down on the floor, moved over it, lifted. @type {DesirePath["draw"]["hand"]} */
+    hand: {
+      put(found, pointer) {
+        if (!mayPress() || !touchesAt(found)) return false;
+        inHand = true;
+        pointers.add(pointer);
+        put(found, performance.now());
+        return true;
+      },
+      move(found) {
+        if (inHand) goTo(found, performance.now());
+      },
+      lift() {
+        if (!inHand) return;
+        inHand = false;
+        close();
+      },
+      faster: nudge,
     },
 
     /** @param {{key: string, shiftKey?: boolean, ctrlKey?: boolean, metaKey?: boolean}} event @returns {boolean} whether it was for the pen */

@@ -242,6 +242,8 @@
     follow: pinStop,
     /** Where the sign is, which nothing else may cover. */
     sign: () => signs,
+    /** Where a robot that has halted is, and its sign; null: it drives. */
+    halt: () => (order && halted ? { at: [atX, atY, order.robot_height], text: "STOP", on: false } : null),
     objects: () => order?.objects ?? [],
     /** @param {any} message of the page */
     obey(message) {

@@ -29,15 +29,27 @@ type Measured = {
   points: number[][]; speeds: number[]; nears: NearThing[]; tight: TightStretch[]; length: number; seconds: number;
 };
 type Finds = (x: number, y: number, t: number) => NearThing;
-/** fit: make it as large as the window, empty, in CSS pixels. */
-type Overlay = { canvas: HTMLCanvasElement; pen: CanvasRenderingContext2D; fit(): void };
+/** fit: make it as large as the window, empty, in CSS pixels; due: whether it may be painted anew. */
+type Overlay = {
+  canvas: HTMLCanvasElement; pen: CanvasRenderingContext2D;
+  fit(): void; size(): number[]; due(): boolean; projector(): Projector; uncover(project: Projector): void;
+};
+/** How canvases lie on the floor: pixels, pixels of the picture per pixel, and where a place on the floor is on them. */
+type Lying = { width: number; height: number; density: number; project: Projector };
 type Projector = (x: number, y: number, z?: number) => number[] | null;
 /** A button of the panel that who wears a headset sees; a resting one cannot be pressed, a tool is not the step's own. */
-type RoomButton = { id: string; text: string; letter?: boolean; main?: boolean; resting?: boolean; tool?: boolean };
-/** quiet: a line alone, while a robot drives. */
-type RoomPanel = { count: string; text: string; hint: string; buttons: RoomButton[]; quiet: boolean; progress: number | null };
-/** held: it comes from a hand. */
-type RoomRay = { from: number[]; along: number[]; held: boolean };
+type RoomButton = {
+  id: string; text: string; letter?: boolean; main?: boolean; resting?: boolean; tool?: boolean; pressed?: boolean; slides?: boolean;
+};
+/** A slider (share: where it stands, 0 to 1; less, itself, more) or points of a scale (share null), whose ends have names. */
+type RoomRow = { text: string; share: number | null; buttons: RoomButton[]; ends: string[] | null };
+/** quiet: a line alone, while a robot drives; beside: it leaves free what is ahead. */
+type RoomPanel = {
+  count: string; text: string; hint: string; buttons: RoomButton[]; rows: RoomRow[]; quiet: boolean; beside: boolean; progress: number | null;
+};
+/** held: it comes from a hand; floor: where it meets the floor, if that matters. */
+type RoomRay = { from: number[]; along: number[]; held: boolean; floor?: number[] | null };
+type RoomLabel = { at: number[]; text: string; on: boolean };
 type KeyPressed = { key: string; shiftKey?: boolean; ctrlKey?: boolean; metaKey?: boolean; altKey?: boolean };
 
 interface DesirePath {
@@ -56,9 +68,21 @@ interface DesirePath {
   headset: {
     use(next: Orders["camera"], meshes: string[]): void;
     worn(): boolean;
+    head(): { x: number; y: number; yaw: number } | null;
+    carry(by: number[]): void;
+    back(): void;
     begin(): void;
     report(): object | null;
     obey(message: any): void;
+  };
+  headsetHands: {
+    floorUnder(ray: { from: number[]; along: number[] }): number[] | null;
+    down(source: any, ray: RoomRay | undefined): void;
+    up(source: any): void;
+    takes(source: any): boolean;
+    move(rays: Map<any, RoomRay>): void;
+    release(): void;
+    sticks(sources: any[], seconds: number, snaps: boolean): { turn: number; moves: boolean };
   };
   headsetRoom: {
     build(name: string): boolean;
@@ -70,11 +94,34 @@ interface DesirePath {
     draw(eye: number[], along: number[], rays: RoomRay[], dark: number): string[];
     find(eye: number[], along: number[], robot: number[]): void;
     found(): number;
-    meet(from: number[], along: number[]): { metres: number; button: RoomButton | null } | null;
+    narrow(eye: number[], along: number[], share: number): void;
+    narrowed(): number;
+    label(eye: number[], labels: RoomLabel[]): void;
+    labels(): string[];
+    meet(from: number[], along: number[]): { metres: number; button: RoomButton | null; share: number } | null;
     place(id: string): number[] | null;
     point(ids: string[], share: number): void;
   };
   overlay(id: string): Overlay;
+  quads: {
+    add(a: number[], b: number[], by?: number): number[];
+    dot(a: number[], b: number[]): number;
+    cross(a: number[], b: number[]): number[];
+    unit(a: number[]): number[];
+    use(name: string): boolean;
+    make(order: number, hides?: boolean): any;
+    picture(mesh: any, canvas: HTMLCanvasElement): void;
+    put(mesh: any, at: number[], x: number[], y: number[]): void;
+    drop(mesh: any): void;
+  };
+  headsetFloor: {
+    lies(): Lying | null;
+    lay(camera: Orders["camera"]): void;
+    lift(): void;
+    due(canvas: HTMLCanvasElement): boolean;
+    painted(canvas: HTMLCanvasElement): void;
+    draw(): void;
+  };
   viser: {
     isUp(): boolean;
     hasMesh(name: string): boolean;
@@ -194,9 +241,11 @@ interface DesirePath {
     stop(): void;
     obey(message: any): void;
     press(event: PointerEvent): boolean;
+    waits(): boolean;
+    hand: { put(found: number[], pointer: string): boolean; move(found: number[] | null): void; lift(): void; faster(steps: number): void };
     key(event: KeyPressed): boolean;
   };
-  mirror: { show(order: MirrorOrder): void; stop(): void };
+  mirror: { show(order: MirrorOrder): void; press(place: number[]): boolean; stop(): void };
   steer: {
     obey(message: any): void;
     stop(): void;
@@ -205,8 +254,10 @@ interface DesirePath {
     KEYS: string[];
     begin(given: Surroundings): void;
     stop(): void;
-    advance(t: number, robotAt: (t: number) => number[]): { x: number; y: number; met: boolean };
+    advance(t: number, robotAt: (t: number) => number[]): { x: number; y: number; yaw: number; met: boolean };
     recording(): { times_s: number[]; poses: number[][] };
+    lean(right: number, ahead: number): void;
+    astray(eyes: number[]): number;
     key(event: KeyPressed, down: boolean): boolean;
     release(): void;
   };
@@ -225,11 +276,17 @@ interface DesirePath {
     at(t: number, x: number, y: number, yaw: number): void;
     hide(on: boolean): void;
     follow(): void;
+    halt(): RoomLabel | null;
     sign(): { x: number; foot: number; width: number; height: number }[];
     objects(): import("../../../frontend/static/js/contract.js").ExplainedObject[];
     obey(message: any): void;
   };
-  picking: { stop(): void; obey(message: any): void };
+  picking: {
+    press(from: number[], along: number[]): boolean;
+    labels(rays: RoomRay[]): RoomLabel[];
+    stop(): void;
+    obey(message: any): void;
+  };
   run(order: Orders["any"]): void;
 }
 /** Keys that the pen and the feet take, for the page that may have the focus instead. */

@@ -7,10 +7,12 @@
  */
 (() => {
   "use strict";
-  const { bridge, viser, frames, headPose, headsetRoom: room } = window.desirePath;
+  const { bridge, viser, frames, headPose, headsetRoom: room, headsetHands: hands, headsetFloor: floor } = window.desirePath;
   const DWELL_S = 1.5; // who looks at a button for so long, without hands, presses it
   const FADE_S = 0.35;
   const HIDDEN_MS = 3000; // off the head for so long, the session ends and it goes on in the window
+  const NARROW_S = 0.2; // until the sight is narrow, or wide again
+  const [IN_WALL_M, WALL_M] = [0.1, 0.25]; // so deep in a wall it begins to be dark, and is after so much more
   const SLOW = 1.5; // a picture that comes after so many times the headset's own pace came late
 
   /** @type {any} XRSession */
@@ -32,7 +34,14 @@
   let built = false; // what stands in the room for who wears it; its scene may be on its way
   let placed = false;
   let dark = 1;
+  let narrow = 0;
   let last = 0;
+  /** How the ground is turned and where the head is on it, and where in the scene: what was shifted last. */
+  let turnedBy = 0;
+  /** @type {{raw: {x: number, z: number}, eyes: number[], yaw: number} | null} */
+  let head = null;
+  /** What makes being moved bearable, unless one does without. */
+  let comfort = { snap: true, narrow: true };
   let dwell = { id: "", since: 0, spent: "" };
   /** The gaps between pictures since `count` was asked to begin, ms. */
   let gaps = { frames: 0, dropped: 0, sum: 0 };
@@ -104,8 +113,13 @@
     const { gl } = viser.drawing();
     viser.wear(window.desirePath.scheme.isDark() ? [0.086, 0.078, 0.059] : [0.875, 0.898, 0.902]);
     opened.addEventListener("end", end);
-    opened.addEventListener("select", (/** @type {any} */ event) => press(rays.get(event.inputSource)));
+    opened.addEventListener("selectstart", (/** @type {any} */ { inputSource }) => hands.down(inputSource, rays.get(inputSource)));
+    opened.addEventListener("selectend", (/** @type {any} */ { inputSource }) => hands.up(inputSource));
+    opened.addEventListener("select", (/** @type {any} */ { inputSource }) => {
+      if (!hands.takes(inputSource)) press(rays.get(inputSource));
+    });
     opened.addEventListener("visibilitychange", () => {
+      hands.release();
       window.desirePath.player.interrupt("tab-hidden"); // also as it is put on again: nobody saw what was between
       clearTimeout(hidden);
       if (opened.visibilityState === "hidden") hidden = setTimeout(() => void opened.end(), HIDDEN_MS);
@@ -115,7 +129,7 @@
     await gl.xr.setSession(opened);
     ground = await opened.requestReferenceSpace("local-floor");
     session = opened;
-    [built, placed, dark, rays, last] = [false, false, 1, new Map(), 0];
+    [built, placed, dark, narrow, rays, last, head] = [false, false, 1, 0, new Map(), 0, null];
     window.desirePath.player.interrupt("headset");
     headPose.begin();
     frames.use(opened);
@@ -127,11 +141,14 @@
   function end() {
     clearTimeout(hidden);
     headPose.flush();
+    hands.release();
     viser.wear(null);
     room.clear();
+    floor.lift();
     frames.use(null);
     if (!session) return; // it ended before it stood
-    session = ground = null;
+    session = ground = head = null;
+    built = false;
     delete document.documentElement.dataset.headset;
     window.desirePath.player.interrupt("headset");
     window.desirePath.camera.fit();
@@ -150,19 +167,33 @@
   /** Where the scene's person stands, and straight ahead where the robot starts. @param {any} pose in `ground` */
   function place(pose) {
     if (!camera) return;
-    const { gl } = viser.drawing();
     const [x, y] = camera.eye;
     const ahead = viser.toView([camera.target[0] - x, camera.target[1] - y, 0]);
     const look = turned(pose.transform.orientation, [0, 0, -1]);
     const by = Math.atan2(-ahead[0], -ahead[2]) - Math.atan2(-look[0], -look[2]);
-    const { x: hx, z: hz } = pose.transform.position;
-    const at = viser.toView([x, y, 0]);
+    settle(by, pose.transform.position, [x, y]);
+    placed = true;
+  }
+
+  /** Turns and shifts the ground so that the head is there. @param {number} by rad @param {{x: number, z: number}} raw the head on it @param {number[]} there x, y in the scene */
+  function settle(by, raw, there) {
+    turnedBy = by;
+    const at = viser.toView([there[0], there[1], 0]);
     const [c, s] = [Math.cos(by), Math.sin(by)];
-    const shift = { x: at[0] - (c * hx + s * hz), y: at[1], z: at[2] - (c * hz - s * hx) };
+    const shift = { x: at[0] - (c * raw.x + s * raw.z), y: at[1], z: at[2] - (c * raw.z - s * raw.x) };
     const XRRigidTransform = /** @type {any} */ (window).XRRigidTransform;
     const into = new XRRigidTransform(shift, { x: 0, y: Math.sin(by / 2), z: 0, w: Math.cos(by / 2) });
-    gl.xr.setReferenceSpace(ground.getOffsetReferenceSpace(into.inverse));
-    placed = true;
+    viser.drawing().gl.xr.setReferenceSpace(ground.getOffsetReferenceSpace(into.inverse));
+  }
+
+  /** What is around the eyes while one moves: dark in a wall, narrow while a stick moves one. @param {{from: number[], along: number[]}} eyes @param {number} seconds */
+  function surround(eyes, seconds) {
+    const { turn, moves } = hands.sticks([...session.inputSources], seconds, comfort.snap);
+    if (turn && head) settle(turnedBy + turn, head.raw, head.eyes);
+    const more = moves && comfort.narrow ? 1 : -1;
+    narrow = Math.max(0, Math.min(1, narrow + (more * seconds) / NARROW_S));
+    room.narrow(eyes.from, eyes.along, narrow);
+    return Math.max(0, Math.min(1, (window.desirePath.walk.astray(eyes.from) - IN_WALL_M) / WALL_M));
   }
 
   /** @param {{x: number, y: number, z: number, w: number}} q @param {number[]} v @returns {number[]} */
@@ -171,7 +202,7 @@
     return [a + w * tx + y * tz - z * ty, b + w * ty + z * tx - x * tz, c + w * tz + x * ty - y * tx];
   }
 
-  /** Where something is and whither it points, in the scene's metres. @param {any} transform */
+  /** Where something is and whither it points, in the scene's metres. @param {any} transform @returns {{from: number[], along: number[]}} */
   function ray({ position: { x, y, z }, orientation }) {
     return { from: viser.fromView([x, y, z]), along: viser.fromView(turned(orientation, [0, 0, -1])) };
   }
@@ -186,24 +217,31 @@
     const { gl } = viser.drawing();
     const raw = frame.getViewerPose(ground);
     const standing = bridge.state.ready;
-    if (!built && standing) built = room.build(square);
+    if (!built && standing && (built = room.build(square)) && camera) floor.lay(camera);
     if (raw && !placed && standing) place(raw);
     const pose = frame.getViewerPose(gl.xr.getReferenceSpace());
     if (!pose) return;
     if (placed) headPose.see(pose.transform, (axis) => turned(pose.transform.orientation, axis));
     const eyes = ray(pose.transform);
+    if (raw) head = { raw: raw.transform.position, eyes: eyes.from, yaw: Math.atan2(eyes.along[1], eyes.along[0]) };
     rays = new Map();
     for (const source of session.inputSources) {
       const aimed = source.targetRayMode === "tracked-pointer" && frame.getPose(source.targetRaySpace, gl.xr.getReferenceSpace());
       if (aimed) rays.set(source, { ...ray(aimed.transform), held: true });
     }
-    const hands = [...rays.values()];
-    const gazing = hands.length === 0;
+    const held = [...rays.values()];
+    const gazing = held.length === 0;
     pointing.add(gazing ? "gaze" : [...session.inputSources].some((source) => source.hand) ? "hand" : "controller");
     if (gazing) for (const source of session.inputSources) rays.set(source, { ...eyes, held: false });
     dark = Math.max(0, Math.min(1, dark + ((placed && standing ? -1 : 1) * gap) / 1000 / FADE_S));
     if (!built) return;
-    const found = room.draw(eyes.from, eyes.along, gazing ? [{ ...eyes, held: false }] : hands, dark);
+    hands.move(rays);
+    const shut = surround(eyes, Math.min(0.1, gap / 1000));
+    const aimed = window.desirePath.draw.waits() ? held.map((one) => ({ ...one, floor: hands.floorUnder(one) })) : held;
+    const found = room.draw(eyes.from, eyes.along, gazing ? [{ ...eyes, held: false }] : aimed, Math.max(dark, shut));
+    const halted = window.desirePath.explained.halt();
+    room.label(eyes.from, [...window.desirePath.picking.labels(held), ...(halted ? [halted] : [])]);
+    floor.draw();
     room.find(eyes.from, eyes.along, window.desirePath.camera.watched());
     look(found, gazing, time);
   }
@@ -222,7 +260,7 @@
   /** @param {{from: number[], along: number[]} | undefined} aimed */
   function press(aimed) {
     const on = aimed && room.meet(aimed.from, aimed.along)?.button;
-    if (on && !on.resting) pressed(on.id);
+    if (on && !on.resting && !on.slides) pressed(on.id);
   }
 
   /** @param {string} id */
@@ -247,11 +285,27 @@
       camera = next;
       square = meshes.find((name) => name.endsWith("/square")) ?? "";
       placed = false;
+      if (built) floor.lay(next);
       if (session && next.view !== "immersive") session.end();
       show();
     },
 
     worn: () => session !== null,
+
+    /** Where the head is, as the newest picture had it; null in the window. */
+    head: () => (session && placed && head ? { x: head.eyes[0], y: head.eyes[1], yaw: head.yaw } : null),
+
+    /** A stick moves who wears it. @param {number[]} by x, y, m */
+    carry([dx, dy]) {
+      if (!head || (!dx && !dy)) return;
+      head.eyes = [head.eyes[0] + dx, head.eyes[1] + dy, head.eyes[2]];
+      settle(turnedBy, head.raw, head.eyes);
+    },
+
+    /** Back to the person's place, in the dark: a walk begins there. */
+    back() {
+      if (session) [placed, dark] = [false, 1];
+    },
 
     /** From now on it is counted how the pictures come. */
     begin() {
@@ -273,6 +327,8 @@
         void offer();
       } else if (message.do === "panel") {
         room.show(message.panel);
+      } else if (message.do === "comfort") {
+        comfort = { snap: Boolean(message.snap), narrow: Boolean(message.narrow) };
       } else if (message.do === "leave") session?.end();
     },
   };

@@ -36,7 +36,7 @@
    * @property {number[][] | null} walk of the person, rows of t, x, y, yaw
    */
 
-  const { canvas, pen, fit } = window.desirePath.overlay("desire-path-ink");
+  const { canvas, pen, fit, size, due, projector, uncover } = window.desirePath.overlay("desire-path-ink");
   const legend = document.createElement("div");
   legend.id = "desire-path-speeds";
   const scale = document.createElement("i");
@@ -153,8 +153,9 @@
     if (!at || !text) return;
     pen.font = "600 15px system-ui, 'Segoe UI', 'Noto Sans', sans-serif";
     const width = pen.measureText(text).width + 24;
-    const x = Math.max(8, Math.min(window.innerWidth - width - 8, at[0] + 18));
-    const y = Math.max(8, Math.min(window.innerHeight - 40, at[1] - 42));
+    const [across, down] = size();
+    const x = Math.max(8, Math.min(across - width - 8, at[0] + 18));
+    const y = Math.max(8, Math.min(down - 40, at[1] - 42));
     pen.fillStyle = scheme.colour(PAPER);
     pen.strokeStyle = scheme.colour(tone);
     pen.lineWidth = 2;
@@ -188,10 +189,11 @@
   /** Where the goal is out of sight: on which side it lies. @param {Projector} project @param {number[]} goal */
   function towards(project, [x, y]) {
     const at = project(x, y);
-    if (at && at[0] > 0 && at[0] < window.innerWidth) return;
+    const [across, down] = size();
+    if (at && at[0] > 0 && at[0] < across) return;
     const left = window.desirePath.camera.isLeft(x, y);
-    const [edge, way] = left ? [14, 1] : [window.innerWidth - 14, -1];
-    const middle = window.innerHeight / 2;
+    const [edge, way] = left ? [14, 1] : [across - 14, -1];
+    const middle = down / 2;
     pen.fillStyle = scheme.colour(GREEN);
     pen.strokeStyle = scheme.colour(PAPER);
     pen.lineWidth = 3;
@@ -272,8 +274,9 @@
     },
     /** @param {Picture} picture */
     paint(picture) {
+      if (!due()) return;
       fit();
-      const project = window.desirePath.viser.projector();
+      const project = projector();
       for (const path of picture.kept) {
         const spots = path.map(([x, y]) => project(x, y));
         pen.strokeStyle = scheme.colour(GREEN);
@@ -285,7 +288,7 @@
       }
       if (picture.walk) footprints(project, picture.walk);
       if (picture.points.length > 1) stroke(project, picture);
-      window.desirePath.bodies.uncover(pen, project);
+      uncover(project);
       if (picture.faded) return;
       towards(project, picture.goal);
       if (!picture.pen || picture.waiting) ring(project, picture);

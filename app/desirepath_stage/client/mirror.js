@@ -5,10 +5,10 @@
  */
 (() => {
   "use strict";
-  const { bridge, viser, scheme } = window.desirePath;
+  const { bridge, frames, viser, scheme } = window.desirePath;
   const STILL_PX = 8; // a press that moves farther turns the head
   const PERSON_M = 0.3;
-  const { canvas, pen, fit } = window.desirePath.overlay("desire-path-mirror");
+  const { canvas, pen, fit, size, due, projector, uncover } = window.desirePath.overlay("desire-path-mirror");
   /** @type {MirrorOrder | null} */
   let now = null;
   let painted = "";
@@ -28,7 +28,7 @@
 
   /** @param {MirrorOrder} seen */
   function draw(seen) {
-    const project = viser.projector();
+    const project = projector();
     const metre = (/** @type {number} */ x, /** @type {number} */ y) => {
       const [a, b] = [project(x, y), project(x, y + 1)];
       return a && b ? Math.hypot(a[0] - b[0], a[1] - b[1]) : 40;
@@ -55,19 +55,19 @@
       dot(spot, PERSON_M * metre(x, y), "rgb(52 110 180 / 45%)");
       dot(spot, 4, "rgb(52 110 180)");
     }
-    window.desirePath.bodies.uncover(pen, project);
+    uncover(project);
   }
 
   function step() {
     if (!now) return;
-    const project = viser.isUp() ? viser.projector() : null;
-    const what = project ? JSON.stringify([window.innerWidth, window.innerHeight, scheme.isDark(), now, project(0, 0), project(1, 1)]) : "";
+    const project = viser.isUp() && due() ? projector() : null;
+    const what = project ? JSON.stringify([size(), scheme.isDark(), now, project(0, 0), project(1, 1)]) : "";
     if (project && what !== painted) {
       painted = what;
       fit();
       draw(now);
     }
-    requestAnimationFrame(step);
+    frames.next(step);
   }
 
   addEventListener("pointerdown", (event) => {
@@ -90,8 +90,13 @@
       window.desirePath.camera.fit(); // a slow machine's viewer may have put its own camera over the scene's
       if (first) {
         window.desirePath.sheet.element.prepend(canvas);
-        requestAnimationFrame(step);
+        frames.next(step);
       }
+    },
+    /** The floor was pressed by a hand with a headset. @param {number[]} place @returns {boolean} whether a robot is mirrored here */
+    press(place) {
+      if (now) bridge.post("floor", { place });
+      return now !== null;
     },
     /** Another scene stands there. */
     stop() {

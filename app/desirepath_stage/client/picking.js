@@ -43,15 +43,20 @@
     return first <= last ? first : Infinity;
   }
 
-  /** The object under a pixel, nearest to the eye. @param {number} px @param {number} py @returns {string | null} */
-  function under(px, py) {
-    const { eye, along } = viser.ray(px, py);
+  /** The object that a line from the eye meets first. @param {number[]} eye @param {number[]} along @returns {string | null} */
+  function met(eye, along) {
     let [found, nearest] = [/** @type {string | null} */ (null), Infinity];
     for (const { thing } of tags) {
       const at = enters(thing, eye, along);
       if (at < nearest) [found, nearest] = [thing.thing, at];
     }
     return found;
+  }
+
+  /** The object under a pixel, nearest to the eye. @param {number} px @param {number} py */
+  function under(px, py) {
+    const { eye, along } = viser.ray(px, py);
+    return met(eye, along);
   }
 
   /** Places all over a thing that may be seen: its lid, and its sides from top to bottom. @param {Thing} thing */
@@ -194,6 +199,21 @@
   }
 
   window.desirePath.picking = {
+    /** A hand with a headset presses there. @param {number[]} from @param {number[]} along @returns {boolean} whether an object */
+    press(from, along) {
+      const thing = on ? met(from, along) : null;
+      if (thing) bridge.post("picked", { thing });
+      return thing !== null;
+    },
+    /** What stands over the objects in a headset. @param {{from: number[], along: number[]}[]} rays of the hands */
+    labels(rays) {
+      const aimed = rays.map(({ from, along }) => met(from, along));
+      return tags.map(({ thing: { thing, x, y, height }, place, name }) => ({
+        at: [x, y, height],
+        text: place.textContent ? `${place.textContent}  ${name.textContent}` : (name.textContent ?? ""),
+        on: thing === pointed || aimed.includes(thing),
+      }));
+    },
     stop() {
       on = false;
       turn += 1;

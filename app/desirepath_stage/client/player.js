@@ -149,7 +149,7 @@
           pose(tracks, t, walked);
           if (ground) {
             const here = walk.advance(Math.min(t, motionS), (/** @type {number} */ time) => at(tracks[0], time));
-            window.desirePath.bodies.put(person, here.x, here.y, window.desirePath.camera.heading());
+            window.desirePath.bodies.put(person, here.x, here.y, here.yaw);
             met ||= here.met;
           }
           drawn += 1;

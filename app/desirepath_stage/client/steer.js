@@ -7,7 +7,7 @@
  */
 (() => {
   "use strict";
-  const { bridge } = window.desirePath;
+  const { bridge, frames } = window.desirePath;
   const RIBBON_M = 0.13;
   const TELL_EVERY_MS = 60;
   const AHEAD_S = 1.5; // a path that was asked for so long ago still begins behind the robot
@@ -15,7 +15,7 @@
   const BEHIND = "--behind"; // opaque, as pieces that shine through would show where they overlap
   const { scheme } = window.desirePath;
 
-  const { canvas, pen, fit } = window.desirePath.overlay("desire-path-ribbon");
+  const { canvas, pen, fit, size, due, projector, uncover } = window.desirePath.overlay("desire-path-ribbon");
 
   /** @type {LivePath[]} */
   let paths = [];
@@ -110,15 +110,16 @@
   /** Whether anything would look different from what is painted: a canvas of the window's size costs its time. */
   let painted = "";
   function paint() {
-    const project = window.desirePath.viser.projector();
+    if (!due()) return;
+    const project = projector();
     const seen = paths.flatMap(({ track }) => [project(track[0][1], track[0][2]), project(0, 0), project(1, 1)]);
-    const now = JSON.stringify([window.innerWidth, window.innerHeight, scheme.isDark(), along, driving, seen]);
+    const now = JSON.stringify([size(), scheme.isDark(), along, driving, seen]);
     if (now === painted && fresh === null) return;
     painted = now;
     fit();
     // what lies behind a robot is faint while any drives; then whole ways are to be told apart again
     for (let i = paths.length - 1; i >= 0; i -= 1) ribbon(project, paths[i], driving ? (along[i] ?? 0) : 0);
-    window.desirePath.bodies.uncover(pen, project);
+    uncover(project);
     if (fresh !== null) {
       bridge.post("drawn", { id: fresh });
       fresh = null;
@@ -139,7 +140,7 @@
     }
     lastFrame = now;
     if (window.desirePath.viser.isUp()) paint();
-    requestAnimationFrame(step);
+    frames.next(step);
   }
 
   window.desirePath.steer = {
@@ -160,7 +161,7 @@
           running = true;
           lastFrame = performance.now();
           window.desirePath.sheet.element.prepend(canvas);
-          requestAnimationFrame(step);
+          frames.next(step);
         }
         window.desirePath.sheet.legend(message.legend ?? []);
       } else if (message.do === "drive" && paths.length) {

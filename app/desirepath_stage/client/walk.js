@@ -1,6 +1,7 @@
 // @ts-check
 /**
- * The participant on their own feet while the robot drives: by keys, a stick for the thumb, or a drag that turns.
+ * The participant on their own feet while the robot drives: by keys, a stick for the thumb, or a drag that turns; with a
+ * headset by real steps and the stick of a controller.
  *
  * Moves in steps of fixed length, whatever the pictures do, and records every one: raw poses, STEP_S apart. Walls and
  * furniture are slid along, the robot is stopped for; it may still drive into who stands in its way.
@@ -14,6 +15,7 @@
   const EASE_S = 0.12; // to come to speed and to stand again
   const BEFORE_ROBOT_M = 0.05; // nobody steps nearer to its edge than this
   const STICK_PX = 46; // of full speed
+  const SHORT_M = 0.05; // shorter than a wall is thick
   const KEYS = {
     w: "forward", ArrowUp: "forward", s: "back", ArrowDown: "back", a: "left", d: "right",
     q: "turnLeft", ArrowLeft: "turnLeft", e: "turnRight", ArrowRight: "turnRight",
@@ -33,6 +35,8 @@
   let times = [];
   /** @type {number[][]} */
   let poses = [];
+  /** Where the head of who wears a headset was, as far as that was walked: the person is as near to it as walls let them. @type {number[] | null} */
+  let led = null;
 
   const stick = document.createElement("div");
   stick.id = "desire-path-stick";
@@ -88,6 +92,15 @@
     return clear ? [px, py] : [x, y];
   }
 
+  /** As near to there as walls let the person, in short steps. @param {number} px @param {number} py */
+  function follow(px, py) {
+    const count = Math.ceil(Math.hypot(px - x, py - y) / SHORT_M);
+    for (let k = 0; k < count; k += 1) {
+      const left = count - k;
+      [x, y] = slid(x + (px - x) / left, y + (py - y) / left);
+    }
+  }
+
   /** @param {number[]} robot x, y @returns {number} metres between its edge and the person's */
   const gap = (robot) =>
     ground ? Math.hypot(x - robot[0], y - robot[1]) - ground.robot_radius - ground.person.radius : Infinity;
@@ -114,7 +127,8 @@
     begin(given) {
       ground = given;
       [x, y] = [given.person.x, given.person.y];
-      [going, steps, times, poses] = [[0, 0], 0, [], []];
+      [going, steps, times, poses, led] = [[0, 0], 0, [], [], null];
+      window.desirePath.headset.back();
       held.clear();
       letGo();
       document.documentElement.dataset.walking = "on";
@@ -135,27 +149,41 @@
     /**
      * On to `t` seconds since the robot began to move, which is at `robotAt`.
      * @param {number} t @param {(t: number) => number[]} robotAt
-     * @returns {{x: number, y: number, met: boolean}} where the person is, and whether the robot touches them
+     * @returns {{x: number, y: number, yaw: number, met: boolean}} where the person is, and whether the robot touches them
      */
     advance(t, robotAt) {
-      const { camera } = window.desirePath;
+      const { camera, headset } = window.desirePath;
+      const head = headset.head();
       const turning = is("turnLeft") - is("turnRight");
-      let yaw = camera.heading();
+      let yaw = head ? head.yaw : camera.heading();
       const begun = yaw;
+      const due = Math.max(1, Math.floor(t / STEP_S) - steps + 1);
+      const stride = head && led ? [(head.x - led[0]) / due, (head.y - led[1]) / due] : [0, 0];
+      led = head && [head.x, head.y];
+      const carried = [0, 0];
+      let [wx, wy] = head ? [head.x - stride[0] * due, head.y - stride[1] * due] : [x, y];
       let met = false;
       for (; ground && !met && steps * STEP_S <= t; steps += 1) {
         const time = steps * STEP_S;
         if (steps > 0) {
           yaw += turning * TURN_RAD_S * STEP_S;
+          [wx, wy] = [wx + stride[0], wy + stride[1]];
+          if (head && (stride[0] || stride[1])) follow(wx, wy);
+          const [fx, fy] = [x, y];
           step(yaw, robotAt(time));
+          [wx, wy] = [wx + x - fx, wy + y - fy];
+          [carried[0], carried[1]] = [carried[0] + x - fx, carried[1] + y - fy];
         }
         times.push(Math.round(time * 1e4) / 1e4);
         poses.push([x, y, yaw].map((value) => Math.round(value * 1e4) / 1e4));
         met = gap(robotAt(time)) < 0;
       }
-      if (yaw !== begun) camera.turn(yaw - begun, 0);
+      if (head && led) {
+        headset.carry(carried);
+        led = [led[0] + carried[0], led[1] + carried[1]];
+      } else if (yaw !== begun) camera.turn(yaw - begun, 0);
       camera.stand(x, y);
-      return { x, y, met };
+      return { x, y, yaw, met };
     },
 
     /** What was walked so far. */
@@ -170,6 +198,14 @@
       else held.delete(what);
       return true;
     },
+
+    /** The stick of a controller. @param {number} right @param {number} ahead -1 to 1 */
+    lean(right, ahead) {
+      if (thumb === -1) push = [right, ahead];
+    },
+
+    /** How far eyes are from where the person could follow them, m. @param {number[]} eyes */
+    astray: (eyes) => (ground && led ? Math.hypot(eyes[0] - x, eyes[1] - y) : 0),
 
     /** No key is held any more: the window was left. */
     release: () => held.clear(),
