@@ -20,9 +20,7 @@ from tests.headset import (
     EYES_M,
     HEAD,
     LOOK,
-    aim,
     draw_by_ray,
-    hold_trigger,
     plug_in_headset,
     pull_trigger_at,
     put_on,
@@ -244,7 +242,9 @@ def test_a_path_is_drawn_with_the_ray_and_goes_on_after_the_headset_was_off(rig:
     visitor.wait_until(lambda: newest(visitor)["can_finish"], "what was under the pen is drawn")
     assert visitor.frame.evaluate("window.desirePath.headsetFloor.lies()") is None, "it is over the window again"
     drawn = newest(visitor)["length_m"]
-    visitor.frame.evaluate("Object.values(window.headset.controllers).forEach((c) => c.updateButtonValue('trigger', 0))")
+    visitor.frame.evaluate(
+        "Object.values(window.headset.controllers).forEach((c) => c.updateButtonValue('trigger', 0))"
+    )
     put_on_with_panel(visitor)
     visitor.wait_for("headset", on=True, count=2)
     assert newest(visitor)["length_m"] == drawn

@@ -85,7 +85,7 @@ def act(walker: Walker, action: Callable[..., Any], *arguments: Any, **named: An
         return action(s, session, drawing_of(session), *arguments, **named)
 
 
-def draw(walker: Walker, given: dict[str, Any], request_id: str | None = None) -> StrokeRow:
+def draw(walker: Walker, given: dict[str, Any], request_id: str | None = None, *, must_wear: bool = False) -> StrokeRow:
     """Send a stroke at the current step, as the route does."""
     walker.requests += 1
     with acting(walker.database, walker.token, request="stroke", now=walker.now) as (s, session):
@@ -93,14 +93,22 @@ def draw(walker: Walker, given: dict[str, Any], request_id: str | None = None) -
         attempt = strokes.attempt_of(step, given, simulated=session.simulated)
         name = request_id or f"{session.id}-stroke-{walker.requests}"
         row = strokes.add_stroke(
-            s, walker.files, session, step, attempt, request_id=name, client_time=None, now=walker.now
+            s,
+            walker.files,
+            session,
+            step,
+            attempt,
+            request_id=name,
+            client_time=None,
+            now=walker.now,
+            must_wear=must_wear,
         )
         s.flush()
         s.expunge(row)
         return row
 
 
-def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = None) -> StrokeRow:
+def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = None, **worn: Any) -> StrokeRow:
     """What the page tells when a drive has been watched, and what was walked beside it."""
     with acting(walker.database, walker.token, request="driven", now=walker.now) as (s, session):
         step = drawing_of(session)
@@ -109,7 +117,7 @@ def driven(walker: Walker, playback: str | None, walk: dict[str, Any] | None = N
             stroke = paths.latest_stroke(s, session.id, step.key)
             scene = paths.scene_of(step)
             walked = walks.combine_with_walk(scene, stroke.drawn, stroke.trajectory, walk, simulated=False)
-        return strokes.mark_watched(s, walker.files, session, step, playback, walked, now=walker.now)
+        return strokes.mark_watched(s, walker.files, session, step, playback, walked, now=walker.now, **worn)
 
 
 def stored_strokes(walker: Walker) -> list[StrokeRow]:
@@ -121,6 +129,52 @@ def refusal(action: Callable[[], Any]) -> str:
     with pytest.raises(Refused) as told:
         action()
     return told.value.code
+
+
+QUEST = {"controllers": ["meta-quest-touch-plus"], "frames": 900, "pointing": ["controller"]}
+INSIDE = (("pairs: 2, per_pair: 2, view: top_down", "pairs: 1, per_pair: 1, view: immersive"),)
+
+
+@pytest.fixture
+def inside(database: Database, files: ArtefactStore) -> Walker:
+    """A person before the first path, which is drawn from inside, where a headset may be worn."""
+    text = QUICK.read_text()
+    for old, new in (*INSIDE, ("stages:", "device: {headset: required}\nstages:")):
+        text = text.replace(old, new)
+    with database.transaction() as s:
+        study = create_study(s, files, freeze_text(text), name="In", created_by=None)
+    walker = Walker(database, files, study)
+    for key, value in {"information": {}, "consent": {"given": True}, "instruction": {}}.items():
+        walker.submit(key, value)
+    return walker
+
+
+def test_a_path_drawn_with_a_headset_is_the_same_path_with_the_headset_beside_it(inside: Walker):
+    assert refusal(lambda: draw(inside, path(0.7), must_wear=True)) == "headset_required"
+    mixed = path(0.7, pointer="controller+mouse", headset=QUEST)
+    assert refusal(lambda: draw(inside, mixed, must_wear=True)) == "headset_required"
+    draw(inside, path(0.7, pointer="controller", headset=QUEST), must_wear=True)
+    state = inside.view.trial
+    inside.later(state["duration_s"] + 0.1)
+    assert refusal(lambda: driven(inside, state["playback_id"], must_wear=True)) == "headset_required"
+    assert inside.view.trial["phase"] == "driving", "it can be begun again"
+    driven(inside, state["playback_id"], headset=QUEST, must_wear=True)
+    (row,) = stored_strokes(inside)
+    assert (row.hmd, row.headset) == (True, {"drawn": QUEST, "watched": QUEST})
+    assert row.drawn == strokes.attempt_of(step_now(inside), path(0.7), simulated=False).drawn
+
+
+def test_what_was_drawn_with_a_headset_and_watched_without_says_so(inside: Walker):
+    draw(inside, path(0.7, pointer="hand", headset=QUEST))
+    state = inside.view.trial
+    inside.later(state["duration_s"] + 0.1)
+    driven(inside, state["playback_id"])
+    assert [(row.hmd, row.headset["watched"]) for row in stored_strokes(inside)] == [(False, None)]
+
+
+def step_now(walker: Walker) -> Any:
+    with acting(walker.database, walker.token, request="look", now=walker.now) as (_, session):
+        return drawing_of(session)
 
 
 def test_a_path_is_driven_watched_kept_and_learned_from(walker: Walker, files: ArtefactStore):

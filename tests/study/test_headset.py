@@ -90,6 +90,42 @@ def test_conditions_with_a_headset_need_one(tmp_path):
     assert "needs device: {headset: required}" in str(wrong.value)
 
 
+def choose_early(walker, *, hmd, a=QUEST):
+    """A choice while B plays; A was watched with that headset."""
+    play = walker.do(machine.start_trial, "block.01", request_id=None, now=walker.now)
+    walker.later(60)
+    walker.do(machine.trajectory_seen, "block.01", "a", play.playback_id, headset=a, now=walker.now)
+    walker.later(1)
+    walker.submit("block.01", {"choice": "a", "hmd": hmd})
+    with walker.database.session() as s:
+        return s.scalars(select(Trial).where(Trial.step_key == "block.01")).one()
+
+
+EARLY = {"block": {**INSIDE["block"], "viewing": {"early_choice": True}}}
+
+
+@pytest.mark.parametrize(("a", "hmd", "both"), [(QUEST, True, True), (QUEST, False, False), (None, True, False)])
+def test_an_early_choice_says_whether_b_was_being_watched_with_one(walk, a, hmd, both):
+    trial = choose_early(walk(EARLY, device={"headset": "offered", "webgl": False}), hmd=hmd, a=a)
+    assert trial.hmd is both
+    assert trial.headset["a"] == a
+
+
+def test_an_early_choice_without_the_required_one_does_not_count(walk):
+    walker = walk(EARLY, device={"headset": "required", "webgl": False})
+    with pytest.raises(Refused) as no:
+        choose_early(walker, hmd=False)
+    assert no.value.code == "headset_required"
+
+
+def test_what_is_typed_is_not_asked_in_a_headset(tmp_path):
+    write_files(tmp_path)
+    words = {"words": {"view": "immersive"}}
+    with pytest.raises(ProtocolError) as wrong:
+        freeze_text(protocol_text([INSIDE, words], device={"headset": "required"}), folder=tmp_path)
+    assert "cannot be answered in a headset" in str(wrong.value)
+
+
 def test_a_headset_needs_the_view_from_inside(tmp_path):
     write_files(tmp_path)
     with pytest.raises(ProtocolError) as wrong:

@@ -133,11 +133,13 @@
   }
   const touchesAt = (/** @type {number[]} */ found) => apart(found, begin()) <= BEGIN_M;
 
-  const mayPress = () => order !== null && !faded && !sections.isOpen() && !mustChoose();
+  const mayPress = () => !window.desirePath.headset.needed() && order !== null && !faded && !sections.isOpen() && !mustChoose();
 
-  /** The pen is put down. @param {number[] | null} found there @param {number} time ms @param {() => void} [feel] how fast */
-  function put(found, time, feel = () => {}) {
+  /** The pen is put down. @param {number[] | null} found there @param {string} pointer @param {number} time ms @param {() => void} [feel] how fast */
+  function put(found, pointer, time, feel = () => {}) {
     if (!order) return;
+    if (!sections.any()) pointers.clear(); // all that is there is drawn from now on
+    pointers.add(pointer);
     if (beginsAway() && (!found || apart(found, order.start) <= BEGIN_M)) sections.clear(); // undo brings it back
     cursor = null;
     problem = null;
@@ -346,9 +348,8 @@
       if (!mayPress() || event.button !== 0 || !touches(event)) return false;
       pointerId = event.pointerId;
       [px, py] = [event.clientX, event.clientY];
-      pointers.add(event.pointerType || "mouse");
       element.setPointerCapture(event.pointerId);
-      put(window.desirePath.viser.floorAt(px, py), event.timeStamp, () => speedByPressure(event));
+      put(window.desirePath.viser.floorAt(px, py), event.pointerType || "mouse", event.timeStamp, () => speedByPressure(event));
       return true;
     },
 
@@ -360,8 +361,7 @@
       put(found, pointer) {
         if (!mayPress() || !touchesAt(found)) return false;
         inHand = true;
-        pointers.add(pointer);
-        put(found, performance.now());
+        put(found, pointer, performance.now());
         return true;
       },
       move(found) {
@@ -377,7 +377,7 @@
 
     /** @param {{key: string, shiftKey?: boolean, ctrlKey?: boolean, metaKey?: boolean}} event @returns {boolean} whether it was for the pen */
     key(event) {
-      if (!order || faded || mustChoose()) return false;
+      if (!order || faded || mustChoose() || window.desirePath.headset.needed()) return false;
       const { key } = event;
       if ((event.ctrlKey || event.metaKey) && key.toLowerCase() === "z") {
         if (event.shiftKey) redo();

@@ -68,6 +68,7 @@ interface DesirePath {
   headset: {
     use(next: Orders["camera"], meshes: string[]): void;
     worn(): boolean;
+    needed(): boolean;
     head(): { x: number; y: number; yaw: number } | null;
     carry(by: number[]): void;
     back(): void;

@@ -26,6 +26,7 @@
   let words = null;
   let asked = false; // for a headset, by the study
   let supported = false;
+  let required = false;
   /** Why no headset is worn, as page.py lists it. @type {string | null} */
   let refused = null;
   let entering = false;
@@ -291,6 +292,8 @@
     },
 
     worn: () => session !== null,
+    /** Whether nothing in the window counts here. */
+    needed: () => required && here() && !session,
 
     /** Where the head is, as the newest picture had it; null in the window. */
     head: () => (session && placed && head ? { x: head.eyes[0], y: head.eyes[1], yaw: head.yaw } : null),
@@ -324,6 +327,7 @@
       if (message.do === "offer") {
         [words, asked] = [message.words, true]; // none: what is shown now is for the window
         headPose.ask(message.head_pose === true);
+        required = Boolean(message.required);
         void offer();
       } else if (message.do === "panel") {
         room.show(message.panel);

@@ -69,6 +69,7 @@
 
     /** It ends. @param {any} source */
     up(source) {
+      taken.delete(source);
       if (pen === source) lift();
       if (knob?.source !== source) return;
       tellKnob(true);

@@ -41,6 +41,7 @@ export class Controls {
     const triangle = /** @type {HTMLElement | null} */ (root.querySelector("[data-triangle]"));
     /** @type {Triangle | null} */
     this.triangle = null;
+    root.addEventListener("byheadset", () => (this.by = "headset"), { capture: true });
     for (const type of ["pointerdown", "keydown"]) {
       root.addEventListener(
         type,

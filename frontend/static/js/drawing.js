@@ -45,6 +45,7 @@ export class Drawing extends StageBar {
     const words = JSON.parse(document.getElementById("drawing-words")?.textContent ?? "{}");
     this.words = words;
     this.own = speaker(words.script, language);
+    this.walkText = root.querySelector("#walking-text")?.textContent ?? "";
     this.hintLine = /** @type {HTMLElement} */ (root.querySelector("#draw-hint"));
     this.walkButtons = /** @type {NodeListOf<HTMLButtonElement>} */ (root.querySelectorAll("[data-walk]"));
     this.slider = /** @type {HTMLInputElement} */ (root.querySelector("#draw-speed"));
@@ -99,14 +100,16 @@ export class Drawing extends StageBar {
     this.rest("undo", !undo);
     this.rest("redo", !redo);
     this.rest("clear", !length);
-    this.rest("finish", !finish);
+    this.rest("finish", !finish || this.needs.headset.missing !== null);
     for (const button of this.walkButtons) {
       button.setAttribute("aria-pressed", String(Number(button.dataset.walk) === this.pen.walk));
     }
     const tight = this.pen.tight;
     if (!this.stageReady) return;
-    let text = this.own("ask");
-    if (this.problem) text = this.problem;
+    const { worn, missing } = this.needs.headset;
+    let text = this.own(worn ? "ask_headset" : "ask");
+    if (missing) text = missing;
+    else if (this.problem) text = this.problem;
     else if (this.pen.must_choose) text = this.own("choose_walk");
     else if (length) {
       text = this.own("drawn", { metres: this.number(length, 1), seconds: Math.round(this.pen.seconds ?? 0) });
@@ -135,11 +138,12 @@ export class Drawing extends StageBar {
   }
 
   /** A finished stroke goes to the server, which keeps it whatever comes of it. @param {Record<string, any>} stroke */
-  async send({ id, points, speeds, times_s, pointer, walk }) {
+  async send({ id, points, speeds, times_s, pointer, walk, headset }) {
     if (id !== this.needs.key || this.state.phase !== "drawing" || this.busy) return;
+    if (this.needs.headset.missing) return this.needs.announce(this.needs.headset.missing);
     const client_time = new Date().toISOString();
     /** @type {import("./contract.js").StrokeSent} */
-    const body = { request_id: newRequestId(), points, speeds, times_s, pointer, walk, client_time };
+    const body = { request_id: newRequestId(), points, speeds, times_s, pointer, walk, headset, client_time };
     await this.work(() => this.needs.post("stroke", body));
   }
 
@@ -177,10 +181,8 @@ export class Drawing extends StageBar {
   }
 
   /** @param {StageMessage & Record<string, any>} message */
-  async played({ playback_id: id, walk }) {
-    const taken = await this.reportPlayed(id, () => ({ path: "rollout-seen", body: walk ? { walk } : {} }));
-    // Nothing moves any more: a walk that was not taken (the robot brushed past, say) can be begun again.
-    if (!taken && !this.over && this.state.playback_id === id) await this.interrupted("connection");
+  async played({ playback_id: id, walk, headset = null }) {
+    await this.reportPlayed(id, () => ({ path: "rollout-seen", body: walk ? { walk, headset } : { headset } }));
   }
 
   /** @param {import("./contract.js").Interrupted["reason"]} reason */
@@ -272,10 +274,13 @@ export class Drawing extends StageBar {
     if (!changed) return;
     clearInterval(this.clock);
     if (phase === "driving") {
-      this.needs.announce(this.own(this.walking ? "walk" : "driving"));
+      this.needs.announce(this.own(this.walking ? (this.needs.headset.worn ? "walk_headset" : "walk") : "driving"));
       this.rewind(this.bar);
       if (this.walking) this.toStage();
       else this.look("above");
+    }
+    if (this.walking) {
+      this.text("#walking-text", this.needs.headset.worn ? this.own("walk_headset") : this.walkText);
     }
     if (phase === "watched") {
       window.focus(); // takes the keyboard back from the stage

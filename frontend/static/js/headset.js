@@ -6,7 +6,8 @@
  */
 
 /** @typedef {import("./stage-frame.js").StageMessage} StageMessage */
-/** @typedef {{id: string, text: string, letter?: boolean, main?: boolean, resting?: boolean, tool?: boolean}} RoomButton */
+/** @typedef {{id: string, text: string, letter?: boolean, main?: boolean, resting?: boolean, tool?: boolean, pressed?: boolean, slides?: boolean}} RoomButton */
+/** @typedef {{text: string, share: number | null, buttons: RoomButton[], ends: string[] | null}} RoomRow a slider, or points of a scale */
 
 /**
  * @typedef {object} HeadsetNeeds
@@ -20,9 +21,27 @@
 
 const LOOK_MS = 120; // between changes of the page and the panel
 const STAYS_MS = 8000;
+const STEPS = 20; // of a slider by its minus and plus
+/** What of a bar is no use inside: not seen, for a keyboard or for the window alone. */
+const LEFT_OUT = "[hidden], .unseen, [data-window], .meet-ends, [role=slider]";
+/** Phases in which a robot drives: nothing covers it. */
+const QUIET = ["playing", "driving", "walking"];
 
 /** @param {Element | null | undefined} element @returns {string} its words, "" where it is not to be seen */
 const words = (element) => (!element || element.closest("[hidden], .unseen") ? "" : (element.textContent ?? "").replace(/\s+/g, " ").trim());
+
+/** What a button says. @param {Element} button @returns {string} */
+const caption = (button) => {
+  /** @type {string[]} */
+  const parts = [...button.childNodes].map((part) => {
+    if (!(part instanceof Element)) return part.textContent ?? "";
+    return part.childElementCount ? caption(part) : words(part);
+  });
+  return parts.join(" ").replace(/\s+/g, " ").trim();
+};
+
+/** By which hand a control is changed next, for controls.js. @param {Element} control */
+const tellHand = (control) => control.dispatchEvent(new Event("byheadset", { bubbles: true }));
 
 export class Headset {
   /** @param {"offered" | "required" | null} asked by the study @param {HeadsetNeeds} needs */
@@ -37,7 +56,8 @@ export class Headset {
     /** @type {string | null} */
     this.why = null;
     this.helping = false;
-    /** What presses of the room's buttons do. @type {Map<string, () => void>} */
+    this.comfort = { snap: true, narrow: true };
+    /** What presses of the room's buttons do. @type {Map<string, (message: StageMessage) => void>} */
     this.presses = new Map();
     this.sent = "";
     /** @type {ReturnType<typeof setInterval> | undefined} */
@@ -62,7 +82,7 @@ export class Headset {
     if (message.type === "state" || message.type === "connected") {
       this.offer();
     } else if (message.type === "headset") this.changed(message);
-    else if (message.type === "headset-press") this.presses.get(message.id ?? "")?.();
+    else if (message.type === "headset-press") this.presses.get(message.id ?? "")?.(message);
   }
 
   /** Another step is shown. @param {boolean | null} wanted with a headset, in the window, or as the study says */
@@ -74,7 +94,9 @@ export class Headset {
 
   offer() {
     const words = this.wanted === false ? null : { enter: this.needs.say("headset.enter") };
-    this.needs.tell({ do: "offer", words, head_pose: this.needs.headPose });
+    const required = this.wanted ?? this.asked === "required";
+    this.needs.tell({ do: "offer", required, words, head_pose: this.needs.headPose });
+    this.needs.tell({ do: "comfort", ...this.comfort });
   }
 
   /** @param {StageMessage} message */
@@ -104,6 +126,67 @@ export class Headset {
     this.needs.tell({ do: "panel", panel });
   }
 
+  /** Sliders and scales of the bar, each a row. @param {Element} bar @returns {RoomRow[]} */
+  rows(bar) {
+    /** @type {Map<string, RoomRow>} */
+    const rows = new Map();
+    const inputs = /** @type {NodeListOf<HTMLInputElement>} */ (bar.querySelectorAll("input[type=range], input[type=radio]"));
+    inputs.forEach((input, i) => {
+      if (input.closest(LEFT_OUT) || input.disabled) return;
+      if (input.type === "radio") {
+        const ends = [...(input.closest("fieldset, .scale")?.querySelectorAll(".scale-low, .scale-high, .meet-ends span") ?? [])].map(words);
+        const row = rows.get(input.name) ?? { text: "", share: null, buttons: [], ends: ends.length === 2 ? ends : null };
+        rows.set(input.name, row);
+        const id = `${input.name}-${input.value}`;
+        row.buttons.push({ id, text: input.value, pressed: input.checked });
+        this.presses.set(id, () => {
+          tellHand(input);
+          input.click();
+        });
+        return;
+      }
+      const [low, high, step] = [Number(input.min), Number(input.max), Number(input.step) || 1];
+      const by = Math.max(step, Math.round((high - low) / STEPS / step) * step);
+      const id = input.id || `slider-${i}`;
+      const name = input.getAttribute("aria-label") || words(input.closest("label")?.querySelector("span"));
+      const now = input.getAttribute("aria-valuetext") ?? (input.dataset.rating === undefined ? input.value : "");
+      const ends = [...(input.closest(".scale")?.querySelectorAll(".scale-low, .scale-high") ?? [])].map(words);
+      const set = (/** @type {number} */ value, settled = true) => {
+        tellHand(input);
+        input.value = String(value);
+        input.dispatchEvent(new Event("input", { bubbles: true }));
+        if (settled) input.dispatchEvent(new Event("change", { bubbles: true }));
+      };
+      const add = (/** @type {RoomButton} */ button, /** @type {(message: StageMessage) => void} */ press) => {
+        this.presses.set(button.id, press);
+        return button;
+      };
+      rows.set(id, {
+        text: ends.length === 2 ? ends.join(" – ") : [name, now].filter(Boolean).join(": "),
+        share: (Number(input.value) - low) / (high - low),
+        ends: null,
+        buttons: [
+          add({ id: `${id}-less`, text: "−" }, () => set(Math.max(low, Number(input.value) - by))),
+          add({ id: `${id}-set`, text: "", slides: true }, ({ share, settled }) => {
+            if (share !== undefined) set(low + Math.round((share * (high - low)) / step) * step, settled);
+          }),
+          add({ id: `${id}-more`, text: "+" }, () => set(Math.min(high, Number(input.value) + by))),
+        ],
+      });
+    });
+    return [...rows.values()];
+  }
+
+  /** What makes being moved by a stick bearable, which one can do without. @param {(button: RoomButton, press: () => void) => void} add */
+  addComfort(add) {
+    for (const [name, on, off] of /** @type {const} */ ([["snap", "turn_steps", "turn_smooth"], ["narrow", "narrow_on", "narrow_off"]])) {
+      add({ id: name, text: this.needs.say(`headset.${this.comfort[name] ? on : off}`), tool: true }, () => {
+        this.comfort[name] = !this.comfort[name];
+        this.needs.tell({ do: "comfort", ...this.comfort });
+      });
+    }
+  }
+
   panel() {
     const { say } = this.needs;
     this.presses.clear();
@@ -113,7 +196,10 @@ export class Headset {
       buttons.push(button);
       this.presses.set(button.id, press);
     };
-    const panel = { count: words(document.querySelector("#progress-text")), text: "", hint: "", buttons, quiet: false, progress: /** @type {number | null} */ (null) };
+    const panel = {
+      count: words(document.querySelector("#progress-text")), text: "", hint: "", buttons, rows: /** @type {RoomRow[]} */ ([]),
+      quiet: false, beside: false, progress: /** @type {number | null} */ (null),
+    };
     const bar = document.querySelector("#step .trialbar");
     const cover = words(document.querySelector("#stage-cover-text"));
     const inWindow = this.wanted === false;
@@ -128,18 +214,28 @@ export class Headset {
       add({ id: "back", text: say("headset.back"), main: true }, () => (this.helping = false));
       return panel;
     }
-    const shown = [...bar.querySelectorAll("p, legend")].map(words).filter(Boolean);
+    const shown = [...bar.querySelectorAll("h1, p, legend, li")]
+      .filter((one) => !one.closest(LEFT_OUT) && !one.querySelector("button"))
+      .map(words)
+      .filter(Boolean);
     [panel.text, panel.hint] = [shown[0] ?? "", [...new Set(shown.slice(1)), words(document.querySelector("#banner"))].join("\n").trim()];
-    panel.quiet = /** @type {HTMLElement} */ (bar).dataset.shown === "playing";
+    panel.quiet = QUIET.includes(/** @type {HTMLElement} */ (bar).dataset.shown ?? "");
+    panel.beside = bar.classList.contains("livepanel");
     const progress = /** @type {HTMLProgressElement | undefined} */ ([...bar.querySelectorAll("progress")].find((one) => !one.closest("[hidden]")));
     panel.progress = progress ? Math.round(progress.value * 50) / 50 : null;
+    if (!panel.quiet) panel.rows = this.rows(bar);
     [...bar.querySelectorAll("button")].forEach((button, i) => {
-      if (button.closest("[hidden]")) return;
+      if (button.closest(LEFT_OUT)) return;
       const letter = button.dataset.choice?.toUpperCase();
-      const text = letter ?? button.textContent?.trim() ?? "";
       const resting = button.disabled || button.getAttribute("aria-disabled") === "true";
-      add({ id: button.dataset.choice || button.id || `button-${i}`, text, letter: Boolean(letter), main: button.classList.contains("main"), resting }, () => button.click());
+      const pressed = button.getAttribute("aria-pressed") === "true";
+      const id = button.dataset.choice || button.dataset.thing || button.id || `button-${i}`;
+      add({ id, text: letter ?? caption(button), letter: Boolean(letter), main: button.classList.contains("main"), resting, pressed }, () => {
+        tellHand(button);
+        button.click();
+      });
     });
+    if (/** @type {HTMLElement} */ (bar).dataset.person === "walks" && !panel.quiet) this.addComfort(add);
     add({ id: "pause", text: say("headset.pause"), tool: true }, () => /** @type {HTMLElement | null} */ (document.querySelector("#tools [data-pause]"))?.click());
     add({ id: "help", text: say("headset.help"), tool: true }, () => (this.helping = true));
     add({ id: "leave", text: say("headset.leave"), tool: true }, () => {});

@@ -198,11 +198,12 @@ export class LivePanel extends StageBar {
 
   show() {
     this.part("live");
-    const may = { "[data-place]": this.stageReady, "[data-drive]": this.stageReady && Boolean(this.paths) };
+    const worn = this.needs.headset.missing === null;
+    const may = { "[data-place]": this.stageReady, "[data-drive]": worn && this.stageReady && Boolean(this.paths) };
     for (const [button, now] of Object.entries(may)) this.root.querySelector(button)?.setAttribute("aria-disabled", String(!now));
     this.root.querySelector("[data-drive]")?.toggleAttribute("data-driving", this.driving);
     this.text("[data-drive]", this.own(this.driving ? "stop" : "drive"));
-    this.root.querySelector("[data-done]")?.setAttribute("aria-disabled", String(!this.mayDecide));
+    this.root.querySelector("[data-done]")?.setAttribute("aria-disabled", String(!this.mayDecide || !worn));
   }
 
   /** Whether the step may be ended now: no robot is wanted of which no way was seen. @returns {boolean} */

@@ -27,7 +27,7 @@ export class SingleTrajectory extends Trial {
     this.shown = phase;
     if (phase === "ready") {
       this.part("ready");
-      this.start.setAttribute("aria-disabled", String(!this.stageReady));
+      this.start.setAttribute("aria-disabled", String(!this.stageReady || this.needs.headset.missing !== null));
       if (changed || document.activeElement === document.body) this.start.focus({ preventScroll: true });
     } else if (phase === "playing_a") {
       this.part("playing");

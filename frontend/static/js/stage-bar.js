@@ -217,6 +217,14 @@ export class StageBar {
    * @returns {Promise<boolean>} whether it was taken
    */
   async reportPlayed(playbackId, report) {
+    const taken = await this.tellPlayed(playbackId, report);
+    // Nothing plays any more: what was not taken (seen without the headset it needs, say) can be begun again.
+    if (!taken && !this.over && this.state.playback_id === playbackId) await this.interrupted("connection");
+    return taken;
+  }
+
+  /** @param {string | undefined} playbackId @param {() => {path: string, body: object}} report @returns {Promise<boolean>} */
+  async tellPlayed(playbackId, report) {
     return this.work(async () => {
       // The news can be faster than the answer that says what is playing.
       if (this.state.playback_id !== playbackId) await this.needs.refresh();

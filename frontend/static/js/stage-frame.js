@@ -18,6 +18,8 @@
  * @property {number | null} [refresh_rate]
  * @property {string} [id] of a button that was pressed in the room
  * @property {import("./contract.js").HeadMoved} [head] how the head moved, a few seconds of it
+ * @property {number} [share] of a slider that is moved there, 0 to 1
+ * @property {boolean} [settled] and has been let go
  * @property {import("./contract.js").HeadsetUsed | null} [headset] what was played was watched with
  */
 

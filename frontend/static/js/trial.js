@@ -120,7 +120,7 @@ export class Trial extends StageBar {
     this.needs.announce(this.needs.say("chosen", { letter: choice.toUpperCase() }));
     this.rest(true);
     /** @type {import("./types.js").AnswerTo<"trial" | "comparison" | "method_comparison">} */
-    const value = { choice };
+    const value = { choice, ...(this.playing ? { hmd: this.needs.headset.worn } : {}) };
     await this.decide(value);
     if (!this.over) delete pick.dataset.chosen;
   }

@@ -118,6 +118,8 @@ class StrokeRow(Base):
     `problem`), drawn (can be driven), watched, kept or redone. `demonstration`: sha256 of its file in the
     artefact store; where the participant walks beside the robot, there is one from their walk on.
     `walk`: how the person walked while the robot drove (shapes: strokes.py), None: they stood. Never updated.
+    `hmd`: whether it was drawn with a headset, and watched as far as it was; None: not told (data of before).
+    `headset`: of `drawn` and `watched`, with what, as a trial's of its sides.
     """
 
     __tablename__ = "stroke"
@@ -128,7 +130,9 @@ class StrokeRow(Base):
     environment: Mapped[str] = mapped_column(String(40))
     pair: Mapped[int] = mapped_column(Integer)
     view: Mapped[str] = mapped_column(String(20))
-    pointer: Mapped[str] = mapped_column(String(40))  # mouse, touch, pen, keys, bot, or several joined by +
+    pointer: Mapped[str] = mapped_column(String(40))  # strokes.POINTERS, several joined by +
+    hmd: Mapped[bool | None] = mapped_column(Boolean)
+    headset: Mapped[dict[str, Any] | None] = mapped_column(JSON(none_as_null=True))
     drawn: Mapped[dict[str, Any]] = mapped_column(JSON)
     state: Mapped[str] = mapped_column(String(16))
     # refused only: {"code", "message", "at": [x, y] | null, "thing": ... | null, and numbers with units in their names}

@@ -31,14 +31,15 @@ if TYPE_CHECKING:
 
 MOST_POINTS = 4_000  # ours; the stage is told
 MOST_ATTEMPTS = 60  # ours, per step: who needs more is better served by a pause
-POINTERS = frozenset({"mouse", "touch", "pen", "keys", "bot"})
+HANDS = frozenset({"controller", "hand", "gaze"})  # with a headset
+POINTERS = HANDS | {"mouse", "touch", "pen", "keys", "bot"}
 
 
 @dataclass(frozen=True)
 class Attempt:
     """A stroke as it came, and what can be made of it: either a demonstration or the problem with it.
 
-    walk: that it was drawn for, as it is stored.
+    walk: that it was drawn for, as it is stored. headset: with what it was drawn, None: in the window.
     """
 
     drawn: dict[str, Any]
@@ -46,6 +47,7 @@ class Attempt:
     walk: dict[str, Any] | None
     demonstration: Demonstration | None
     problem: dict[str, Any] | None
+    headset: dict[str, Any] | None = None
 
 
 # ---- a stroke comes in -----------------------------------------------------------------------------------------------
@@ -63,7 +65,10 @@ def attempt_of(step: PathStep, sent: Mapping[str, Any], *, simulated: bool) -> A
     drawn = {name: sent.get(name) for name in ("points", "speeds", "times_s")}
     pointer = str(sent.get("pointer", "mouse"))
     if not set(pointer.split("+")) <= POINTERS or ("bot" in pointer.split("+") and not simulated):
-        raise Refused(422, "bad_value", "must be mouse, touch, pen or keys, or several with +", field="pointer")
+        message = "must be mouse, touch, pen, keys, controller, hand or gaze, or several with +"
+        raise Refused(422, "bad_value", message, field="pointer")
+    inside = step.view == "immersive" and set(pointer.split("+")) <= HANDS
+    headset = sent.get("headset") if inside else None
     if not isinstance(drawn["points"], list) or not len(drawn["points"]) <= MOST_POINTS:
         raise Refused(422, "bad_value", f"must be a list of at most {MOST_POINTS} points", field="points")
     try:
@@ -72,8 +77,8 @@ def attempt_of(step: PathStep, sent: Mapping[str, Any], *, simulated: bool) -> A
     except StrokeProblem as problem:
         if problem.code == "unreadable":
             raise Refused(422, "bad_value", str(problem), field="points") from None
-        return Attempt(stroke.as_dict(), pointer, walk, None, walks.problem_of(problem))
-    return Attempt(stroke.as_dict(), pointer, walk, demonstration, None)
+        return Attempt(stroke.as_dict(), pointer, walk, None, walks.problem_of(problem), headset)
+    return Attempt(stroke.as_dict(), pointer, walk, demonstration, None, headset)
 
 
 def add_stroke(
@@ -86,16 +91,23 @@ def add_stroke(
     request_id: str,
     client_time: datetime | None,
     now: datetime,
+    must_wear: bool = False,
 ) -> StrokeRow:
-    """Store a stroke; one that can be driven begins to be. The same request again gives the same row."""
+    """Store a stroke; one that can be driven begins to be. The same request again gives the same row.
+
+    must_wear: one that was drawn without a headset does not count.
+    """
     known = _find_known(s, session, step, request_id)
     if known is not None:
         return known
     before = latest_stroke(s, session.id, step.key)
     if before is not None and before.state in ("drawn", "watched"):
         raise _refused(session, "drawn_already", "Keep the path that you drew, or take it back first.")
+    if must_wear and step.view == "immersive" and attempt.headset is None:
+        raise _refused(session, "headset_required", "This is to be drawn with a headset.")
     stroke = _new(session, step, before, attempt.drawn, attempt.pointer, request_id, now)
     stroke.walk, stroke.problem, stroke.client_time = attempt.walk, attempt.problem, client_time
+    _note_headset(stroke, "drawn", attempt.headset)
     demonstration = attempt.demonstration
     if demonstration is None:
         stroke.state, stroke.shown_since = "refused", None
@@ -107,6 +119,11 @@ def add_stroke(
     s.flush()
     _log(s, session, stroke, "stroke_drawn", client_time=client_time, code=(attempt.problem or {}).get("code"))
     return stroke
+
+
+def _note_headset(stroke: StrokeRow, what: str, headset: dict[str, Any] | None) -> None:
+    stroke.headset = {**(stroke.headset or {}), what: headset}
+    stroke.hmd = all(stroke.headset.values())
 
 
 def _find_known(s: DatabaseSession, session: Session, step: PathStep, request_id: str) -> StrokeRow | None:
@@ -167,8 +184,12 @@ def mark_watched(
     walked: Walked | None = None,
     *,
     now: datetime,
+    headset: dict[str, Any] | None = None,
+    must_wear: bool = False,
 ) -> StrokeRow:
     """The trajectory was watched to its end, by the server's clock too; simulated sessions need not watch.
+
+    headset: with what, None: in the window. must_wear: the first time without one does not count.
 
     walked: what the participant walked beside it, where they do; a trajectory that met them is refused, and its walk
     kept.
@@ -194,6 +215,11 @@ def mark_watched(
         if elapsed is not None and elapsed < needed - TOLERANCE_S:
             message = f"The trajectory takes {needed:.1f} s and began {elapsed:.1f} s ago."
             raise _refused(session, "too_early", message, elapsed_s=round(elapsed, 2), needed_s=round(needed, 2))
+    if stroke.watched_at is None:
+        worn = headset if step.view == "immersive" else None
+        if must_wear and worn is None and step.view == "immersive":
+            raise _refused(session, "headset_required", "This is to be watched with a headset.")
+        _note_headset(stroke, "watched", worn)
     if walked is not None and is_walked(step, stroke):
         _add_walk(s, files, session, stroke, walked)
     stroke.shown_since, stroke.watched_at = None, stroke.watched_at or now
@@ -228,6 +254,7 @@ def walk_again(s: DatabaseSession, session: Session, step: PathStep, *, request_
         _log(s, session, before, "stroke_redone")
     stroke = _new(session, step, before, before.drawn, before.pointer, request_id, now)
     stroke.trajectory = (before.walk or {}).get("beside")
+    _note_headset(stroke, "drawn", (before.headset or {}).get("drawn"))
     s.add(stroke)
     s.flush()
     _log(s, session, stroke, "stroke_drawn")

@@ -158,14 +158,14 @@ def _numbers(given: object) -> object:
 
 class Change(BaseModel):
     """One weight was changed. seconds: since the page was opened; place: in which scene, from 0; by: mouse, touch, pen,
-    keys or button; objective: which weight; weight: its new value.
+    keys, headset or button; objective: which weight; weight: its new value.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
     seconds: float = Field(ge=0, le=LONGEST_S, allow_inf_nan=False)
     place: int = Field(ge=0, lt=PLACES)
-    by: Literal["mouse", "touch", "pen", "keys", "button", "words", "bot"]
+    by: Literal["mouse", "touch", "pen", "keys", "headset", "button", "words", "bot"]
     objective: str = Field(max_length=40)
     weight: float = Field(ge=0, le=1, allow_inf_nan=False)
 

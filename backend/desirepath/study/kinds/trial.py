@@ -219,10 +219,12 @@ def _fixed(role: str, pair: Pair) -> dict[str, Any]:
 
 
 class TrialAnswer(Answer):
-    """The trajectory that one would rather have, or that the time for the choice was over."""
+    """The trajectory that one would rather have, or that the time for the choice was over. hmd: of an early choice,
+    whether B is being watched with a headset."""
 
     choice: Side | None = None
     timed_out: Flag = False
+    hmd: Flag = False
 
 
 class Trial(Kind[TrialStep, TrialAnswer]):

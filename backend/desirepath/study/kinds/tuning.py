@@ -92,7 +92,7 @@ class Tuning(LiveKind[TuningStep, LiveAnswer]):
         "weights": "objective -> weight from 0 to 1 at the end; what is not named weighs nothing",
         "start": "the same in the beginning",
         "history": "every change in order: seconds since the page was opened, place, by (mouse, touch, pen, keys, "
-        "button, words or bot), objective, weight; also as the table tuning_changes",
+        "headset, button, words or bot), objective, weight; also as the table tuning_changes",
     }
 
     def payload(self, step: TuningStep, page: Page) -> dict[str, Any]:

@@ -23,8 +23,8 @@ from desirepath.study.plan.counterbalancing import design_of
 from desirepath.study.protocol.schema import Protocol
 from desirepath.study.protocol.stages import STAGES, stage_keys
 
-SEEN_IN_HEADSETS = ("block", "comparison", "evaluation", "rating")
-"""Stages whose drives are watched and answered with a headset; drawing, sliders and robots to meet are not by now."""
+NOT_IN_HEADSETS = ("words",)
+"""Stages that are seen from inside and answered by what no headset has: a keyboard."""
 
 
 def problems_across(
@@ -50,8 +50,8 @@ def _headset(protocol: Protocol, source: Source) -> Iterator[Problem]:
     if asked and not any("immersive" in stage.views for stage in protocol.all_stages):
         yield source.problem(("device", "headset"), f"is {asked}, but no stage has the view immersive")
     for index, entry in enumerate(protocol.stages):
-        if asked == "required" and "immersive" in entry.stage.views and entry.kind not in SEEN_IN_HEADSETS:
-            told = f"is shown in no headset by now, which the study requires; {', '.join(SEEN_IN_HEADSETS)} are"
+        if asked == "required" and "immersive" in entry.stage.views and entry.kind in NOT_IN_HEADSETS:
+            told = "cannot be answered in a headset, which the study requires; give it another view"
             yield source.problem(("stages", index, entry.kind), told)
 
 

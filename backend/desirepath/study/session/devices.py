@@ -12,6 +12,7 @@ from desirepath.store.events import log_event
 from desirepath.store.models import Session
 from desirepath.study.protocol.schema import DeviceGate
 from desirepath.study.refusals import Refused
+from desirepath.study.session.versions import protocol_of
 
 
 def device_problems(gate: DeviceGate | None, device: Mapping[str, Any]) -> list[str]:
@@ -65,6 +66,11 @@ def change_device(
     log_event(s, "device_checked", session_id=session.id, before=session.device, after=fit)
     session.device = fit
     return fit
+
+
+def headset_required(s: DatabaseSession, session: Session) -> bool:
+    """Whether what is seen from inside counts only with a headset. Bots wear none."""
+    return not session.simulated and protocol_of(s, session).protocol.asked_of_devices.headset == "required"
 
 
 def _is_number(value: Any) -> TypeGuard[float]:

@@ -43,6 +43,7 @@ from desirepath.study.session.view import (
     trial_of,
 )
 from desirepath.study.session.watching import (
+    chosen_early,
     interrupt,
     restart_trajectory,
     start_trial,
@@ -130,6 +131,8 @@ def submit(
     if step.most_s and not session.simulated and (acting.stood_s or 0.0) > step.most_s + TOLERANCE_S:
         value = {**value, "timed_out": True}  # whatever the page's clock said
     stored = _check(acting, step, value, named)
+    if trial is not None and trial.phase == "playing_b":
+        chosen_early(s, session, trial, hmd=value.get("hmd") is True)
     stored |= kind.keep(step, acting, stored)
     response = Response(
         session_id=session.id,

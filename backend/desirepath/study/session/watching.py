@@ -17,8 +17,8 @@ from desirepath.store.sides import Side
 from desirepath.study.clock import elapsed_s
 from desirepath.study.kind import kind_of
 from desirepath.study.kinds.trial import Viewing, viewing_in
+from desirepath.study.session.devices import headset_required
 from desirepath.study.session.states import set_phase
-from desirepath.study.session.versions import protocol_of
 from desirepath.study.session.view import (
     Playback,
     current_trial,
@@ -91,13 +91,7 @@ def trajectory_seen(
         raise refusal(session, 409, "other_playback", "This is not what is being shown.", trial, side=side)
     _check_watched(s, session, trial, side, now)
     worn = headset if trial.view == "immersive" else None
-    wanted = _is_worn(s, session) if trial.view == "immersive" else None
-    if wanted and worn is None:
-        raise refusal(session, 409, "headset_required", "This is to be watched with a headset.", trial, side=side)
-    if wanted is False and worn is not None:
-        raise refusal(session, 409, "window_required", "This is to be watched in the window.", trial, side=side)
-    trial.headset = {**(trial.headset or {}), side: worn}
-    trial.hmd = all(trial.headset.values())
+    _note_headset(s, session, trial, side, worn)
     if side == "a":
         trial.a_seen_at = now
         set_phase(s, trial, "seen_alone" if shows_one(trial) else "seen", "participant", now)
@@ -114,7 +108,23 @@ def _is_worn(s: DatabaseSession, session: Session) -> bool | None:
         return None
     if (worn := step_of(session).worn) is not None:
         return worn
-    return protocol_of(s, session).protocol.asked_of_devices.headset == "required" or None
+    return headset_required(s, session) or None
+
+
+def chosen_early(s: DatabaseSession, session: Session, trial: Trial, *, hmd: bool) -> None:
+    """The choice comes while B plays, which was watched with a headset so far, or was not. Raises Refused."""
+    worn = {"pointing": []} if hmd and trial.view == "immersive" else None  # its report comes with the end
+    _note_headset(s, session, trial, "b", worn)
+
+
+def _note_headset(s: DatabaseSession, session: Session, trial: Trial, side: Side, worn: dict[str, Any] | None) -> None:
+    wanted = _is_worn(s, session) if trial.view == "immersive" else None
+    if wanted and worn is None:
+        raise refusal(session, 409, "headset_required", "This is to be watched with a headset.", trial, side=side)
+    if wanted is False and worn is not None:
+        raise refusal(session, 409, "window_required", "This is to be watched in the window.", trial, side=side)
+    trial.headset = {**(trial.headset or {}), side: worn}
+    trial.hmd = all(trial.headset.values())
 
 
 def _check_watched(s: DatabaseSession, session: Session, trial: Trial, side: Side, now: datetime) -> None:

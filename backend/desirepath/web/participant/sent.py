@@ -137,7 +137,8 @@ class StrokeSent(Sent):
     points: Points
     speeds: NumberPerPoint
     times_s: NumberPerPoint
-    pointer: str = Field("mouse", max_length=40, description="mouse, touch, pen or keys, or several with +")
+    pointer: str = Field("mouse", max_length=40, description="mouse, touch, pen, keys, controller, hand, gaze; with +")
+    headset: HeadsetUsed | None = Field(None, description="of who drew it with one")
     walk: int | None = Field(None, ge=0, le=99, description="which of the walks that were offered")
     client_time: Clock = None
 
@@ -156,6 +157,7 @@ class RolloutSeen(Sent):
 
     playback_id: str | None = Field(None, max_length=64)
     walk: WalkSent | None = None
+    headset: HeadsetUsed | None = Field(None, description="of who watched all of it with one")
 
 
 class WalkAgain(Sent):

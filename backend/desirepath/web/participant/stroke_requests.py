@@ -19,6 +19,7 @@ from desirepath.study.drawing.walks import Walked
 from desirepath.study.kinds.demonstration import DemonstrationStep
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
+from desirepath.study.session.devices import headset_required
 from desirepath.study.session.finding import acting
 from desirepath.web.core.contract import reply_of
 from desirepath.web.core.dependencies import Services, services_of
@@ -53,6 +54,7 @@ def stroke(token: str, key: str, request: Request, body: StrokeSent) -> Response
             request_id=body.request_id,
             client_time=body.client_time,
             now=utc_now(),
+            must_wear=headset_required(s, session),
         )
 
     return _on_drawing(request, token, key, "stroke", act)
@@ -77,7 +79,17 @@ def rollout_seen(token: str, key: str, request: Request, body: RolloutSeen) -> R
     walked = _walked(services, token, key, body.walk.model_dump()) if body.walk is not None else None
 
     def act(s: DatabaseSession, session: Session) -> StrokeRow:
-        return strokes.mark_watched(s, services.files, session, _step(session, key), playback, walked, now=utc_now())
+        return strokes.mark_watched(
+            s,
+            services.files,
+            session,
+            _step(session, key),
+            playback,
+            walked,
+            now=utc_now(),
+            headset=body.headset.model_dump() if body.headset is not None else None,
+            must_wear=headset_required(s, session),
+        )
 
     return _on_drawing(request, token, key, "rollout_seen", act)
 

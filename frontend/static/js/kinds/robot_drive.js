@@ -68,7 +68,7 @@ class Drive extends RobotPanel {
   show() {
     if (!this.run) return; // still being made
     this.part("live");
-    this.root.querySelector("[data-done]")?.setAttribute("aria-disabled", String(!this.mayDecide));
+    this.root.querySelector("[data-done]")?.setAttribute("aria-disabled", String(!this.mayDecide || this.needs.headset.missing !== null));
     /** @type {HTMLElement} */ (this.root.querySelector("[data-stop]")).hidden = this.run.phase !== "driving";
     /** @type {HTMLElement} */ (this.root.querySelector("#robot-liked")).hidden = !(this.run.phase === "over" && this.run.drove);
   }
