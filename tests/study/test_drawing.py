@@ -139,7 +139,7 @@ INSIDE = (("pairs: 2, per_pair: 2, view: top_down", "pairs: 1, per_pair: 1, view
 def inside(database: Database, files: ArtefactStore) -> Walker:
     """A person before the first path, which is drawn from inside, where a headset may be worn."""
     text = QUICK.read_text()
-    for old, new in (*INSIDE, ("stages:", "device: {headset: required}\nstages:")):
+    for old, new in (*INSIDE, ("stages:", "device: {headset: required, webgl: false}\nstages:")):
         text = text.replace(old, new)
     with database.transaction() as s:
         study = create_study(s, files, freeze_text(text), name="In", created_by=None)

@@ -113,7 +113,9 @@ def _is_worn(s: DatabaseSession, session: Session) -> bool | None:
 
 def chosen_early(s: DatabaseSession, session: Session, trial: Trial, *, hmd: bool) -> None:
     """The choice comes while B plays, which was watched with a headset so far, or was not. Raises Refused."""
-    worn = {"pointing": []} if hmd and trial.view == "immersive" else None  # its report comes with the end
+    worn: dict[str, Any] | None = (
+        {"pointing": []} if hmd and trial.view == "immersive" else None
+    )  # its report comes with the end
     _note_headset(s, session, trial, "b", worn)
 
 
