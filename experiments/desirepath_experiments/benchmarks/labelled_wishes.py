@@ -6,6 +6,7 @@ What the labels mean, and the command that measures a file: `tests/learning/word
 from __future__ import annotations
 
 import csv
+import gzip
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,8 +27,8 @@ class Case:
 
 
 def read_cases(file: Path) -> list[Case]:
-    """The labelled sentences. Raises ValueError for a label that is none."""
-    with file.open(encoding="utf-8", newline="") as opened:
+    """The labelled sentences of a CSV, or of one in gzip. Raises ValueError for a label that is none."""
+    with (gzip.open if file.suffix == ".gz" else open)(file, "rt", encoding="utf-8", newline="") as opened:
         return [Case(row["sentence"], _parse(row["expected"], row["sentence"])) for row in csv.DictReader(opened)]
 
 
