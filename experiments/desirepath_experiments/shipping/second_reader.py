@@ -27,6 +27,7 @@ from desirepath.learning.words.understanding import WordsReader
 from desirepath_experiments.benchmarks.labelled_wishes import Case, judge, read_cases
 
 SENTENCES = ROOT / "tests" / "learning" / "words"
+UNSEEN = "unseen"  # sets that nothing was fitted to
 PENALTY = 10.0  # scikit-learn's C
 _HONEST = (
     "Whether it helps was measured on sets of others' sentences with the readers of before they were tuned by these, "
@@ -40,7 +41,7 @@ def ship_words_veto(request: Request, sentences: Path = SENTENCES) -> list[Card]
 
 
 def _ship(language: Language, folder: Path, sentences: Path) -> Card:
-    files = sorted(sentences.glob(f"*_{language}.csv"))
+    files = sorted(file for file in sentences.glob(f"*_{language}.csv*") if not file.name.startswith(UNSEEN))
     sets = [read_cases(file) for file in files]
     if not sets:
         raise ValueError(f"{sentences} has no *_{language}.csv; it is tests/learning/words of a checkout")

@@ -11,9 +11,19 @@ import pytest
 
 from desirepath.learning.preferences.objectives import preference_weights
 from desirepath.learning.words.clauses import clauses_of
-from desirepath.learning.words.lexicon import LANGUAGES, LONGEST, LONGEST_WORD, MOST_WORDS, form_of, lexicon, words_of
+from desirepath.learning.words.lexicon import (
+    LANGUAGES,
+    LONGEST,
+    LONGEST_WORD,
+    MOST_WORDS,
+    Language,
+    form_of,
+    lexicon,
+    words_of,
+)
 from desirepath.learning.words.second_reader import ENDS, Doubts, hash_features, second_reader
 from desirepath.learning.words.understanding import WordsReader, words_reader
+from desirepath_experiments.benchmarks.labelled_wishes import Case
 from desirepath_experiments.benchmarks.words import read_sentences
 from tests.learning.words.measure import measure, read_cases
 
@@ -227,9 +237,14 @@ def test_umlauts_and_slips_of_the_finger():
     assert said("Bitte nciht so nahe kommen", "de").weights == {}, "what may be a mistyped denial is asked back"
 
 
+def cases_of(written: str, language: Language) -> list[Case]:
+    (file,) = Path(__file__).parent.glob(f"{written}_{language}.csv*")
+    return read_cases(file)
+
+
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_on_the_development_sentences_no_direction_is_wrong(language):
-    found = measure(read_cases(Path(__file__).with_name(f"development_{language}.csv")), language)
+    found = measure(cases_of("development", language), language)
     assert [case.sentence for case in found["wrong_direction"] + found["wrong_otherwise"]] == []
     assert len(found["right"]) >= 0.95 * sum(map(len, found.values()))
     assert sum(map(len, found.values())) >= 200
@@ -241,7 +256,7 @@ def test_of_others_sentences_and_of_treacherous_ones_none_is_read_in_the_wrong_d
     """fresh, fresh_b, fresh_c: by writers who knew neither code nor data; caution: comparisons, thresholds,
     descriptions, questions that are none, what was all right; voices: what the robot did, typing errors, mockery;
     orders: short ones, several at once, denied contraries; one German one is still read as more than it says."""
-    found = measure(read_cases(Path(__file__).with_name(f"{written}_{language}.csv")), language)
+    found = measure(cases_of(written, language), language)
     assert [case.sentence for case in found["wrong_direction"]] == []
     known = ["Fahr bei mir weniger schnell"] if (written, language) == ("orders", "de") else []
     assert [case.sentence for case in found["wrong_otherwise"]] == known
@@ -439,7 +454,7 @@ def test_a_contradiction_stays_one_whatever_is_doubted():
 def test_the_second_reader_adds_no_wish_and_moves_no_weight_but_to_ask(language):
     alone = WordsReader(language, lambda _: None)
     for name in ("fresh", "fresh_b", "fresh_c", "caution", "voices", "development", "orders"):
-        for case in read_cases(Path(__file__).with_name(f"{name}_{language}.csv")):
+        for case in cases_of(name, language):
             before, after = alone.understand(case.sentence), said(case.sentence, language)
             assert after.weights.keys() <= before.weights.keys(), case.sentence
             assert set(after.marks) <= set(before.marks), case.sentence
