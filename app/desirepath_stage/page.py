@@ -20,6 +20,7 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `moved` | `poses, seconds, driving, over` | where the robots are on these paths; several times a second |
 | `floor` | `place` | the floor was pressed there, where a real robot is mirrored |
 | `headset` | `on, here, why, controllers, refresh_rate` | worn or not; whether it can be; what is against |
+| `sound` | `on` | the sound of the motors was switched |
 | `headset-press` | `id` | a button of its panel was pressed |
 | `head` | `head` | how the head moved in a headset, a few seconds of it (`HeadMoved`) |
 | `picked`, `pointed` | `thing` | an explained object was clicked; the pointer is over it, or over none (null) |
@@ -32,7 +33,8 @@ to the pen (`client/draw.js`), step to the feet (`client/walk.js`), look to the 
 (`client/steer.js`): `paths` (`orders.PathsMessage`), drive, stop; and `{type: "mirror", ...}` (`orders.MirrorOrder`,
 `client/mirror.js`); and `{type: "explain", ...}`:
 words, ranks and which objects can be picked (`client/explained.js`); and `{type: "headset", do, ...}`: `offer` with
-its words and whether `head_pose` is stored, `panel` with what stands in the room, leave (`client/headset.js`).
+its words and whether `head_pose` is stored, `panel` with what stands in the room, leave (`client/headset.js`);
+and `{type: "sound", words, on}` where motors may sound (`client/sound.js`).
 """
 
 from __future__ import annotations
@@ -58,6 +60,7 @@ _PLACE = (
     "finder.js",
     "trail.js",
     "pictures.js",
+    "sound.js",
     "player.js",
 )
 _WORN = ("quads.js", "headset_floor.js", "headset_room.js", "headset_hands.js", "head_pose.js", "headset.js")

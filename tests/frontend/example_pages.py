@@ -359,6 +359,7 @@ def example_application() -> FastAPI:
             "looks_around": True,
             "headset": None,
             "head_pose": False,
+            "motor_sound": "silent",
             "longest_problem": 4000,
             "languages": ["en", "de"],
             "next_kind": "questionnaire",

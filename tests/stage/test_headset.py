@@ -314,6 +314,39 @@ def test_what_is_seen_in_the_window_has_no_button_and_leaving_is_told(rig: Stage
     assert not visitor.frame.locator("#desire-path-headset").is_visible()
 
 
+def test_the_motors_are_heard_from_where_the_robot_is_once_they_are_switched_on(rig: StageRig, wear: Wear) -> None:
+    visitor = wear(
+        "window.built = 0; window.AudioContext = class extends AudioContext { constructor() { super(); built++; } }"
+    )
+    stage = offer(visitor)
+    trajectory = drive(study_room(), duration_s=60)
+    stage.play(trajectory, label="", view="immersive", playback_id="loud", trajectories=[trajectory])
+    visitor.wait_for("playing", playback_id="loud")
+    assert visitor.frame.evaluate("[window.built, window.desirePath.sound.heard()]") == [0, None], "silent"
+    visitor.page.evaluate(
+        "document.getElementById('stage').contentWindow.postMessage("
+        "{ type: 'sound', words: { on: 'Sound', off: 'Silence' }, on: false }, '*')"
+    )
+    visitor.frame.get_by_role("button", name="Sound", pressed=False).click()
+    visitor.wait_for("sound", on=True)
+    heard = (
+        "(() => { const { sound, viser } = window.desirePath, now = sound.heard();"
+        " return { ...now, at: viser.fromView(now.place) }; })()"
+    )
+
+    def drives() -> bool:
+        now = visitor.frame.evaluate(heard)
+        return bool(now["state"] == "running" and now["gain"] > 0.01 and now["hz"] > 60)
+
+    visitor.wait_until(drives, "it hums as it drives")
+    visitor.wait_until(
+        lambda: np.allclose(visitor.frame.evaluate(heard)["at"][:2], visitor.robot()[:2], atol=0.2), "there"
+    )
+    visitor.frame.get_by_role("button", name="Silence", pressed=True).click()
+    visitor.wait_for("sound", on=False)
+    visitor.wait_until(lambda: visitor.frame.evaluate(heard)["state"] == "suspended", "off")
+
+
 def test_from_above_there_is_nothing_to_put_a_headset_on_for(rig: StageRig, wear: Wear) -> None:
     visitor = wear()
     stage = offer(visitor)

@@ -58,6 +58,11 @@ interface DesirePath {
     state: { connected: boolean; ready: boolean; webgl: boolean; playback_id: string | null; keys?: StageKeys };
   };
   frames: { next(action: () => void): void; use(session: any): void };
+  sound: {
+    at(x: number, y: number, yaw: number): void;
+    heard(): { on: boolean; state: string; gain: number; hz: number; place: number[] } | null;
+    obey(message: any): void;
+  };
   headPose: {
     ask(wanted: boolean): void;
     begin(): void;
@@ -135,6 +140,7 @@ interface DesirePath {
     tint(name: string, factor: number, figure: number): void;
     gait(name: string): number[];
     redraw(): void;
+    eyes(): number[];
     drawing(): { gl: any; root: any };
     world(): any;
     toView(point: number[]): number[];

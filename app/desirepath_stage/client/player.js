@@ -67,6 +67,7 @@
       window.desirePath.bodies.put(robots[i], x, y, yaw);
       if (i !== 0) return;
       window.desirePath.camera.watch(x, y);
+      window.desirePath.sound.at(x, y, yaw);
       window.desirePath.explained.at(t, x, y, yaw);
       window.desirePath.trail.at(track, t);
     });
@@ -96,7 +97,9 @@
     /** A robot stands there. @param {number} i which one @param {number[]} where x, y, yaw @param {boolean} watched the camera follows it where it follows any */
     place(i, [x, y, yaw], watched) {
       window.desirePath.bodies.put(robots[i], x, y, yaw);
-      if (watched) window.desirePath.camera.watch(x, y);
+      if (!watched) return;
+      window.desirePath.camera.watch(x, y);
+      window.desirePath.sound.at(x, y, yaw);
     },
 
     /** @param {Orders["play"]} order */

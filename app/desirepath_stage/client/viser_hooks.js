@@ -191,6 +191,11 @@
       while (root.parent) root = root.parent;
       return { gl: root.__r3f?.root?.getState()?.gl, root };
     },
+    /** Where the eyes are and which way they look, in a headset too, as three.js has it. @returns {number[]} a matrix, by columns */
+    eyes() {
+      const { gl } = this.drawing();
+      return (gl?.xr.isPresenting ? gl.xr.getCamera() : mutable().camera).matrixWorld.elements;
+    },
     /** Where meshes in world metres, z up, belong. @returns {any} */
     world: () => mutable().nodeRefFromName[""],
     /** A place or a way in world metres, as three.js and headsets have it, y up. @param {number[]} point @returns {number[]} */

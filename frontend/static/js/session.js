@@ -53,8 +53,21 @@ const heads = new HeadPoses(`${api}/head`, () => (document.body.dataset.layout =
 const stage = new StageFrame($("stage-frame"), data.stage_origin, (message) => {
   heads.hear(message);
   headset.hear(message);
+  hearSound(message);
   trial?.hear(message);
 });
+let sounds = data.motor_sound === "heard";
+
+/** @param {import("./stage-frame.js").StageMessage} message */
+function hearSound({ type, on = false }) {
+  if (type === "sound") {
+    sounds = on;
+    notice("sound", { on });
+  } else if (data.motor_sound !== "silent" && (type === "state" || type === "connected")) {
+    stage.sound({ words: { on: say("sound.on"), off: say("sound.off") }, on: sounds });
+  }
+}
+
 const headset = new Headset(data.headset, {
   say,
   tell: (order) => stage.headset(order),

@@ -50,7 +50,7 @@ export class StageFrame {
     const frame = document.createElement("iframe");
     frame.src = url;
     frame.title = title;
-    frame.allow = "fullscreen; xr-spatial-tracking";
+    frame.allow = "fullscreen; xr-spatial-tracking; autoplay";
     frame.addEventListener("load", () => this.greet());
     this.holder.replaceChildren(frame);
     this.frame = frame;
@@ -74,6 +74,11 @@ export class StageFrame {
   /** What the room shows to who wears a headset (app/desirepath_stage/client/headset.js). @param {object} order */
   headset(order) {
     this.frame?.contentWindow?.postMessage({ type: "headset", ...order }, this.origin);
+  }
+
+  /** Whether motors sound (app/desirepath_stage/client/sound.js). @param {object} order */
+  sound(order) {
+    this.frame?.contentWindow?.postMessage({ type: "sound", ...order }, this.origin);
   }
 
   /** Loads the stage anew, after its picture was lost. */

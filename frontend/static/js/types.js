@@ -29,6 +29,7 @@
  * @property {SessionState} state
  * @property {string} stage_origin
  * @property {"offered" | "required" | null} headset whether the study is seen with one
+ * @property {"silent" | "offered" | "heard"} motor_sound
  * @property {boolean} head_pose whether it is stored how the head moves in it
  * @property {Table} texts
  * @property {string} language

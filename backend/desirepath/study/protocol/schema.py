@@ -73,6 +73,10 @@ class Protocol(Part):
     sample: Sample = Sample()
     payment: Localized | None = Field(None, description="how payment stands, also for who stops early or withdraws")
     device: DeviceGate | None = None
+    motor_sound: Literal["silent", "offered", "heard"] = Field(
+        "silent",
+        description="of robots on the stage; offered: participants switch it on; heard: they can switch it off",
+    )
     quotas: list[Quota] = []
     screen_out: ScreenOut | None = Field(None, description="default: a page in the product's own words")
     analysis: AnalysisPlan | None = Field(None, description="what the report tests, declared before the data")

@@ -66,6 +66,7 @@ class Noticed(Sent):
         "device",
         "viewed",
         "headset",
+        "sound",
     ]
     data: Small = {}
     client_time: Clock = None

@@ -46,6 +46,7 @@ def page_context(request: Request, s: DatabaseSession, session: Session, token: 
         "speaks": any(isinstance(step, ThinkAloudStep) for step in plan),
         "headset": frozen.protocol.asked_of_devices.headset,
         "head_pose": frozen.protocol.asked_of_devices.head_pose,
+        "motor_sound": frozen.protocol.motor_sound,
         "looks_around": any(step.view not in (None, "top_down") for step in plan),
         "step": view,
         "next_kind": next_kind(plan, session.position),
