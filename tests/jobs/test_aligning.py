@@ -487,6 +487,21 @@ def test_a_choice_per_scene_by_the_light_of_those_before_goes_when_one_of_them_g
     assert result["policy"] not in files.names()
 
 
+def test_a_choice_per_scene_by_the_light_of_people_in_general_is_nobodys_but_ones_own(services):
+    _, _, files = services
+    own = snapshot_of(services, answers=5, name="In general")
+    asked = {"gate_scenes": 50, "comparisons": 0, "policies": 2, "surely_better": 0.9}
+    params = EachSceneParams(snapshot=own, prior="people_in_general", **asked)
+    result = aligned(begin(services, "align", params.model_dump()), params)
+    assert result["prior"] == {"people_in_general": True}
+    policy = read_policy(files.get(result["policy"]))
+    assert isinstance(policy, ChoosingPolicy)
+    assert isinstance(policy.answers, Answers)
+    assert policy.answers.before is not None
+    assert policy.answers.before.free.name == "people_in_general"
+    assert policy.answers.before.steps is None
+
+
 def test_people_who_want_different_things_are_no_population(services):
     wants = ["min-human-distance", "network:31", "network:7", "thresholds:2", "network:5", "lexicographic:3"]
     people = [snapshot_of(services, answers=8, name=f"Apart {k}", oracle=want) for k, want in enumerate(wants)]

@@ -12,8 +12,9 @@ from desirepath.store.models import Event, Job, Participant, Session, utc_now
 from desirepath.study.personalising.alignment_jobs import earlier_snapshots
 from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.studies import create_study
-from tests.study.walking import INSTANT, Walker
+from tests.study.walking import INSTANT, QUICK, Walker
 
+CROWD = QUICK.with_name("crowd_study.yaml")
 PURPOSE = "version: 2026-11, purposes: {training: {en: Models may learn from my answers., de: Modelle dürfen lernen.}}"
 
 
@@ -64,6 +65,26 @@ def test_answers_are_read_by_the_light_of_those_who_agreed_and_of_nobody_erased(
     assert not set(own) & set(taught_by(database, last))
     erase_participant(database, files, first.session.participant_id, "tests")
     assert taught_by(database, last) == []
+
+
+def test_answers_are_read_by_the_light_of_people_in_general_which_needs_no_purpose(database, files, twenty_queries):
+    freeze_text(text_of(twenty_queries, prior="people_in_general", consent="version: 2026-11"))
+    text = text_of(twenty_queries, prior="people_in_general")
+    with database.transaction() as s:
+        study = create_study(s, files, freeze_text(text), name="In general", created_by=None)
+    last = answered(database, files, study)
+    with database.session() as s:
+        jobs = s.scalars(select(Job).where(Job.session_id == last.session.id)).all()
+        assert [(job.params["prior"], "earlier" in job.params) for job in jobs] == [("people_in_general", False)] * len(
+            jobs
+        )
+        assert jobs
+
+
+def test_people_in_general_say_nothing_of_crowds():
+    text = CROWD.read_text().replace("recipe: instant,", "recipe: instant, prior: people_in_general,")
+    with pytest.raises(ProtocolError, match="raters were not asked about crowds"):
+        freeze_text(text)
 
 
 @pytest.mark.parametrize(

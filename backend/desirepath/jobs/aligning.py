@@ -42,6 +42,8 @@ from desirepath.learning.alignment.never_worse import JUDGING_SEED, SCENES, bett
 from desirepath.learning.policies.policy import DrivingPolicy
 from desirepath.learning.policies.stand_ins import stand_in_name, stand_in_policy
 from desirepath.learning.preferences.objectives import preference_weights
+from desirepath.learning.preferences.people_in_general import people_in_general
+from desirepath.learning.preferences.population_prior import IN_GENERAL, prior_of_earlier
 from desirepath.learning.queries.queries import QueryConfig, flaw, look_alike
 from desirepath.learning.rewards.held_out import accuracy, predict_in_new_scenes
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
@@ -92,7 +94,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     if params.surely_better:  # else nobody asks, and it takes seconds
         independent = preferences_of(context, snapshot, independent=True) if snapshot.ratings else of_participant
         earlier = earlier_people(context, params.earlier, setup, params.symmetry)
-        believed = posterior_of_person(independent, params.symmetry, earlier)
+        before = people_in_general(setup) if params.prior == IN_GENERAL else prior_of_earlier(setup, earlier)
+        believed = posterior_of_person(independent, params.symmetry, before)
     verdict, judging = None, None if believed is None or algorithm.asks_directly else believed[0]
     if judging is not None and decide(aligned.gate, beside_instant=aligned.beside_instant).passed:
         verdict = better_for_person(judging, aligned.policy, base, seed=params.seed, needed=params.surely_better)
@@ -112,6 +115,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
             if believed is not None and params.earlier
             else {}
         ),
+        **({"prior": {IN_GENERAL: True}} if believed is not None and params.prior == IN_GENERAL else {}),
     }
     # `passed` here is the gate's; the result's is the whole decision
     gate = aligned.gate.as_dict()

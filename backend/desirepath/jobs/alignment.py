@@ -41,6 +41,7 @@ class AlignParams(Params):
     gate_max_loss: float = from_source("ours_five_points", 0.05, ge=0, le=1, advanced=True)
     surely_better: float = from_source("ours_surely_better", 0.0, ge=0, le=1, advanced=True)
     earlier: str = from_source("from_protocol_prior", "", advanced=True, max_length=MOST_NAMED)
+    prior: Literal["none", "people_in_general"] = from_source("from_protocol_prior", "none", advanced=True)
     comparisons: int = from_source("from_protocol", 3, ge=0, le=10, advanced=True)
     hold_out: int = from_source("ours", 0, ge=0, le=10, advanced=True)
     other: str | None = Field(

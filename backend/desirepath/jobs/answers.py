@@ -17,7 +17,7 @@ from desirepath.jobs.params import Params
 from desirepath.learning.errors import TooFewAnswers
 from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
-from desirepath.learning.preferences.population_prior import EarlierPerson, prior_of_earlier
+from desirepath.learning.preferences.population_prior import EarlierPerson, WeightPrior
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.predictive_check import PredictiveCheck, check_answers
 from desirepath.learning.preferences.preferences import Preference, usable
@@ -114,9 +114,9 @@ def prediction_of(
 
 
 def posterior_of_person(
-    of_participant: Mapping[str, Sequence[Preference]], symmetry: str = "none", earlier: Sequence[EarlierPerson] = ()
+    of_participant: Mapping[str, Sequence[Preference]], symmetry: str = "none", before: WeightPrior | None = None
 ) -> tuple[FreePosterior, PredictiveCheck] | None:
-    """What is believed of the one person whose independent answers these are, by the light of earlier participants, and
+    """What is believed of the one person whose independent answers these are, by the light of what others weigh, and
     whether they look like it; None of several people, and where nothing about two different trajectories was
     answered."""
     if len(of_participant) != 1:
@@ -131,7 +131,7 @@ def posterior_of_person(
         PairDifferences.of(setup.name, pairs, left_right_symmetry=mirrored),
         np.ones(len(used), dtype=np.bool_),
         FreeConfig(posterior=PosteriorConfig(left_right_symmetry=mirrored)),
-        prior_of_earlier(setup.name, earlier),
+        before,
     )
 
 

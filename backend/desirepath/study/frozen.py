@@ -13,6 +13,9 @@ from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.study.plan.counterbalancing import Assigning
 from desirepath.study.steps import T
 
+Prior = Literal["none", "earlier_participants", "people_in_general"]
+"""By the light of what own answers are read."""
+
 
 class Quota(Part):
     """At most `most` participants (completed or under way) may give this answer; who comes later leaves kindly."""
@@ -34,7 +37,7 @@ class Training:
 
     job: Literal["align", "demonstrations"]
     recipe: str
-    prior: Literal["none", "earlier_participants"]
+    prior: Prior
     give_up_after_s: int
     scenes: int
     opponents: tuple[str, ...]

@@ -34,7 +34,9 @@ from desirepath_experiments.benchmarks.results import Progress
 
 Doubles = NDArray[np.float64]
 Room = TypeVar("Room")
-FAMILY = "Families of the card, comma-separated, or nine; tuning, held_out, all (both), unseen; none with --reward."
+FAMILY = (
+    "Families of the card, comma-separated, nine, or raters; tuning, held_out, all (both), unseen; none with --reward."
+)
 REWARD = "A fitted reward as a person: a manifest (.json) or a reward model of the store (.npz)."
 
 
@@ -58,6 +60,9 @@ class PeopleOptions:
     queries: Annotated[
         Literal["policies", "manners", "both"], Field(description="Asked about: as they are, or in many manners.")
     ] = "policies"
+    prior: Annotated[
+        Literal["none", "people_in_general"], Field(description="By the light of what own answers are read.")
+    ] = "none"
     reward: Annotated[Path | None, Field(description=REWARD)] = None
     policies: Annotated[
         bool, Field(description="Also share_at_once of the library's best, as `people-policies` does.")
@@ -77,6 +82,7 @@ def benchmark_people(config: PeopleOptions, progress: Progress) -> dict[str, Any
         response_model=config.response_model,
         choose=config.choose,
         queries=config.queries,
+        prior=config.prior,
     )
     persons = asked_people.known_people(progress.out, setup, people_config) if progress.out is not None else []
 

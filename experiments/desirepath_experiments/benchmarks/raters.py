@@ -73,7 +73,7 @@ def benchmark_raters(config: RatersConfig, progress: Progress | None = None) -> 
     rated = read_raters(config.folder)
     scores = {name: np.array([scene.score for _, scene in scenes]) for name, scenes in rated.items()}
     tables = {name: np.array([measure(scene) for _, scene in scenes]) for name, scenes in rated.items()}
-    fit = _Fit(config, tables, scores)
+    fit = RatersFit(config, tables, scores)
     everything = np.ones(len(COLUMNS), dtype=np.bool_)
     accuracy = fit.left_out(everything)
     tell(f"median {np.median(list(accuracy.values())):.3f} of {len(rated)} raters")
@@ -123,23 +123,18 @@ def _read_scene(file: str, number: int, line: bytes) -> tuple[str, RatedScene]:
 
 def measure(scene: RatedScene) -> list[float]:
     """What `COLUMNS` name, of the robot at the origin; all grow with what may disturb."""
-    people = np.array([(person.x, person.y) for person in scene.humans]).reshape(-1, 2) / 100
-    facing = np.radians([person.orientation for person in scene.humans])
-    apart = np.linalg.norm(people, axis=1)
-    ahead = -(people * np.column_stack([np.sin(-facing), np.cos(facing)])).sum(1) / np.maximum(apart, 1e-6)
+    apart, ahead = _people(scene)
     values: list[float] = []
     for radius in NEAR_M:
         near = np.maximum(0, 1 - apart / radius) ** 2
         values += [near.max(initial=0), near.sum()]
     for radius in SIDES_M:
         near = np.maximum(0, 1 - apart / radius) ** 2
-        values += [near @ np.maximum(0, ahead), near @ np.maximum(0, -ahead), near @ (1 - np.abs(ahead))]
-    corners = np.array(scene.room) / 100
-    wall = min(_apart(a, b)[0] for a, b in zip(corners, np.roll(corners, -1, 0), strict=True))
-    things = np.linalg.norm([(thing.x / 100, thing.y / 100) for thing in scene.objects] or [(1e6, 1e6)], axis=1)
+        values += [float(near @ of) for of in (np.maximum(0, ahead), np.maximum(0, -ahead), 1 - np.abs(ahead))]
+    wall, things = _surroundings(scene)
     values += [max(0.0, 1 - wall / reach) ** 2 for reach in (0.5, 1.0)]
     values += [float((np.maximum(0, 1 - things / reach) ** 2).sum()) for reach in (0.5, 1.0, 2.0)]
-    x, y = corners.T
+    x, y = np.array(scene.room).T / 100
     area = abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
     values += [*_between(scene), float(len(apart)), float((apart < 3).sum()), len(apart) / max(area, 1)]
     return values
@@ -154,6 +149,29 @@ COLUMNS = (
     *(("crowd", "people in the room"), ("crowd", "people within 3 m"), ("crowd", "people per square metre")),
 )
 """Group and name of what `measure` gives, in its order."""
+
+
+def look_around(scene: RatedScene) -> tuple[Doubles, Doubles, float]:
+    """How far everybody is, m, the cosine of where the robot is for them (1: straight ahead), and how far the nearest
+    wall or thing is, m."""
+    wall, things = _surroundings(scene)
+    return *_people(scene), min(wall, float(things.min()))
+
+
+def _people(scene: RatedScene) -> tuple[Doubles, Doubles]:
+    people = np.array([(person.x, person.y) for person in scene.humans]).reshape(-1, 2) / 100
+    facing = np.radians([person.orientation for person in scene.humans])
+    apart = np.linalg.norm(people, axis=1)
+    ahead = -(people * np.column_stack([np.sin(-facing), np.cos(facing)])).sum(1) / np.maximum(apart, 1e-6)
+    return apart, ahead
+
+
+def _surroundings(scene: RatedScene) -> tuple[float, Doubles]:
+    """How far the nearest wall is, m, and every thing."""
+    corners = np.array(scene.room) / 100
+    wall = min(_apart(a, b)[0] for a, b in zip(corners, np.roll(corners, -1, 0), strict=True))
+    things = np.linalg.norm([(thing.x / 100, thing.y / 100) for thing in scene.objects] or [(1e6, 1e6)], axis=1)
+    return wall, things
 
 
 def _between(scene: RatedScene) -> tuple[float, float]:
@@ -175,7 +193,7 @@ def _apart(begin: Doubles, end: Doubles) -> tuple[float, float]:
     return float(np.linalg.norm(begin + along * way)), along
 
 
-class _Fit:
+class RatersFit:
     """Weights of measures by pairs within each rater: logistic, ridge; no scores of two raters are ever compared."""
 
     def __init__(self, config: RatersConfig, tables: dict[str, Doubles], scores: dict[str, Doubles]) -> None:

@@ -17,7 +17,7 @@ from desirepath.installed import DATASETS
 What = Literal[
     "base", "ensemble", "conditioned", "added",
     "queries", "varied-queries", "manner-queries", "triples", "ranking-set",
-    "stand-ins", "population-priors", "step-basis", "policy-library", "path-weights",
+    "stand-ins", "population-priors", "people-in-general", "step-basis", "policy-library", "path-weights",
     "adaptable", "attention", "depth", "depth-perception", "words-veto", "example-study", "sketches",
 ]  # fmt: skip
 MODULES = {
@@ -26,6 +26,7 @@ MODULES = {
     "ranking_sets": ("ranking-set",),
     "stand_ins": ("stand-ins",),
     "population_priors": ("population-priors",),
+    "people_in_general": ("people-in-general",),
     "step_bases": ("step-basis",),
     "policy_libraries": ("policy-library",),
     "path_weights": ("path-weights",),
@@ -38,7 +39,7 @@ MODULES = {
 }
 """Of `shipping`, with what each makes by `ship_WHAT(request)`."""
 OF_THE_PRODUCT = ("query_sets",)
-OF_NO_SETUP = ("words-veto", "sketches")
+OF_NO_SETUP = ("words-veto", "sketches", "people-in-general")
 ONLY_OF = {
     "adaptable": "adaptable",
     "attention": "crowd_corridor",
@@ -51,11 +52,11 @@ ONLY_OF = {
 @in_data_folder
 def ship(
     what: Annotated[What, typer.Argument(help="What is made.")],
-    setup: Annotated[str, typer.Argument(help="Which setup it is made for; words-veto and sketches need none.")] = "",
+    setup: Annotated[str, typer.Argument(help="Which setup it is made for, if for one.")] = "",
     seed: int = 0,
     count: Annotated[int, typer.Option(min=1, help="Of queries, or scenes of triples.")] = 200,
     out: Annotated[Path, typer.Option(help="Folder that the setup's folder lies in.")] = DATASETS,
-    work: Annotated[Path | None, typer.Option(help="Folder where trainings are kept, to go on with.")] = None,
+    work: Annotated[Path | None, typer.Option(help="Folder where trainings are kept, or raters lie.")] = None,
     as_json: JsonFlag = False,
 ) -> None:
     """Make a shipped artefact with its card."""

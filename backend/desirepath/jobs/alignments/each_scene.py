@@ -39,7 +39,10 @@ def align(context: JobContext, params: EachSceneParams, base: Policy, model: Rew
     from desirepath.learning.alignment.gate import at_gate
     from desirepath.learning.cards import DEPARTURES
     from desirepath.learning.errors import LearningError
+    from desirepath.learning.policies.choosing import Before
     from desirepath.learning.policies.shipped import load_policy
+    from desirepath.learning.preferences.people_in_general import people_in_general
+    from desirepath.learning.preferences.population_prior import IN_GENERAL as PEOPLE
     from desirepath.store.erasure import IN_GENERAL
 
     shipped = load_policy(f"{base.setup}/base")
@@ -54,7 +57,8 @@ def align(context: JobContext, params: EachSceneParams, base: Policy, model: Rew
     (preferences,) = of_participant.values()
     answers = answers_of(preferences, left_right_symmetry=params.symmetry == "left_right")
     people, snapshots = earlier_answers(context, params.earlier, params.symmetry, base.setup)
-    answers = replace(answers, before=what_they_weigh(people))
+    before = Before(people_in_general(base.setup)) if params.prior == PEOPLE else what_they_weigh(people)
+    answers = replace(answers, before=before)
     policy = choose_each_scene(answers, kept=params.policies)
     context.progress(0.4)
     gate = at_gate(policy, base, gate_rule(params), seed=params.seed)

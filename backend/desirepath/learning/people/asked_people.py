@@ -29,6 +29,8 @@ from desirepath.learning.policies.shipped import load_conditioned
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from desirepath.learning.preferences.objectives import NAMES, OPPOSITES
 from desirepath.learning.preferences.oracles import ResponseModel, judged
+from desirepath.learning.preferences.people_in_general import comfort, people_in_general, rater_weights
+from desirepath.learning.preferences.population_prior import IN_GENERAL, WeightPrior
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.sureness import Sureness
 from desirepath.learning.scene_sets import Purpose
@@ -38,7 +40,7 @@ from desirepath.simulation.trajectory import Outcome, Trajectory
 
 Doubles = NDArray[np.float64]
 CHOSEN = 50  # answers; after these questions are drawn
-NINE = "nine"
+NINE, RATERS = "nine", "raters"
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,8 @@ class PeopleConfig:
     next pair is the one whose answer tells most about the others', for the first CHOSEN answers). queries: what is
     asked about, pairs of policies as they are, of policies in many manners, or half of each. test: pairs of policies as
     they are that are predicted; scenes: in which a policy is chosen, in which it is judged by the posterior, and in
-    which its true gain is measured. particles: of the posterior over the nine."""
+    which its true gain is measured. particles: of the posterior over the nine. prior: none, or people_in_general: by
+    the light of what raters of still moments found comfortable."""
 
     families: tuple[str, ...]
     people: int = 5
@@ -63,6 +66,7 @@ class PeopleConfig:
     test: int = 300
     scenes: tuple[int, int, int] = (150, 200, 300)
     particles: int = 20_000
+    prior: str = "none"
 
 
 @dataclass(frozen=True)
@@ -112,6 +116,8 @@ def benchmark_people(
         raise LearningError(f"choose = {config.choose!r}: random or information")
     if config.queries not in ("policies", "manners", "both"):
         raise LearningError(f"queries = {config.queries!r}: policies, manners or both")
+    if config.prior not in ("none", IN_GENERAL):
+        raise LearningError(f"prior = {config.prior!r}: none or {IN_GENERAL}")
     if max(config.answers) > config.pool:
         raise LearningError(f"answers = {max(config.answers)}: at most the pool of {config.pool} pairs")
     answering = ResponseModel(**response_models([config.response_model])[config.response_model])
@@ -129,7 +135,8 @@ def benchmark_people(
         for family, name, person in [*everybody, *(("file", *entry) for entry in (more or {}).items())]:
             if (seed, name) not in done:
                 room = room or _Room.of(setup, seed, config)
-                measured = _measure(person, room, answering, config)
+                before = prior_for(person, setup) if config.prior == IN_GENERAL else None
+                measured = _measure(person, room, answering, config, before)
                 done[seed, name] = {"family": family, "person": name, "seed": seed} | measured
                 if on_person:
                     on_person(done[seed, name])
@@ -178,7 +185,11 @@ def known_people(path: Path, setup: str, config: PeopleConfig) -> list[dict[str,
 
 
 def people_of(family: str, count: int, setup: str, first: int) -> Mapping[str, FamilyMember]:
-    """Of the card's families, or of `nine`: each objective alone, then two at equal shares, again and again."""
+    """Of the card's families, of `nine`: each objective alone, then two at equal shares, again and again; or `raters`:
+    those of whom the prior people_in_general is, six in turn."""
+    if family == RATERS:
+        raters = list(rater_weights())
+        return {f"{RATERS}:{k}": Rater(raters[k % len(raters)]) for k in range(first, first + count)}
     if family != NINE:
         return members(family, count, setup, first)
     alone = [(name,) for name in NAMES]
@@ -194,7 +205,25 @@ def people_of(family: str, count: int, setup: str, first: int) -> Mapping[str, F
     return people
 
 
-def _measure(person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleConfig) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Rater(FamilyMember):
+    """Somebody who wants of whole trajectories what this rater of still moments found comfortable."""
+
+    name: str
+
+    def scores(self, trajectories: Sequence[Trajectory]) -> Doubles:
+        (found,) = comfort(rater_weights()[self.name][None], trajectories)
+        return np.asarray(found)
+
+
+def prior_for(person: FamilyMember, setup: str) -> WeightPrior:
+    """Of people in general; a rater is not among them."""
+    return people_in_general(setup, without=person.name if isinstance(person, Rater) else "")
+
+
+def _measure(
+    person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleConfig, before: WeightPrior | None
+) -> dict[str, Any]:
     """One person: asked, predicted, shown."""
     random = np.random.default_rng([room.seed, 61])
     pairs = room.pairs
@@ -204,20 +233,22 @@ def _measure(person: FamilyMember, room: _Room, answering: ResponseModel, config
         False: answers_of(person.after(0), pairs, answering, room.setup, room.seed),
         True: answers_of(now, pairs, answering, room.setup, room.seed),
     }
-    posterior = FreePosterior.prior(room.setup, FreeConfig(posterior=PosteriorConfig(particles=config.particles)))
+    asked = FreeConfig(posterior=PosteriorConfig(particles=config.particles))
+    posterior = FreePosterior.prior(room.setup, asked, before)
     left = list(random.permutation(pairs.asked))
     result: dict[str, Any] = {"accuracy": {}, "claimed": {}, "nine_accuracy": {}, "nine_claimed": {}}
     result |= {"bins": {}, "nine_bins": {}}
     choosing: list[float] = []
-    for n in range(1, max(config.answers) + 1):
-        if config.choose == "information" and n <= CHOSEN:
-            began = time.process_time()
-            k = left.pop(int(posterior.bits_about(pairs.differences[left], pairs.to_predict).argmax()))
-            choosing.append(round(1000 * (time.process_time() - began), 1))
-        else:
-            k = left.pop()
-        changed = person.after(n - 1) is now
-        posterior = posterior.updated(pairs.differences[[k]], bool(answers[changed][k] > 0))
+    for n in range(max(config.answers) + 1):
+        if n:
+            if config.choose == "information" and n <= CHOSEN:
+                began = time.process_time()
+                k = left.pop(int(posterior.bits_about(pairs.differences[left], pairs.to_predict).argmax()))
+                choosing.append(round(1000 * (time.process_time() - began), 1))
+            else:
+                k = left.pop()
+            changed = person.after(n - 1) is now
+            posterior = posterior.updated(pairs.differences[[k]], bool(answers[changed][k] > 0))
         if n in config.answers:
             test = pairs.differences[pairs.test]
             for prefix, probable in (

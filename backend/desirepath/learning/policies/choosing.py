@@ -25,7 +25,7 @@ from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.policies.side_by_side import Drivers, SideBySide
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from desirepath.learning.preferences.measures import MEASURES
-from desirepath.learning.preferences.population_prior import EARLIER, WeightPrior
+from desirepath.learning.preferences.population_prior import EARLIER, IN_GENERAL, WeightPrior
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.spans import SPANS_S
 from desirepath.learning.preferences.step_posterior import StepPosterior
@@ -51,22 +51,28 @@ OF_BEFORE = ("free_mean", "free_factor", "steps_mean", "steps_factor")
 
 @dataclass(frozen=True)
 class Before:
-    """What earlier people weigh, by both posteriors' columns; both parts as `fit_people` has them."""
+    """What other people weigh, by both posteriors' columns; both parts as `fit_people` has them. steps: None where they
+    say nothing of steps (`people_in_general`)."""
 
     free: WeightPrior
-    steps: tuple[Doubles, Doubles]
+    steps: tuple[Doubles, Doubles] | None = None
 
     def to_arrays(self) -> dict[str, Doubles]:
-        parts = (self.free.mean, self.free.factor, *self.steps)
-        return {f"before_{name}": part for name, part in zip(OF_BEFORE, parts, strict=True)}
+        parts = (self.free.mean, self.free.factor, *(self.steps or ()))
+        return {f"before_{name}": part for name, part in zip(OF_BEFORE, parts, strict=False)}
 
     @classmethod
     def from_arrays(cls, arrays: Arrays) -> Before:
         """Raises LearningError for what is not finite, ValueError for what does not fit."""
-        free_mean, free_factor, mean, factor = (_finite(arrays, f"before_{name}") for name in OF_BEFORE)
-        if free_factor.shape[:1] != free_mean.shape or factor.shape != (len(mean), len(mean)):
-            raise ValueError(f"before has shapes {free_mean.shape}, {free_factor.shape}, {mean.shape}, {factor.shape}")
-        return cls(WeightPrior(EARLIER, free_mean, free_factor), (mean, factor))
+        names = OF_BEFORE if "before_steps_mean" in arrays else OF_BEFORE[:2]
+        free_mean, free_factor, *steps = (_finite(arrays, f"before_{name}") for name in names)
+        if free_factor.shape[:1] != free_mean.shape or (steps and steps[1].shape != (len(steps[0]), len(steps[0]))):
+            shapes = [part.shape for part in (free_mean, free_factor, *steps)]
+            raise ValueError(f"before has shapes {shapes}")
+        return cls(
+            WeightPrior(EARLIER if steps else IN_GENERAL, free_mean, free_factor),
+            (steps[0], steps[1]) if steps else None,
+        )
 
 
 @dataclass(frozen=True)
@@ -398,8 +404,9 @@ def roll_out_all(
 def _before(arrays: Arrays, basis: StepBasis) -> Before:
     """Raises ValueError for what is of other columns."""
     before = Before.from_arrays(arrays)
-    if (len(before.free.mean), len(before.steps[0])) != (len(NAMES) + SIZE, basis.size):
-        raise ValueError(f"before has {len(before.free.mean)} and {len(before.steps[0])} columns")
+    of_steps = basis.size if before.steps is None else len(before.steps[0])
+    if (len(before.free.mean), of_steps) != (len(NAMES) + SIZE, basis.size):
+        raise ValueError(f"before has {len(before.free.mean)} and {of_steps} columns")
     return before
 
 

@@ -23,7 +23,7 @@ from desirepath.learning.measures.pairs import PairDifferences, reference_differ
 from desirepath.learning.preferences.advantage_process import AdvantageProcess, Seen, entropy_bits
 from desirepath.learning.preferences.measures import typical_differences
 from desirepath.learning.preferences.objectives import gains
-from desirepath.learning.preferences.population_prior import WeightPrior, shipped_priors
+from desirepath.learning.preferences.population_prior import IN_GENERAL, WeightPrior, shipped_priors
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 
 Doubles = NDArray[np.float64]
@@ -35,15 +35,17 @@ SAMPLES = 1_000  # of all that is believed, where questions are chosen by what i
 @dataclass(frozen=True)
 class FreeConfig:
     """nine: prior probability that the objectives say it; families: that one of the priors of simulated people does,
-    where a setup has them (`population_prior.py`); before: that earlier participants' does, where one is given; the
-    rest is the named measures' and the embedding's. strengths: variances of a typical pair's advantage in log odds,
-    with their prior probabilities. sharper: how many times surer than Laplace's approximation the answers bear out,
-    after 8 answers and per e-fold more. Chosen on the tuning families of `people/card.yaml`, `sharper` on each with
-    the others' priors."""
+    where a setup has them (`population_prior.py`); before, general: of what is left beside the nine, that earlier
+    participants' does, or people in general's, where one is given; the rest is the named measures' and the embedding's.
+    strengths: variances of a typical pair's advantage in log odds, with their prior probabilities. sharper: how many
+    times surer than Laplace's approximation the answers bear out, after 8 answers and per e-fold more. Chosen on the
+    tuning families of `people/card.yaml`, `sharper` on each with the others' priors, `general` (of 0.2, 0.4, 0.6, 0.8)
+    beside the raters."""
 
     nine: float = 0.5
     families: float = 0.3
     before: float = 0.6
+    general: float = 0.2
     strengths: tuple[float, ...] = (8.0, 64.0, 512.0)
     prior: tuple[float, ...] = (0.25, 0.4, 0.35)
     sharper: tuple[float, float] = (1.9, -0.2)
@@ -218,7 +220,9 @@ class FreePosterior:
         """Prior probability of each way; sums to 1 - nine."""
         config, families = self.config, [prior.name for prior in shipped_priors(self.setup)]
         left = 1 - config.nine
-        shares = {self.before.name: config.before * left} if self.before is not None else {}
+        shares = {}
+        if self.before is not None:
+            shares[self.before.name] = left * (config.general if self.before.name == IN_GENERAL else config.before)
         left -= sum(shares.values())
         of_families = config.families / (1 - config.nine) * left if families else 0.0
         shares |= {name: of_families / len(families) for name in families}

@@ -90,7 +90,7 @@ class EarlierPerson:
     chosen: NDArray[np.bool_]
 
 
-EARLIER = "earlier_participants"
+EARLIER, IN_GENERAL = "earlier_participants", "people_in_general"
 TYPICAL_STRENGTH = 64.0
 DIRECTIONS = 60
 ROUNDS = 3

@@ -62,7 +62,7 @@ def store(kind: str, name: str, save: Callable[[Path], object] | bytes, folder: 
         save(path)
     departures = [DEPARTURES.get(departure, departure) for departure in fields.pop("departures", ())]
     about: dict[str, Any] = {"commit": source_commit(), "config": {}, "scenes": {}, "results": {}, "seed": 0} | fields
-    setup = "" if kind == "second_reader" else name.split("/")[0]
+    setup = "" if kind in ("second_reader", "people_in_general") else name.split("/")[0]
     card = Card(kind, name, setup, path.name, file_sha256(path), departures=departures, **about)
     card.save(card_path(path))
     return card

@@ -11,6 +11,7 @@ from desirepath.grammar.parts import Part, Slug, an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.words import View
 from desirepath.store.events import log_event
+from desirepath.study.frozen import Prior
 from desirepath.study.kind import Acting, Kind, Moment, Page
 from desirepath.study.kinds.asking_on import AskingOnStep, AskOn
 from desirepath.study.kinds.comparison import ComparisonStage, ComparisonStep, make_comparisons
@@ -39,7 +40,9 @@ class TrainStage(Stage):
     chooses, in each scene, among many policies: what the answers let expect decides nothing, the comparison does
     (`meet_your_robot` with `preferred`). prior (of `align`): by the light of what own answers are read before a policy
     is called surely better for this person, or chosen per scene; `none` of others', `earlier_participants` of those of
-    the study, the same version and group who consented to training. ask_on (of `align`): further pairs where what was
+    the study, the same version and group who consented to training, `people_in_general` of what raters of still moments
+    found comfortable (distance, from which side, things); what own answers do not bear out counts less with each of
+    them. ask_on (of `align`): further pairs where what was
     learned is not surely better for this very person.
     """
 
@@ -52,7 +55,7 @@ class TrainStage(Stage):
     job: Literal["align", "demonstrations"] = "align"
     on: Literal["own_answers"] = "own_answers"
     recipe: Literal["instant", "each_scene", "fine_tuning", "thesis"] = "instant"
-    prior: Literal["none", "earlier_participants"] = "none"
+    prior: Prior = "none"
     meanwhile: Meanwhile | None = Field(None, alias="while")
     give_up_after_s: int = Field(120, ge=1, le=1800)  # ours
     ask_on: AskOn | None = Field(None, description="default: nothing more is asked, and nothing compared")

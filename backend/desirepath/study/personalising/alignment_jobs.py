@@ -94,6 +94,7 @@ def start_training(acting: Acting) -> None:
                 **neutral,
                 **in_general,
                 **({"earlier": ",".join(earlier)} if earlier else {}),
+                **({"prior": training.prior} if training.prior == "people_in_general" else {}),
                 "surely_better": SURELY_BETTER,
                 "symmetry": acting.frozen.protocol.symmetry,
                 "seed": session.seed % (LARGEST_JOB_SEED + 1),

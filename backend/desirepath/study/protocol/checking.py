@@ -16,7 +16,7 @@ from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.comprehension import ComprehensionStage
 from desirepath.study.kinds.consent import ConsentStage
 from desirepath.study.kinds.feedback import Feedback
-from desirepath.study.kinds.live import LiveStage
+from desirepath.study.kinds.live import LiveStage, crowd_setups
 from desirepath.study.kinds.wait import EACH_SCENE, TrainStage
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.plan.counterbalancing import design_of
@@ -100,8 +100,13 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
                 f"stands before any {' or '.join(taught_by)}; there is nothing to learn from yet for job {learning.job}"
             )
             yield at(first("train"), message)
-        if learning.prior != "none":
-            yield from _earlier(protocol, learning, ("stages", first("train"), "train", "prior"), source)
+        at_prior = ("stages", first("train"), "train", "prior")
+        if learning.prior == "earlier_participants":
+            yield from _earlier(protocol, learning, at_prior, source)
+        elif learning.prior == "people_in_general" and learning.job != "align":
+            yield source.problem(at_prior, "needs job align: nothing of it is about paths")
+        elif learning.prior == "people_in_general" and (protocol.query_set or "").partition("/")[0] in crowd_setups():
+            yield source.problem(at_prior, "needs a query set with one person: raters were not asked about crowds")
         own = kinds[: first("train")].count("appointment")
         for index, kind in enumerate(kinds):
             if kind in (*taught_by, "comparison") and kinds[:index].count("appointment") != own:
