@@ -38,7 +38,8 @@ GATE: dict[str, Any] = {
 def _gate(request: Request) -> dict[str, Any]:
     """What a device must have: the example's, with what the address says otherwise."""
     said = {name: value for name, value in request.query_params.items() if name in GATE}
-    return GATE | {name: [value] if name == "pointers" else float(value) for name, value in said.items()}
+    read = {"pointers": lambda value: [value], "headset": str}
+    return GATE | {name: read.get(name, float)(value) for name, value in said.items()}
 
 
 WHEN = datetime(2026, 11, 28, 12, 30, tzinfo=UTC)

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, Page, Route
+from playwright.sync_api import Browser, Page, Route, expect
 
 from desirepath.installed import FRONTEND
 from desirepath.web.core.catalogues import Texts
@@ -74,6 +74,19 @@ def test_what_stands_against_beginning_is_said(
         assert found["panel"] == ("headset.window" if wanted is False else "headset.off")
     elif missing:
         assert found["banner"] == missing
+
+
+@pytest.mark.parametrize(("secure", "told"), [("true", "this browser finds none"), ("false", "(https) only")])
+def test_the_first_page_says_what_is_missing(chromium: Browser, pages: str, secure: str, told: str) -> None:
+    opened = chromium.new_page()
+    opened.add_init_script(
+        f"Object.defineProperty(window, 'isSecureContext', {{ value: {secure} }});"
+        "Object.defineProperty(navigator, 'xr', { value: undefined });"
+    )
+    opened.goto(f"{pages}/join?headset=required")
+    expect(opened.get_by_role("alert").get_by_text(told)).to_be_visible()
+    expect(opened.locator("#begin")).to_be_disabled()
+    opened.close()
 
 
 def test_every_refusal_has_a_sentence_in_both_languages() -> None:

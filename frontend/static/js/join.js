@@ -58,7 +58,7 @@ function report(name, good, text) {
   if (words.textContent !== text) words.textContent = text;
 }
 
-/** @param {"webgl" | "phone" | "no_touch" | "no_mouse" | "slow" | "headset" | null} why */
+/** @param {"webgl" | "phone" | "no_touch" | "no_mouse" | "slow" | "headset" | "no_https" | null} why */
 function refuse(why) {
   const news = refused.hidden;
   refused.hidden = why === null;
@@ -88,7 +88,7 @@ function check() {
   if (!webgl) refuse("webgl");
   else if (!size && !screenFits && !(touch && turned)) refuse("phone");
   else if (!pointer) refuse(touch ? "no_touch" : "no_mouse");
-  else refuse(!fast ? "slow" : lacks ? "headset" : null);
+  else refuse(!fast ? "slow" : !lacks ? null : window.isSecureContext ? "headset" : "no_https");
   begin.disabled = !(webgl && size && pointer && rate !== undefined && fast && headset !== undefined && !lacks);
 }
 
