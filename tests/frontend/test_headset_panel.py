@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, Route, expect
@@ -25,6 +26,35 @@ ASK = """async ([asked, wanted, told]) => {
   const offered = orders.findLast((one) => one.do === "offer").words;
   const panel = headset.on ? headset.panel().text : null;
   return { missing: headset.missing, offered, banner: banners.at(-1) ?? null, panel };
+}"""
+PRESS = """async ([presses, phase]) => {
+  const { Headset } = await import("/static/js/headset.js");
+  const headset = new Headset("offered", {
+    say: (key) => key, tell: () => {}, banner: () => {}, notice: () => {}, changed: () => {}, headPose: false,
+  });
+  for (const part of phase ? document.querySelectorAll("[data-phase]") : []) part.hidden = part.dataset.phase !== phase;
+  for (const [id, more] of presses) {
+    headset.panel();
+    headset.hear({ type: "headset-press", id, ...more });
+  }
+  const { rows, buttons, beside } = headset.panel();
+  return { rows, beside, buttons: buttons.filter((one) => !one.tool) };
+}"""
+REFUSED = """async (taken) => {
+  const { StageBar } = await import("/static/js/stage-bar.js"), { Refused } = await import("/static/js/send.js");
+  const sent = [];
+  class Bar extends StageBar { get playing() { return this.state.phase === "playing_a"; } }
+  const post = async (path, body) => {
+    sent.push(path);
+    if (path === "seen" && !taken) throw new Refused(409, { code: "headset_required" });
+    return { step: { key: "one", trial: { phase: path === "seen" ? "choosing" : "ready", playback_id: null } } };
+  };
+  const bar = new Bar(document.createElement("div"), { phase: "playing_a", playback_id: "p" }, {
+    key: "one", post, refresh: async () => {}, cover: () => {}, headset: { worn: true }, announce: () => {},
+  });
+  await bar.reportPlayed("p", () => ({ path: "seen", body: {} }));
+  bar.leave();
+  return [sent, bar.state.phase];
 }"""
 SEND = """async () => {
   const { HeadPoses } = await import("/static/js/head-pose.js");
@@ -96,6 +126,65 @@ def test_every_refusal_has_a_sentence_in_both_languages() -> None:
         assert all(
             sentence.endswith(".") for sentence in [*words["refused"].values(), words["needed"], words["window"]]
         )
+
+
+@pytest.fixture
+def pressed(chromium: Browser, pages: str) -> Iterator[Callable[..., dict[str, Any]]]:
+    """Press buttons in the room on a page of that kind, one after the other; then the panel's rows and buttons."""
+    page = chromium.new_page()
+    page.route("**/live/*/paths", lambda route: route.abort())
+
+    def press(kind: str, presses: list[tuple[str, dict[str, Any]]], phase: str = "") -> dict[str, Any]:
+        page.goto(f"{pages}/step/{kind}")
+        page.locator(".step-body[data-live]").wait_for(state="attached")
+        found: dict[str, Any] = page.evaluate(PRESS, [presses, phase])
+        return found
+
+    yield press
+    page.close()
+
+
+def test_sliders_are_moved_in_the_room_and_whose_hand_it_was_is_noted(pressed: Callable[..., dict[str, Any]]) -> None:
+    moves = [("slider-0-less", {}), ("slider-0-set", {"share": 1.0, "settled": True}), ("slider-4-more", {})]
+    found = pressed("tuning", moves)
+    assert found["beside"]
+    rows = found["rows"]
+    assert [len(row["buttons"]) for row in rows] == [3] * 7
+    assert rows[0]["share"] == 1
+    assert rows[0]["text"].endswith("100")
+    assert rows[4]["share"] == pytest.approx(0.3)
+    assert all("\n" not in row["text"] and "undefined" not in row["text"] for row in rows)
+
+
+@pytest.mark.parametrize(("kind", "name", "points"), [("rating", "rating", 7), ("meet_your_robot", "agreement", 5)])
+def test_points_of_a_scale_are_pressed_in_the_room(
+    pressed: Callable[..., dict[str, Any]], kind: str, name: str, points: int
+) -> None:
+    found = pressed(kind, [(f"{name}-2", {}), (f"{name}-4", {})], "choosing" if kind == "rating" else "")
+    row = found["rows"][0]
+    assert [one["text"] for one in row["buttons"]] == [str(n + 1) for n in range(points)]
+    assert [one["text"] for one in row["buttons"] if one["pressed"]] == ["4"]
+    assert len(row["ends"]) == 2
+    resting = [one["resting"] for one in found["buttons"] if one["text"] == "Continue"]
+    assert resting == [kind != "rating"], "the robots are to be watched first"
+
+
+def test_objects_are_listed_in_the_room_with_their_names(pressed: Callable[..., dict[str, Any]]) -> None:
+    found = pressed("importance_ranking", [], "choosing")
+    assert [one["text"] for one in found["buttons"]][:4] == ["Couch", "Table", "Cupboard", "Sideboard 1"]
+
+
+def test_what_is_for_the_window_alone_is_left_out_of_the_room(pressed: Callable[..., dict[str, Any]]) -> None:
+    assert [one["text"] for one in pressed("robot_drive", [])["buttons"]] == ["Continue"], "nobody types there"
+
+
+@pytest.mark.parametrize(
+    ("taken", "sent", "phase"), [(True, ["seen"], "choosing"), (False, ["seen", "interrupted"], "ready")]
+)
+def test_what_was_watched_and_does_not_count_can_be_begun_again(
+    page: Page, taken: bool, sent: list[str], phase: str
+) -> None:
+    assert page.evaluate(REFUSED, taken) == [sent, phase]
 
 
 def test_how_the_head_moves_is_sent_in_order_until_it_is_taken(page: Page) -> None:

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
+from desirepath.explain.ranking_sets import RankingSet
+from desirepath.explain.shown_explanation import ShownExplanation
+from desirepath.learning.shipped_files import resolve
 from desirepath.simulation.demonstration_scenes import demonstration_scene
 from desirepath.store.head_poses import samples_problem
 from desirepath.web.participant.sent import HeadMoved
@@ -20,7 +23,10 @@ from tests.headset import (
     EYES_M,
     HEAD,
     LOOK,
+    aim,
     draw_by_ray,
+    hold_trigger,
+    lean_stick,
     plug_in_headset,
     pull_trigger_at,
     put_on,
@@ -264,6 +270,129 @@ def test_who_switches_the_controller_off_lifts_the_pen(rig: StageRig, wear: Wear
     visitor.wait_until(lambda: newest(visitor)["drawing"], "it is being drawn")
     visitor.frame.evaluate("window.headset.controllers.right.connected = false")
     visitor.wait_until(lambda: newest(visitor)["can_finish"] and not newest(visitor)["drawing"], "it is lifted")
+
+
+def eyes(visitor: Visitor) -> tuple[np.ndarray, float]:
+    """Where they are on the floor, and the way that they look, rad."""
+    seen = visitor.frame.evaluate(HEAD)
+    return np.array(seen["eyes"]).mean(0)[:2], math.atan2(seen["along"][1], seen["along"][0])
+
+
+def test_who_walks_does_so_with_real_steps_or_the_stick_and_no_wall_is_walked_through(
+    rig: StageRig, wear: Wear
+) -> None:
+    visitor = wear()
+    stage = paper(visitor)
+    narrow = "window.desirePath.headsetRoom.narrowed()"
+    beside = drive(SHEET, duration_s=40.0, bend_m=-0.8)
+    stage.play(beside, label="", view="immersive", playback_id="walk", walking=True)
+    visitor.wait_for("playing", playback_id="walk")
+    wait_for_pictures(visitor.frame)
+    stood, ahead = eyes(visitor)
+    person = SHEET.person.pose
+    assert stood == pytest.approx([person.x, person.y], abs=0.1)
+    lean_stick(visitor.frame, "left", 0, -1)
+    visitor.wait_until(lambda: visitor.frame.evaluate(narrow) == 1, "what is seen is narrow while the stick moves one")
+    lean_stick(visitor.frame, "left", 0, 0)
+    visitor.wait_until(lambda: visitor.frame.evaluate(narrow) == 0, "and wide again")
+    walked = eyes(visitor)[0] - stood
+    assert walked @ [math.cos(ahead), math.sin(ahead)] > max(0.1, 0.9 * np.hypot(*walked)), "it goes where one looks"
+    lean_stick(visitor.frame, "right", 1, 0)
+    wait_for_pictures(visitor.frame)
+    wait_for_pictures(visitor.frame)
+    assert (ahead - eyes(visitor)[1]) % (2 * math.pi) == pytest.approx(math.pi / 6, abs=0.01), "one step to the right"
+    lean_stick(visitor.frame, "right", 0, 0)
+    here = eyes(visitor)[0]
+    visitor.frame.evaluate("window.headset.position.x += 0.3")
+    visitor.wait_until(lambda: np.hypot(*(eyes(visitor)[0] - here)) == pytest.approx(0.3, abs=0.05), "a real step")
+    tell(visitor, {"do": "comfort", "snap": False, "narrow": False})
+    wait_for_pictures(visitor.frame)
+    before = eyes(visitor)[1]
+    lean_stick(visitor.frame, "right", -1, 0)
+    visitor.wait_until(lambda: 0.2 < (eyes(visitor)[1] - before) % (2 * math.pi) < 3, "turned without steps")
+    assert visitor.frame.evaluate(narrow) == 0
+    lean_stick(visitor.frame, "right", 0, 0)
+    visitor.frame.evaluate("window.headset.position.z -= 9; window.headset.position.x -= 9")  # through some wall
+    dark = "window.desirePath.headsetRoom.darkness()"
+    visitor.wait_until(lambda: visitor.frame.evaluate(dark) == 1, "in a wall nothing is seen")
+    walk = visitor.frame.evaluate("window.desirePath.walk.recording()")
+    poses = np.array(walk["poses"])
+    assert poses[0, :2] == pytest.approx([person.x, person.y], abs=1e-3)
+    assert SHEET.room is not None
+    assert np.all(
+        np.abs(poses[:, :2]) <= np.array([SHEET.room.length, SHEET.room.width]) / 2 - SHEET.person.radius + 0.02
+    )
+    stage.play(beside, label="", view="immersive", playback_id="again", walking=True)
+    visitor.wait_for("playing", playback_id="again")
+    visitor.wait_until(lambda: np.allclose(eyes(visitor)[0], [person.x, person.y], atol=0.1), "at the place again")
+    visitor.wait_until(lambda: visitor.frame.evaluate(dark) == 0, "and sees")
+
+
+SLIDER = {
+    "text": "farther from me: 50",
+    "share": 0.5,
+    "ends": None,
+    "buttons": [
+        {"id": "far-less", "text": "-"},
+        {"id": "far-set", "text": "", "slides": True},
+        {"id": "far-more", "text": "+"},
+    ],
+}
+BAR = """(share) => {
+  const room = window.desirePath.headsetRoom;
+  const [less, more] = [room.place("far-less"), room.place("far-more")], middle = room.place("far-set");
+  return middle.map((value, i) => value + (share - 0.5) * 0.83 * (more[i] - less[i]));
+}"""
+
+
+def test_a_slider_is_held_and_moved_with_the_ray_or_by_its_buttons(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    offer(visitor)
+    tell(visitor, {"do": "panel", "panel": {**PANEL, "rows": [SLIDER], "beside": True}})
+    put_on(visitor.frame)
+    pull_trigger_at(visitor.frame, "far-more")
+    visitor.wait_for("headset-press", id="far-more")
+    aim(visitor.frame, visitor.frame.evaluate(BAR, 0.25))
+    hold_trigger(visitor.frame, True)
+    visitor.wait_until(lambda: visitor.events("headset-press")[-1].get("settled") is False, "it is held")
+    aim(visitor.frame, visitor.frame.evaluate(BAR, 0.75))
+    visitor.wait_until(lambda: 0.7 < visitor.events("headset-press")[-1]["share"] < 0.8, "it follows the ray")
+    take_off(visitor.frame)  # while it is held
+    visitor.wait_until(lambda: visitor.events("headset-press")[-1]["settled"] is True, "it stays where it was")
+
+
+def test_objects_are_named_in_the_room_and_picked_with_the_ray(rig: StageRig, wear: Wear) -> None:
+    visitor = wear()
+    stage = stage_of(visitor)
+    one = RankingSet.load(resolve("explained_room/scenarios_48")).rollouts[2]
+    scores = tuple(tuple(float(score) for score in row) for row in one.scores)
+    shown = ShownExplanation(one.things, scores, outlines=True, lidar=True)
+    stage.show(one.trajectory.scene, "immersive", trajectories=(one.trajectory,), explained=shown)
+    visitor.wait_for("ready")
+    tell(visitor, {"do": "offer", "words": {"enter": "Put on the headset"}})
+    put_on_with_panel(visitor)
+    first, second, *_ = one.things
+    rank = "(message) => window.desirePath.explained.obey({ do: 'rank', ...message })"
+    words = {thing: thing.upper() for thing in one.things}
+    visitor.frame.evaluate(rank, {"words": words, "places": [], "pointed": None})
+    wait_for_pictures(visitor.frame)
+    labels = "window.desirePath.headsetRoom.labels()"
+    assert set(visitor.frame.evaluate(labels)) >= {first.upper(), second.upper()}
+    middle = (
+        "(thing) => { const objects = window.desirePath.explained.objects();"
+        " const { x, y, height } = objects.find((one) => one.thing === thing); return [x, y, 0.8 * height]; }"
+    )
+    visitor.frame.evaluate(
+        "window.desirePath.headsetRoom.show({ ...window.desirePath.headsetRoom.shown(), quiet: true })"
+    )
+    for thing in one.things:
+        aim(visitor.frame, visitor.frame.evaluate(middle, thing))
+        hold_trigger(visitor.frame, True)
+        hold_trigger(visitor.frame, False)
+    picked = {event["thing"] for event in visitor.events("picked")}
+    assert picked, "what stands in front is picked"
+    visitor.frame.evaluate(rank, {"words": words, "places": [first], "pointed": None})
+    visitor.wait_until(lambda: f"1  {first.upper()}" in visitor.frame.evaluate(labels), "with its place")
 
 
 def put_on_with_panel(visitor: Visitor) -> None:

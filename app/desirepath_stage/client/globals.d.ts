@@ -94,6 +94,7 @@ interface DesirePath {
     build(name: string): boolean;
     clear(): void;
     show(next: RoomPanel): void;
+    legend(entries: { name: string; colour: number[]; hollow?: boolean }[]): void;
     shown(): RoomPanel;
     pointed(): string[];
     may(id: string): boolean;
@@ -101,6 +102,7 @@ interface DesirePath {
     find(eye: number[], along: number[], robot: number[]): void;
     found(): number;
     narrow(eye: number[], along: number[], share: number): void;
+    darkness(): number;
     narrowed(): number;
     label(eye: number[], labels: RoomLabel[]): void;
     labels(): string[];

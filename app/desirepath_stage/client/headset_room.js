@@ -8,7 +8,7 @@
   "use strict";
   const { viser, scheme, quads } = window.desirePath;
   const { add, dot, cross, unit, put } = quads;
-  const [WIDE, MOST_HIGH, PX_PER_M] = [1024, 1024, 800]; // of the panel's picture, pixels
+  const [WIDE, MOST_HIGH, PX_PER_M] = [1024, 1120, 800]; // of the panel's picture, pixels
   const [HIGH, QUIET_HIGH, BESIDE_ROWS] = [640, 150, 520]; // of what is painted on it: mostly, quiet, beside sliders
   const [SLIDER, POINTS, ENDS] = [70, 72, 32]; // how high a row is, and what its ends are called, pixels
   const AWAY_M = 1.7; // the panel from the eyes; at this distance eyes need not strain
@@ -45,6 +45,8 @@
   /** Names that stand over things. @type {{mesh: any, canvas: HTMLCanvasElement, said: string}[]} */
   let names = [];
   let narrowed = 0;
+  /** What colours mean on the floor. @type {{name: string, colour: number[], hollow?: boolean}[]} */
+  let colours = [];
 
   /** @param {string} text @param {number} wide @returns {string[]} */
   function lines(text, wide) {
@@ -128,6 +130,25 @@
     });
   }
 
+  /** From the right, in the line of the count. */
+  function paintColours() {
+    if (panel.quiet) return;
+    let right = WIDE - 44;
+    pen.font = `600 26px ${FONT}`;
+    pen.textAlign = "right";
+    for (const { name, colour, hollow } of [...colours].reverse()) {
+      pen.fillStyle = scheme.colour("--ink");
+      pen.fillText(name, right, 46);
+      right -= pen.measureText(name).width + 24;
+      pen.beginPath();
+      pen.arc(right, 46, 11, 0, 2 * Math.PI);
+      [pen.fillStyle, pen.strokeStyle, pen.lineWidth] = [`rgb(${colour.join(" ")})`, `rgb(${colour.join(" ")})`, 5];
+      if (hollow) pen.stroke();
+      else pen.fill();
+      right -= 32;
+    }
+  }
+
   const highOf = (/** @type {RoomRow} */ row) => (row.share !== null ? SLIDER : POINTS + (row.ends ? ENDS : 0));
 
   /** Buttons side by side, the last row first. @param {RoomButton[]} buttons @param {number} bottom @param {number} h @param {number} most in a row */
@@ -167,6 +188,7 @@
         else paintPoints(row, bottom);
       }
     }
+    paintColours();
     pen.textAlign = "left";
     let y = 46;
     if (panel.count && !panel.quiet) {
@@ -284,6 +306,12 @@
       paint();
     },
 
+    /** @param {{name: string, colour: number[], hollow?: boolean}[]} entries what colours mean on the floor */
+    legend(entries) {
+      colours = entries;
+      paint();
+    },
+
     /** What the panel says. */
     shown: () => panel,
     /** Which buttons are pointed at. */
@@ -337,6 +365,8 @@
       made.narrow.visible = share > 0;
       made.narrow.material.opacity = share;
     },
+    /** How dark it is all around, 0 to 1. */
+    darkness: () => (made.dark?.visible ? made.dark.material.opacity : 0),
     /** How far it is narrowed, 0 to 1. */
     narrowed: () => narrowed,
 

@@ -141,6 +141,7 @@
     },
     /** @param {{name: string, colour: number[], hollow?: boolean}[]} entries */
     legend(entries) {
+      window.desirePath.headsetRoom?.legend(entries);
       legend.hidden = entries.length === 0;
       legend.replaceChildren(...entries.map(({ name, colour, hollow }) => {
         const item = document.createElement("li");

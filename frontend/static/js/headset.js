@@ -21,6 +21,7 @@
 
 const LOOK_MS = 120; // between changes of the page and the panel
 const STAYS_MS = 8000;
+const MANY = 4; // rows, beside which there is place for few words
 const STEPS = 20; // of a slider by its minus and plus
 /** What of a bar is no use inside: not seen, for a keyboard or for the window alone. */
 const LEFT_OUT = "[hidden], .unseen, [data-window], .meet-ends, [role=slider]";
@@ -134,7 +135,8 @@ export class Headset {
     inputs.forEach((input, i) => {
       if (input.closest(LEFT_OUT) || input.disabled) return;
       if (input.type === "radio") {
-        const ends = [...(input.closest("fieldset, .scale")?.querySelectorAll(".scale-low, .scale-high, .meet-ends span") ?? [])].map(words);
+        const scale = input.closest("fieldset") ?? input.closest(".scale");
+        const ends = [...(scale?.querySelectorAll(".scale-low, .scale-high, .meet-ends span") ?? [])].map(words);
         const row = rows.get(input.name) ?? { text: "", share: null, buttons: [], ends: ends.length === 2 ? ends : null };
         rows.set(input.name, row);
         const id = `${input.name}-${input.value}`;
@@ -214,16 +216,16 @@ export class Headset {
       add({ id: "back", text: say("headset.back"), main: true }, () => (this.helping = false));
       return panel;
     }
-    const shown = [...bar.querySelectorAll("h1, p, legend, li")]
+    panel.quiet = QUIET.includes(/** @type {HTMLElement} */ (bar).dataset.shown ?? "");
+    if (!panel.quiet) panel.rows = this.rows(bar);
+    const shown = [...bar.querySelectorAll(panel.rows.length > MANY ? "h1, legend, .live-way" : "h1, p, legend, li")]
       .filter((one) => !one.closest(LEFT_OUT) && !one.querySelector("button"))
       .map(words)
       .filter(Boolean);
     [panel.text, panel.hint] = [shown[0] ?? "", [...new Set(shown.slice(1)), words(document.querySelector("#banner"))].join("\n").trim()];
-    panel.quiet = QUIET.includes(/** @type {HTMLElement} */ (bar).dataset.shown ?? "");
     panel.beside = bar.classList.contains("livepanel");
     const progress = /** @type {HTMLProgressElement | undefined} */ ([...bar.querySelectorAll("progress")].find((one) => !one.closest("[hidden]")));
     panel.progress = progress ? Math.round(progress.value * 50) / 50 : null;
-    if (!panel.quiet) panel.rows = this.rows(bar);
     [...bar.querySelectorAll("button")].forEach((button, i) => {
       if (button.closest(LEFT_OUT)) return;
       const letter = button.dataset.choice?.toUpperCase();
