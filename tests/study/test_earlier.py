@@ -75,10 +75,7 @@ def test_answers_are_read_by_the_light_of_people_in_general_which_needs_no_purpo
     last = answered(database, files, study)
     with database.session() as s:
         jobs = s.scalars(select(Job).where(Job.session_id == last.session.id)).all()
-        assert [(job.params["prior"], "earlier" in job.params) for job in jobs] == [("people_in_general", False)] * len(
-            jobs
-        )
-        assert jobs
+        assert {(job.params["prior"], "earlier" in job.params) for job in jobs} == {("people_in_general", False)}
 
 
 def test_people_in_general_say_nothing_of_crowds():

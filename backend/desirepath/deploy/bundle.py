@@ -30,8 +30,6 @@ MOST_CHOICES = 100  # policies of which one drives at a time
 MOST_NUMBERS = 30_000_000
 """Weights of all their networks together, those that share layers counted apart: side by side they are in memory so.
 The 25 policies of the study room have 2.8 million."""
-SEVERAL = "desirepath-choosing-1"
-"""Of a policy that is several: `learning/policies/choosing.py`."""
 MOST_OBJECTIVES = 40
 BOUNDS = Bounds(arrays=1_500, header_bytes=2**20, all_bytes=128 * 2**20)
 SIZES = {MANIFEST: MANIFEST_BYTES, POLICY: MOST_ZIPPED}
@@ -116,19 +114,27 @@ def _unzipped(content: bytes) -> dict[str, bytes]:
 def _bundle(manifest: Manifest, content: bytes) -> Bundle:
     header, arrays = from_npz(content, BOUNDS)
     kind = str(header.get("format"))
-    if kind not in (*_KINDS, SEVERAL):
-        raise BundleError(f"{POLICY} has format {kind[:60]!r}; what can be driven by: {', '.join([*_KINDS, SEVERAL])}")
+    if kind not in _KINDS:
+        raise BundleError(f"{POLICY} has format {kind[:60]!r}; what can be driven by: {', '.join(_KINDS)}")
     slowing = _slowing(manifest, header)
     conditioning, weights = _conditioning(manifest, header)
-    choices: tuple[Driving, ...] = ()
-    if kind == SEVERAL:
-        choices = _choices(manifest, header, arrays)
-        at: Callable[[Mapping[str, float]], Driving] = lambda _: choices[0]  # noqa: E731
-    else:
-        at = _KINDS[kind](_Parts(manifest, header, arrays, slowing, conditioning))
-    if (max(len(one.networks) for one in choices or (at(weights),)) > 1) != (manifest.recovery is not None):
+    drives = _KINDS[kind](_Parts(manifest, header, arrays, slowing, conditioning))
+    policies = drives(weights)
+    if (max(len(one.networks) for one in policies) > 1) != (manifest.recovery is not None):
         raise BundleError(f"{MANIFEST}: field 'recovery' must be there if {POLICY} has recovery policies, else null")
-    return Bundle(manifest, conditioning, weights, at, choices, content if choices else b"")
+    several = len(policies) > 1
+    return Bundle(
+        manifest,
+        conditioning,
+        weights,
+        at=lambda under: drives(under)[0],
+        choices=policies if several else (),
+        content=content if several else b"",
+    )
+
+
+Drives = Callable[[Mapping[str, float]], tuple[Driving, ...]]
+"""Under weights that were checked, the policies of which one drives at a time; the usual one first."""
 
 
 @dataclass(frozen=True)
@@ -162,65 +168,58 @@ class _Parts:
         return self.conditioning
 
 
-def _plain(parts: _Parts) -> Callable[[Mapping[str, float]], Driving]:
+def _plain(parts: _Parts) -> Drives:
     names = [f"escape{k}" for k in range(MOST_RECOVERIES)]
     networks = (parts.needed("actor"), *filter(None, map(parts.layers, names)))
     driving = Driving(networks, parts.slowing)
-    return lambda _: driving
+    return lambda _: (driving,)
 
 
-def _conditioned(parts: _Parts) -> Callable[[Mapping[str, float]], Driving]:
+def _conditioned(parts: _Parts) -> Drives:
     """As `learning/policies/conditioned.py`: while it is stuck the base policy drives, then it with all weights 0."""
     known = parts.objectives()
     actor, base = parts.needed("actor", len(known.objectives)), parts.layers("escape0")
     split = actor.task_inputs - len(known.objectives)
 
-    def at(weights: Mapping[str, float]) -> Driving:
+    def at(weights: Mapping[str, float]) -> tuple[Driving, ...]:
         def conditioned(on: Floats) -> Layers:
             return Layers(folded(actor.arrays, split, on), split, actor.extractors)
 
         usual = conditioned(known.entering(weights))
         slowing = parts.slowing.weighted(weights.get(SLOWER, 0.0)) if parts.slowing else None
         unmoved = conditioned(np.zeros(len(known.objectives), dtype=np.float32))
-        return Driving((usual, base, unmoved) if base else (usual,), slowing)
+        return (Driving((usual, base, unmoved) if base else (usual,), slowing),)
 
     return at
 
 
-def _adaptable(parts: _Parts) -> Callable[[Mapping[str, float]], Driving]:
+def _adaptable(parts: _Parts) -> Drives:
     """As `learning/policies/adaptable.py`."""
     known = parts.objectives()
     actor = parts.needed("actor", len(known.objectives))
     split = actor.task_inputs - len(known.objectives)
 
-    def at(weights: Mapping[str, float]) -> Driving:
-        return Driving((Layers(folded(actor.arrays, split, known.entering(weights)), split, actor.extractors),), None)
+    def at(weights: Mapping[str, float]) -> tuple[Driving, ...]:
+        usual = Layers(folded(actor.arrays, split, known.entering(weights)), split, actor.extractors)
+        return (Driving((usual,), None),)
 
     return at
 
 
-def _foreign(parts: _Parts) -> Callable[[Mapping[str, float]], Driving]:
+def _foreign(parts: _Parts) -> Drives:
     network = parts.arrays.get("network")
     if network is None or network.dtype != np.uint8:
         raise NetworkError("array 'network' of bytes is missing")
     driving = Driving((onnx_network(network.tobytes(), len(parts.manifest.inputs)),), parts.slowing)
-    return lambda _: driving
+    return lambda _: (driving,)
 
 
-_KINDS: Mapping[str, Callable[[_Parts], Callable[[Mapping[str, float]], Driving]]] = {
-    "desirepath-policy-1": _plain,
-    "desirepath-conditioned-1": _conditioned,
-    "desirepath-adaptable-1": _adaptable,
-    "desirepath-foreign-1": _foreign,
-}
-
-
-def _choices(manifest: Manifest, header: Mapping[str, Any], arrays: Arrays) -> tuple[Driving, ...]:
-    """Each by its own networks, which share layers."""
-    told: Any = header.get("policies")
+def _choosing(parts: _Parts) -> Drives:
+    """As `learning/policies/choosing.py`: each by its own networks, which share layers."""
+    manifest, told = parts.manifest, parts.header.get("policies")
     if not isinstance(told, list) or not 2 <= len(told) <= MOST_CHOICES:
         raise NetworkError(f"policies: must be a list of 2 to {MOST_CHOICES}")
-    wide = {name: part.astype(np.float32) for name, part in arrays.items() if name.startswith("layer_")}
+    wide = {name: part.astype(np.float32) for name, part in parts.arrays.items() if name.startswith("layer_")}
     inputs, left = len(manifest.inputs), [MOST_NUMBERS]
 
     def network(numbers: Any, extractors: bool) -> Layers:
@@ -242,7 +241,16 @@ def _choices(manifest: Manifest, header: Mapping[str, Any], arrays: Arrays) -> t
         every = [one.get("actor"), *one["recovery"][:MOST_RECOVERIES]]
         networks = tuple(network(numbers, extractors) for numbers in every)
         choices.append(Driving(networks, _slowing(manifest, one)))
-    return tuple(choices)
+    return lambda _: tuple(choices)
+
+
+_KINDS: Mapping[str, Callable[[_Parts], Drives]] = {
+    "desirepath-policy-1": _plain,
+    "desirepath-conditioned-1": _conditioned,
+    "desirepath-adaptable-1": _adaptable,
+    "desirepath-foreign-1": _foreign,
+    "desirepath-choosing-1": _choosing,
+}
 
 
 def _are_counts(given: Any) -> bool:

@@ -364,27 +364,14 @@ class _ChoosesAndDrives(SensingPolicy):
         self._policy = policy
 
     def begin_in(self, engine: Any) -> EpisodeActs:
-        scenes = [engine.scene(k) for k in range(engine.n_envs)]
-        return _Driven(self._policy.policies, self._policy.places(scenes)).begin(len(scenes))
-
-
-class _Driven(SensingPolicy):
-    """Each episode by one of the policies. drivers (episodes,): by which."""
-
-    def __init__(self, policies: Sequence[Policy], drivers: NDArray[np.int64]) -> None:
-        self._policies, self._drivers = policies, drivers
-
-    def begin_in(self, engine: Any) -> EpisodeActs:
-        return self.begin(engine.n_envs)
-
-    def begin(self, episodes: int) -> EpisodeActs:
-        acts = {place: begin(self._policies[place].rollout_policy, episodes) for place in set(self._drivers.tolist())}
+        policies, episodes = self._policy.policies, engine.n_envs
+        driving = self._policy.places([engine.scene(k) for k in range(episodes)])
+        acts = {place: begin(policies[place].rollout_policy, episodes) for place in set(driving.tolist())}
 
         def act(observations: Floats, rows: Rows) -> Floats:
             actions = np.zeros((len(rows), 2), dtype=np.float32)
-            drivers = self._drivers[rows]
-            for place in np.unique(drivers):
-                these = drivers == place
+            for place in np.unique(driving[rows]):
+                these = driving[rows] == place
                 actions[these] = acts[place](observations[these], rows[these])
             return actions
 
