@@ -58,15 +58,7 @@ BENCHMARKS = {
     ),
     "people": (
         "benchmarks.people",
-        "Simulated people outside the nine objectives: predicted how well, and what their robot gains.",
-    ),
-    "people-policies": (
-        "benchmarks.people_policies",
-        "What the robot of such people gains at once, and by the search behind it.",
-    ),
-    "people-harm": (
-        "benchmarks.people_harm",
-        "How many simulated people are shown a policy as theirs that is worse for them.",
+        "Simulated people outside the nine objectives: how well predicted, who is shown what, gain and harm.",
     ),
     "raters": (
         "benchmarks.raters",

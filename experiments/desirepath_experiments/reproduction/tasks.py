@@ -233,8 +233,7 @@ def finish(
         for task in missing:
             progress.count(task, finish_task(functions, work.folder, task))
         return len(missing)
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(processes, mp_context=context, initializer=_end_with_parent) as pool:
+    with worker_pool(processes) as pool:
         waiting, running = list(missing), dict[Future[float], Task]()
         while waiting or running:
             ready = [task for task in waiting if all(work.has(need) for need in task.needs)]
@@ -263,6 +262,12 @@ class Countdown:
         self._took += seconds
         slower = self._took / self._estimated if self._estimated else 1.0
         self._on_task(task, self._done, self._todo, max(0.0, self._left) * slower / self._processes)
+
+
+def worker_pool(processes: int) -> ProcessPoolExecutor:
+    """Of processes that end with this one."""
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(processes, mp_context=context, initializer=_end_with_parent)
 
 
 def _end_with_parent() -> None:

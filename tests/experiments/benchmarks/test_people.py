@@ -1,4 +1,5 @@
-"""`benchmark people`, small: its keys, that it repeats itself, that a reward file is a person."""
+"""How people are asked and predicted (`asked_people.py`), small: its keys, that it repeats itself; and `benchmark people`,
+which also shows them robots."""
 
 from __future__ import annotations
 
@@ -19,8 +20,9 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_people import PeopleConfig, benchmark_people, known_people, result_of
 from desirepath.learning.people.rows import bins_of, calibration_error
 from desirepath.simulation.setups import get_setup
-from desirepath_experiments.benchmarks.people_harm import PeopleHarmConfig, benchmark_people_harm, clopper_pearson
-from desirepath_experiments.benchmarks.people_policies import PeoplePoliciesConfig, with_shares
+from desirepath_experiments.benchmarks import people
+from desirepath_experiments.benchmarks.people import NOTHING
+from desirepath_experiments.benchmarks.people_ways import NEEDED
 from desirepath_experiments.benchmarks.results import Progress
 
 STUDY_ROOM = get_setup("study_room")
@@ -37,7 +39,6 @@ def test_people_are_measured_and_marked_as_simulated() -> None:
     assert (result["people"], result["answers"]) == (2, [4, 8])
     for key in ("family", "accuracy", "claimed", "calibration_error"):
         assert key in result
-    assert not [key for key in result if key.startswith("share_")], "only where policies are made: `--policies`"
     assert 0 <= result["harmed_rate_low"] <= result["harmed_rate"] <= result["harmed_rate_high"] <= 1
     assert [row["held_out"] for row in result["rows"]] == [False]
     assert {one["person"] for one in result["persons"]} == {"thresholds:0", "thresholds:1"}
@@ -54,48 +55,6 @@ def test_questions_may_be_of_many_manners_and_chosen_and_people_within_the_list(
     assert {one["person"] for one in result["persons"]} == {"nine:0", "nine:1"}
     assert result["choosing_p95_ms"] > 0
     assert "shown_rate" not in result, "six answers are fewer than the eight after which a policy is made"
-
-
-def test_who_is_harmed_is_counted_as_an_alignment_job_decides_and_a_stopped_run_goes_on(tmp_path: Path) -> None:
-    config = PeopleHarmConfig(
-        family="thresholds,nine", people=2, answers=9, seeds=(0,), pool=30, manners=8, test=20, scenes=10, particles=500
-    )
-    heard: list[str] = []
-    result = benchmark_people_harm(config, Progress(heard.append, tmp_path / "harm.json"))
-    assert (result["people"], set(result["families"])) == (4, {"thresholds", "nine"})
-    assert heard == ["0 thresholds:200", "0 nine:200", "0 thresholds:201", "0 nine:201"]
-    for one in result["persons"]:
-        assert one["probability_clearly_better"] <= one["probability_better"]
-        surely, clearly = one["probability_better"] >= SURE, one["probability_clearly_better"] >= CLEARLY
-        assert one["shown"] == (surely and clearly)
-    low, high = result["harmed_rate_interval"]
-    assert low <= result["harmed_rate"] <= high
-    again = Progress(pytest.fail, tmp_path / "harm.json")
-    assert benchmark_people_harm(config, again) == result
-    assert again.kept_persons("study_room", replace(config, answers=8)) == []
-
-
-def test_the_exact_interval_of_a_share() -> None:
-    assert clopper_pearson(0, 400) == [0.0, 0.0092]
-    assert clopper_pearson(4, 200) == [0.0055, 0.0504]
-
-
-def test_a_reward_file_is_asked_like_anybody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    torch.manual_seed(1)
-    torch.save(nn.Linear(STUDY_ROOM.observation_size + 2, 1).state_dict(), tmp_path / "net.pt")
-    inputs = [{"of": "observation", "form": "export"}, {"of": "action", "form": "export"}]
-    said = {"format": "desirepath-reward-2", "setup": "study_room", "file": "net.pt", "inputs": inputs}
-    (tmp_path / "somebody.json").write_text(json.dumps(said))
-    small = {"pool": 30, "test": 20, "scenes": (6, 6, 8)}
-    monkeypatch.setattr(
-        "desirepath.learning.people.asked_people.PeopleConfig", lambda **given: PeopleConfig(**{**given, **small})
-    )
-    told = CliRunner().invoke(
-        app, ["benchmark", "people", "--reward", str(tmp_path / "somebody.json"), "--answers", "4", "--json"]
-    )
-    assert told.exit_code == 0, told.output
-    result = json.loads(told.stdout.splitlines()[-1])
-    assert (result["family"], result["people"]) == ("file", 1)
 
 
 def test_unknown_names_are_refused() -> None:
@@ -126,11 +85,45 @@ def test_a_stopped_measurement_of_people_goes_on_where_it_was(tmp_path: Path) ->
     assert known_people(tmp_path / "none.json", "study_room", config) == []
 
 
-def test_shares_of_the_librarys_best_stand_in_every_family_s_row() -> None:
-    config = replace(SMALL, people=1, answers=(8,))
-    policies = PeoplePoliciesConfig(family="thresholds", people=1, answers=8, pool=12, test=10, scenes=6)
-    result = with_shares(benchmark_people("study_room", config), policies, {})
-    for row in (result, *result["rows"]):
-        assert 0 <= row["success_at_once"] <= 1
-        assert row["share_at_once"] is None or row["share_at_once"] <= 1 + 1e-9, "of the library's best"
-    assert result["rows"][0]["gain_at_once"] == result["gain_at_once"], "one family is everybody"
+def test_one_table_says_who_is_predicted_shown_and_harmed_and_a_stopped_run_goes_on(tmp_path: Path) -> None:
+    config = people.PeopleConfig(
+        family="thresholds,nine", people=1, answers=(4, 8), seeds=(0, 1), ways="each_scene,instant", test=20, scenes=10
+    )
+    heard: list[str] = []
+    result = people.benchmark_people(config, Progress(heard.append, tmp_path / "people.json"))
+    assert result["simulated"]
+    assert heard == ["0 thresholds:0", "0 nine:0", "1 thresholds:1", "1 nine:1"]
+    told = [(row["family"], row["answers"]) for row in result["predicted"]]
+    assert told == [(family, n) for family in ("all", "thresholds", "nine") for n in (4, 8)]
+    for one in result["persons"]:
+        chosen, best, instant = (one[way] for way in ("each_scene", "best_in_each", "instant"))
+        assert chosen["shown"] == (chosen["wins"] >= NEEDED)
+        assert best["gain"] >= max(chosen["gain"], 0.0)
+        surely, clearly = instant["probability_better"] >= SURE, instant["probability_clearly_better"] >= CLEARLY
+        assert instant["shown"] == (surely and clearly)
+    for row in result["ways"]:
+        of = [one[row["way"]] for one in result["persons"] if row["family"] in ("all", one["family"])]
+        assert row["people"] == len(of)
+        if "shown" in row:
+            assert row["shown"][0] == np.mean([one["shown"] for one in of])
+            assert row["harmed"][0] == np.mean([one["shown"] and one["gain"] < -NOTHING for one in of])
+    again = Progress(pytest.fail, tmp_path / "people.json")
+    assert people.benchmark_people(config, again) == result
+    assert again.kept_persons("study_room", replace(config, answers=(8,))) == []
+    for field, unknown in {"family": "nobody", "choose": "luck", "ways": "magic"}.items():
+        with pytest.raises(LearningError, match=f"{field} = '{unknown}': known are"):
+            people.benchmark_people(replace(config, **{field: unknown}), Progress())
+
+
+def test_a_reward_file_is_asked_like_anybody(tmp_path: Path) -> None:
+    torch.manual_seed(1)
+    torch.save(nn.Linear(STUDY_ROOM.observation_size + 2, 1).state_dict(), tmp_path / "net.pt")
+    inputs = [{"of": "observation", "form": "export"}, {"of": "action", "form": "export"}]
+    said = {"format": "desirepath-reward-2", "setup": "study_room", "file": "net.pt", "inputs": inputs}
+    (tmp_path / "somebody.json").write_text(json.dumps(said))
+    given = ["--family", "none", "--reward", str(tmp_path / "somebody.json"), "--answers", "4", "--test", "10"]
+    told = CliRunner().invoke(app, ["benchmark", "people", *given, "--scenes", "6", "--json"])
+    assert told.exit_code == 0, told.output
+    result = json.loads(told.stdout.splitlines()[-1])
+    assert [one["person"] for one in result["persons"]] == ["somebody"]
+    assert {row["family"] for row in result["ways"]} == {"all", "file"}

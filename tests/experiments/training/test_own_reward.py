@@ -3,16 +3,9 @@ it."""
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
-import torch
-from torch import nn
-from typer.testing import CliRunner
 
-from desirepath.cli.main import app
 from desirepath.learning.alignment.gate import GateRule
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.step_basis import StepBasis
@@ -32,10 +25,7 @@ from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
-from desirepath_experiments.benchmarks import people_policies
 from desirepath_experiments.training.own_reward import OwnRewardConfig, TrueReward, means_of, tune_to_reward
-
-OPEN_FIELD = get_setup("open_field")
 
 Pairs = list[tuple[Trajectory, Trajectory]]
 
@@ -111,22 +101,3 @@ def test_the_shipped_basis_is_what_its_card_says(basis: StepBasis) -> None:
     assert shipped.to_bytes() == basis.to_bytes()
     assert basis.size == 24
     assert load_step_basis("corridor") is None
-
-
-def test_who_answers_by_a_reward_file_has_a_policy_too_and_what_it_gains_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    torch.manual_seed(1)
-    torch.save(nn.Linear(OPEN_FIELD.observation_size + 2, 1).state_dict(), tmp_path / "net.pt")
-    inputs = [{"of": "observation", "form": "export"}, {"of": "action", "form": "export"}]
-    said = {"format": "desirepath-reward-2", "setup": "open_field", "file": "net.pt", "inputs": inputs}
-    (tmp_path / "somebody.json").write_text(json.dumps(said))
-    monkeypatch.setattr(people_policies, "TRUE_SCENES", 3)
-    given = ["--setup", "open_field", "--reward", str(tmp_path / "somebody.json"), "--answers", "4", "--seeds", "2-3"]
-    given += ["--pool", "12", "--test", "10", "--scenes", "10"]
-    told = CliRunner().invoke(app, ["benchmark", "people-policies", *given, "--json"])
-    assert told.exit_code == 0, told.output
-    result = json.loads(told.stdout.splitlines()[-1])
-    assert [(one["person"], one["seed"]) for one in result["persons"]] == [("somebody", 2), ("somebody", 3)]
-    assert {"share_at_once", "success_at_once", "raised_at_once", "calibration_error"} <= set(result)
-    assert 0 <= result["calibration_error"] <= 1
