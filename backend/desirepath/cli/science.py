@@ -105,7 +105,8 @@ def align(
     snapshot: SnapshotFlag = None,
     answers: AnswersFlag = None,
     recipe: Annotated[
-        str, typer.Option(help="The algorithm: fine_tuning, instant, each_scene, conditioning_search or thesis.")
+        str,
+        typer.Option(help="The algorithm: fine_tuning, instant, each_scene, ... or thesis."),
     ] = "fine_tuning",
     seed: SeedFlag = 0,
     out: OutFlag = None,

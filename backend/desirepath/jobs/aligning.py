@@ -15,7 +15,7 @@ from typing import Any
 import structlog
 
 from desirepath.jobs.alignment import REGISTRY, Aligned, AlignParams, ConditionedAlignParams
-from desirepath.jobs.alignments.each_scene import EachSceneParams
+from desirepath.jobs.alignments.each_scene import ChoiceParams
 from desirepath.jobs.answers import (
     describe_model,
     earlier_people,
@@ -161,7 +161,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
         )
         seen = {comparison["scene_seed"] for comparison in comparisons}
         rivals = _rivals(context, params, setup)
-        if isinstance(params, EachSceneParams) and params.population:
+        if isinstance(params, ChoiceParams) and params.population:
             own["in_general"], in_general = policy_in_general(context, params, (base, base_artefact), snapshot_artefact)
             rivals |= {"population": in_general} if in_general is not None else {}
         for against, rival in rivals.items():

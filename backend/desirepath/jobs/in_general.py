@@ -9,7 +9,7 @@ from typing import Any
 import structlog
 
 from desirepath.jobs.aligned import gate_rule
-from desirepath.jobs.alignments.each_scene import EachSceneParams, earlier_answers
+from desirepath.jobs.alignments.each_scene import ChoiceParams, earlier_answers
 from desirepath.jobs.context import JobContext
 from desirepath.jobs.kept_artefacts import keep
 from desirepath.learning.alignment.each_scene import (
@@ -30,7 +30,7 @@ log = structlog.get_logger("desirepath.jobs")
 
 
 def policy_in_general(
-    context: JobContext, params: EachSceneParams, base: tuple[Policy, Artefact], own: Artefact
+    context: JobContext, params: ChoiceParams, base: tuple[Policy, Artefact], own: Artefact
 ) -> tuple[dict[str, Any], tuple[DrivingPolicy, str] | None]:
     """How it was made, for the job's result, and the policy with its id; None where there are too few people, or they
     have too little in common, or it does not pass the gate: nobody's own comparison depends on it. own: the snapshot of
@@ -59,7 +59,7 @@ def policy_in_general(
             setup=policy.setup,
             content=replace(policy, made_for=own.id).to_bytes(),
             params=params,
-            config={"recipe": params.recipe, IN_GENERAL: len(people), "policies": len(policy.policies)},
+            config={"recipe": params.algorithm, IN_GENERAL: len(people), "policies": len(policy.policies)},
             results={"gate": gate.as_dict(), "left_out": asdict(common)},
             parents=[
                 (base[1], "base"),

@@ -39,7 +39,8 @@ from desirepath.store.places import StoreAway
 
 TASKS = "desirepath.tasks"  # the group of entry points that do tasks of a sweep
 MEASURED_KINDS = ("align", "train_base")
-MEASURED_IN = {"each_scene": {"scenes": 200}}  # by recipe: each scene costs two dozen rollouts there
+MEASURED_IN = {"each_scene": {"scenes": 200}, "each_scene_trained": {"scenes": 200}}
+"""By recipe: each scene costs two dozen rollouts there."""
 MEASURING_PRIORITY = 20  # after everything that somebody started
 # whoever waits goes first; the server goes before all
 NICENESS = {Queue.INSTANT: 2, Queue.PARTICIPANTS: 2, Queue.BEHIND: 6, Queue.ANALYSTS: 10}

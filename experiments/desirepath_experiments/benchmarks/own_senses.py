@@ -6,10 +6,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import process_time
-from typing import Any
 
 import numpy as np
 
+from desirepath.learning.alignment.own_reward import UPDATES_A_SECOND, OwnRewardConfig, tune_to_reward
 from desirepath.learning.measures.step_basis import Doubles
 from desirepath.learning.people.families.base import FamilyMember, StepFamilyMember
 from desirepath.learning.policies.choosing import ChoosingPolicy
@@ -19,10 +19,7 @@ from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
-from desirepath_experiments.training.own_reward import OwnRewardConfig, TrueReward, tune_to_reward
-
-UPDATES_A_SECOND = 450
-"""Of this training on one quiet core of the machine of `docs/numbers.md`."""
+from desirepath_experiments.training.true_reward import TrueReward
 
 
 @dataclass(frozen=True)
@@ -69,11 +66,5 @@ def train_on_true_score(person: FamilyMember, base: Policy, seconds: float, seed
     whoever judges no steps."""
     if not isinstance(person, StepFamilyMember):
         return None
-    updates = round(seconds * UPDATES_A_SECOND)
-    config = OwnRewardConfig(updates=updates, checkpoints=max(2, updates // 1_000), seed=seed)
+    config = OwnRewardConfig.of(round(seconds * UPDATES_A_SECOND), seed)
     return tune_to_reward(base, TrueReward(base.setup, person), config).policy
-
-
-def shares(gains: Sequence[dict[str, Any]], part: str, whole: str, least: float = 0.05) -> list[float]:
-    """What part gains of what whole does, of the people whom that helps by `least`."""
-    return [one[part] / one[whole] for one in gains if one.get(whole) is not None and one[whole] > least]

@@ -36,7 +36,10 @@ from desirepath_experiments.reproduction.tasks import worker_pool
 
 NOTHING = 0.01  # typical differences: a mean gain within this is none
 WORTH_A_SHARE = 0.05  # where the yardstick gains less there is nothing to have a share of
-YARDSTICKS = {"by_senses": "trained", "by_senses_truly": "trained", "at_start": "trained", "each_scene": "best_in_each"}
+YARDSTICKS = {
+    **dict.fromkeys(("by_senses", "by_senses_truly", "at_start"), "trained"),
+    **dict.fromkeys(("each_scene", "each_scene_trained"), "best_in_each"),
+}
 FAMILY = "Families of the card, comma-separated, or nine; tuning, held_out, unseen, all (the three and nine); none."
 
 
@@ -65,6 +68,9 @@ class PeopleConfig:
     ways: Annotated[str, Field(description=f"Of: {','.join(WAYS)}.")] = "each_scene"
     compared: Annotated[int, Field(ge=0, description="Comparisons with the base policy, after the answers.")] = 6
     kept: Annotated[int, Field(ge=1, description="Policies that a choice per scene has to choose from.")] = KEPT
+    updates: Annotated[
+        int, Field(ge=0, description="Also a policy to choose from that is trained on the answers by so many updates.")
+    ] = 0
     own_senses: Annotated[
         int, Field(ge=0, description="In so many of the scenes the choice per scene also drives by the robot's senses.")
     ] = 0
@@ -88,7 +94,7 @@ class PeopleConfig:
 
     @property
     def of_ways(self) -> WaysConfig:
-        return WaysConfig(self.compared, self.kept, self.own_senses, self.trained_s)
+        return WaysConfig(self.compared, self.kept, self.updates, self.own_senses, self.trained_s)
 
 
 def benchmark_people(config: PeopleConfig, progress: Progress) -> dict[str, Any]:
@@ -222,7 +228,7 @@ def _way_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     found["success"] = float(np.mean([row["success"] for row in rows]))
     found |= {
         key: float(np.median([row[key] for row in rows]))
-        for key in ("switches", "jerk", "jerk_of_base", "decision_ms")
+        for key in ("switches", "jerk", "jerk_of_base", "decision_ms", "seconds")
         if key in rows[0]
     }
     if "shown" not in rows[0]:

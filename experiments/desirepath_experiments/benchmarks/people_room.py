@@ -100,6 +100,16 @@ class Rollouts:
     def of(cls, basis: StepBasis, usual: list[Trajectory], own: list[list[Trajectory]]) -> Rollouts:
         return cls(usual, own, RolloutDifferences.of(basis, usual, own))
 
+    def joined(self, basis: StepBasis, more: list[list[Trajectory]]) -> Rollouts:
+        """With those of further policies."""
+        ours, theirs = self.differences, RolloutDifferences.of(basis, self.usual, more)
+        differences = RolloutDifferences(
+            np.concatenate([ours.usable, theirs.usable]),
+            ours.pairs.joined(theirs.pairs),
+            np.concatenate([ours.steps, theirs.steps]),
+        )
+        return Rollouts(self.usual, [*self.trajectories, *more], differences)
+
     @property
     def everything(self) -> list[Trajectory]:
         """The base policy's first."""

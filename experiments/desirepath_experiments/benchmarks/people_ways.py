@@ -7,6 +7,7 @@ the nine objectives, else the library's best, where the posterior is sure of it.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,9 +18,11 @@ from numpy.typing import NDArray
 from desirepath.jobs.free_form import FEWEST_ANSWERS, SOMETHING_ELSE
 from desirepath.learning.alignment.each_scene import KEPT, choose_each_scene, favourites, scales_of
 from desirepath.learning.alignment.gate import surely_better
+from desirepath.learning.alignment.own_reward import OwnRewardConfig, train_on_answers
 from desirepath.learning.alignment.policy_library import best_of
 from desirepath.learning.people.families.base import FamilyMember
 from desirepath.learning.policies.choosing import Answers
+from desirepath.learning.policies.policy import Policy
 from desirepath.learning.preferences.oracles import ResponseModel
 from desirepath.learning.preferences.sureness import Sureness
 from desirepath.simulation.fast import rollout
@@ -54,11 +57,13 @@ Row = dict[str, Any]
 @dataclass(frozen=True)
 class WaysConfig:
     """compared: so many scenes in which a choice per scene is compared with the base policy. kept: policies that it has
-    to choose from. own_senses: in so many of the fresh scenes it also drives by the robot's senses. trained_s: beside
-    it the base policy, trained so long on the person's true score of every step."""
+    to choose from. updates: of one more, trained on the answers (`each_scene_trained`). own_senses: in so many of the
+    fresh scenes it also drives by the robot's senses. trained_s: beside it the base policy, trained so long on the
+    person's true score of every step."""
 
     compared: int = 6
     kept: int = KEPT
+    updates: int = 0
     own_senses: int = 0
     trained_s: float = 0.0
 
@@ -66,22 +71,47 @@ class WaysConfig:
 def go_each_scene(
     person: FamilyMember, answers: Answers, room: PeopleRoom, answering: ResponseModel, config: WaysConfig
 ) -> dict[str, Row]:
-    """Of the choice per scene by what was answered before the comparisons, which decide only whether it is shown; of
-    the same with the comparisons' answers (`learned_from`: nobody has compared that one), and of the best rollout of
-    the library by the true score (`best_in_each`)."""
-    chosen = choose(room, room.rollouts, answers, config.kept)
-    compared, wins = _compare_directly(person, answers, room, answering, config)
-    again = choose(room, room.rollouts, compared, config.kept)
-    asked = len(compared) - len(answers)
-    best = _true_best(room, person)
-    found: dict[str, Row] = {
-        "each_scene": {"shown": wins >= NEEDED, "asked": asked, "wins": wins},
-        "learned_from": {"shown": wins >= NEEDED},
-        "best_in_each": {},
-    }
-    for name, places in zip(found, (chosen, again, best), strict=True):
-        found[name] |= measure_gain(person, driven(room.rollouts, places), room.usual)
-    return found | _go_by_senses(person, answers, room, config)
+    """Of the choice per scene, of the same with a policy trained on the answers to choose from (`each_scene_trained`),
+    of that alone in every scene (`trained_on_answers`), and of the best rollout of the library by the true score
+    (`best_in_each`). Shown is what was preferred in comparisons of its own; what they taught (`_learned`) nobody has
+    compared."""
+    more: list[Policy] = []
+    found = _compared("each_scene", person, answers, room, answering, config, more)
+    found["best_in_each"] = measure_gain(person, driven(room.rollouts, _true_best(room, person)), room.usual)
+    if config.updates:
+        training = OwnRewardConfig.of(config.updates, room.seed)
+        began = time.process_time()
+        more = [train_on_answers(room.robot.base, room.robot.basis, answers.believed[1], training).policy]
+        took = time.process_time() - began
+        found |= _compared("each_scene_trained", person, answers, room, answering, config, more)
+        alone = measure_gain(person, roll_out(more[0], room.scenes), room.usual)
+        found["trained_on_answers"] = alone | {"seconds": round(took, 1)}
+    return found | _go_by_senses(person, answers, room, config, more)
+
+
+def _compared(
+    name: str,
+    person: FamilyMember,
+    answers: Answers,
+    room: PeopleRoom,
+    answering: ResponseModel,
+    config: WaysConfig,
+    more: list[Policy],
+) -> dict[str, Row]:
+    """more: further policies to choose from."""
+    basis = room.robot.basis
+    fresh, some = room.rollouts, room.compared
+    if more:
+        fresh = fresh.joined(basis, [roll_out(policy, room.scenes) for policy in more])
+        some = some.joined(basis, [roll_out(policy, [one.scene for one in some.usual]) for policy in more])
+    all_answers, wins = _compare_directly(person, answers, room, some, answering, config)
+    told = {"shown": wins >= NEEDED, "asked": len(all_answers) - len(answers), "wins": wins}
+    found = {}
+    for key, by in ((name, answers), (f"{name}_learned", all_answers)):
+        places = choose(room, fresh, by, config.kept)
+        of_more = float((places >= len(room.robot.library)).mean())
+        found[key] = told | measure_gain(person, driven(fresh, places), room.usual) | {"trained_drives": of_more}
+    return found
 
 
 def go_instant(
@@ -110,10 +140,13 @@ WAYS: dict[str, Callable[..., dict[str, Row]]] = {"each_scene": go_each_scene, "
 
 
 def choose(room: PeopleRoom, some: Rollouts, answers: Answers, kept: int) -> NDArray[np.int64]:
-    """(scenes,) which of the library's policies drives in each, as `ChoosingPolicy.places` has it; BASE where the
-    answers expect nothing of all."""
-    among = favourites(room.robot.library, answers, kept)
-    return _best(some.differences.expected(answers, scales_of(room.robot.library, answers)), among)
+    """(scenes,) which of the policies drives in each, as `ChoosingPolicy.places` has it: of the library's the `kept`
+    that are expected to gain most on average, and those beyond the library in their place; BASE where the answers
+    expect nothing of all."""
+    library, count = room.robot.library, len(some.trajectories)
+    beyond = np.arange(len(library), count)
+    among = np.concatenate([favourites(library, answers, kept - len(beyond)), beyond])
+    return _best(some.differences.expected(answers, scales_of(library, answers)), among)
 
 
 def driven(some: Rollouts, places: NDArray[np.int64]) -> list[Trajectory]:
@@ -154,11 +187,15 @@ def _best(gains: Doubles, among: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _compare_directly(
-    person: FamilyMember, answers: Answers, room: PeopleRoom, answering: ResponseModel, config: WaysConfig
+    person: FamilyMember,
+    answers: Answers,
+    room: PeopleRoom,
+    some: Rollouts,
+    answering: ResponseModel,
+    config: WaysConfig,
 ) -> tuple[Answers, int]:
     """All answers, and how often the choice per scene was preferred: in scenes of their own, drawn by lot among those
     in which it drives otherwise."""
-    some = room.compared
     places = choose(room, some, answers, config.kept)
     random = np.random.default_rng([room.seed, 67])
     otherwise = random.permutation(np.flatnonzero(places != BASE))[: config.compared]
@@ -176,7 +213,9 @@ def _compare_directly(
     return after, int(chosen.sum())
 
 
-def _go_by_senses(person: FamilyMember, answers: Answers, room: PeopleRoom, config: WaysConfig) -> dict[str, Row]:
+def _go_by_senses(
+    person: FamilyMember, answers: Answers, room: PeopleRoom, config: WaysConfig, more: list[Policy]
+) -> dict[str, Row]:
     """The choice by what the robot knows there, again every second (`by_senses`), the same by the true score
     (`by_senses_truly`), what training on that gains (`trained`), and the choice at the start (`at_start`): all in the
     same first scenes."""
@@ -184,7 +223,7 @@ def _go_by_senses(person: FamilyMember, answers: Answers, room: PeopleRoom, conf
         return {}
     usual = room.usual[: config.own_senses]
     scenes = [trajectory.scene for trajectory in usual]
-    policy = choose_each_scene(answers, kept=config.kept)
+    policy = choose_each_scene(answers, kept=config.kept, beside=[one.without_critic() for one in more])
     ways = {
         "at_start": Driven(
             rollout(get_setup(room.setup), policy.rollout_policy, scenes), {"jerk_of_base": jerk(usual)}

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from desirepath.learning.alignment.gate import GateRule
+from desirepath.learning.alignment.own_reward import OwnRewardConfig, tune_to_reward
 from desirepath.learning.alignment.policy_library import SLOWEST, PolicyLibrary, mix_policies
 from desirepath.learning.cards import Card, file_sha256
 from desirepath.learning.errors import LearningError
@@ -28,7 +28,6 @@ from desirepath.simulation.fast import evaluate
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.shipping.library_measures import measure_against
-from desirepath_experiments.training.own_reward import OwnRewardConfig, tune_to_reward
 
 SCENES_SEED = 7_100  # of no other card and no benchmark
 ARRIVING_SEED = 7_150
@@ -190,7 +189,7 @@ def _train(base: Policy, basis: StepBasis, weights: Floats, place: int, updates:
     stored = work / base.setup / f"{place}.npz" if work is not None else None
     if stored is not None and stored.is_file():
         return Policy.load(stored)
-    config = OwnRewardConfig(updates=updates, checkpoints=updates // 1_000, seed=place, gate=GateRule(scenes=50))
+    config = OwnRewardConfig(updates=updates, checkpoints=updates // 1_000, seed=place)
     tuned = tune_to_reward(base, StepWeightsRewardModel(base.setup, basis, weights), config)
     if stored is not None:
         tuned.policy.save(stored)

@@ -1,5 +1,5 @@
-"""How people are asked and predicted (`asked_people.py`), small: its keys, that it repeats itself; and `benchmark people`,
-which also shows them robots."""
+"""How people are asked and predicted (`asked_people.py`), small: its keys, that it repeats itself; and `benchmark
+people`, which also shows them robots."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from desirepath.learning.alignment.gate import GateRule
+from desirepath.learning.alignment.own_reward import OwnRewardConfig, means_of, tune_to_reward
 from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.step_basis import StepBasis
 from desirepath.learning.people.card import member
@@ -25,7 +25,7 @@ from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
-from desirepath_experiments.training.own_reward import OwnRewardConfig, TrueReward, means_of, tune_to_reward
+from desirepath_experiments.training.true_reward import TrueReward
 
 Pairs = list[tuple[Trajectory, Trajectory]]
 
@@ -85,7 +85,7 @@ def test_a_learned_reward_is_the_same_from_its_file(
 def test_training_on_somebodys_reward_raises_it_and_the_robot_arrives() -> None:
     person, base = member("network:0", "study_room"), load_policy("study_room/base")
     assert isinstance(person, StepFamilyMember)
-    config = OwnRewardConfig(updates=700, checkpoints=1, selection_scenes=60, gate=GateRule(scenes=50))
+    config = OwnRewardConfig(updates=700, checkpoints=1, selection_scenes=60)
     tuned = tune_to_reward(base, TrueReward("study_room", person), config)
     assert tuned.history[tuned.chosen]["success_rate"] >= 0.9
     scenes = scene_set("study_room", 80, purpose=Purpose.REPORT, seed=7)

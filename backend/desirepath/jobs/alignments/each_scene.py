@@ -1,4 +1,5 @@
-"""In each scene the policy of the library whose rollout there the answers let expect most of; there in seconds."""
+"""In each scene the policy of the library whose rollout there the answers let expect most of; there in seconds. Behind
+it `each_scene_trained` adds one that is trained on what they say."""
 
 from __future__ import annotations
 
@@ -9,30 +10,49 @@ from desirepath.jobs.alignment import Aligned, Alignment, ConditionedAlignParams
 from desirepath.jobs.params import MOST_NAMED, from_source
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from desirepath.jobs.context import JobContext
+    from desirepath.learning.alignment.own_reward import OwnRewardResult
     from desirepath.learning.policies.choosing import Answers
     from desirepath.learning.policies.policy import Policy
     from desirepath.learning.rewards.reward_model import RewardModel
     from desirepath.store.models import Artefact
 
 
-class EachSceneParams(ConditionedAlignParams):
-    """In each scene the policy of the library whose rollout there the answers let expect most of.
+class ChoiceParams(ConditionedAlignParams):
+    """What is asked where a policy is chosen per scene.
 
     policies: how many it has to choose from, beside the base policy. population: in so many further scenes it is
     compared with the policy by what earlier participants want; people: their snapshots, the newest first.
     """
 
-    recipe: Literal["each_scene"] = from_source("ours_each_scene", "each_scene")
     gate_scenes: int = from_source("ours_known_rollouts", 50, ge=50, le=5_000, advanced=True)
     policies: int = from_source("ours", 24, ge=1, le=99, advanced=True)
     population: int = from_source("from_protocol", 0, ge=0, le=10, advanced=True)
     people: str = from_source("from_protocol_population", "", advanced=True, max_length=MOST_NAMED)
 
 
+class EachSceneParams(ChoiceParams):
+    """In each scene the policy of the library whose rollout there the answers let expect most of."""
+
+    recipe: Literal["each_scene"] = from_source("ours_each_scene", "each_scene")
+
+
 def align(context: JobContext, params: EachSceneParams, base: Policy, model: RewardModel) -> Aligned:
-    """Raises LearningError for answers of several people, for a setup without policy library, and for policies that the
-    library was not made from."""
+    """Raises as `choose`."""
+    del model  # both posteriors are this one's own
+    return choose(context, params, base)
+
+
+def choose(
+    context: JobContext,
+    params: ChoiceParams,
+    base: Policy,
+    train: Callable[[Answers], OwnRewardResult] | None = None,
+) -> Aligned:
+    """train: what else there is to choose from. Raises LearningError for answers of several people, for a setup without
+    policy library, and for policies that the library was not made from."""
     from desirepath.jobs.aligned import gate_rule
     from desirepath.jobs.answers import preferences_of, snapshot_of
     from desirepath.learning.alignment.each_scene import answers_of, choose_each_scene, what_they_weigh
@@ -59,21 +79,25 @@ def align(context: JobContext, params: EachSceneParams, base: Policy, model: Rew
     people, snapshots = earlier_answers(context, params.earlier, params.symmetry, base.setup)
     before = Before(people_in_general(base.setup)) if params.prior == PEOPLE else what_they_weigh(people)
     answers = replace(answers, before=before)
-    policy = choose_each_scene(answers, kept=params.policies)
-    context.progress(0.4)
+    trained = train(answers) if train is not None else None
+    beside = [trained.policy.without_critic()] if trained is not None else []
+    policy = choose_each_scene(answers, kept=params.policies, beside=beside)
+    context.progress(0.4 if trained is None else 0.85)
     gate = at_gate(policy, base, gate_rule(params), seed=params.seed)
     return Aligned(
         policy=policy,
         gate=gate,
         config={
-            "recipe": params.recipe,
+            "recipe": params.algorithm,
             "policies": len(policy.policies),
             "answers": len(answers.chosen),
             "judged": "directly",
             **({IN_GENERAL: len(people)} if people else {}),
+            **({"trained": trained.as_dict()} if trained is not None else {}),
         },
         parents=[(snapshot, f"answers {number}") for number, snapshot in enumerate(snapshots, 1)],
         departures=[DEPARTURES["each_scene"], DEPARTURES["policy_library"], DEPARTURES["recovery"]],
+        scenes={"select": trained.scenes} if trained is not None else {},
     )
 
 

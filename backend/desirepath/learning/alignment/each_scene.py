@@ -20,6 +20,7 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.measures.pairs import PairDifferences
 from desirepath.learning.measures.step_basis import Doubles
 from desirepath.learning.policies.choosing import Answers, Before, ChoosingPolicy, PeopleInGeneral
+from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_conditioned, load_policy, load_policy_library, load_step_basis
 from desirepath.learning.preferences.population_prior import EarlierPerson, fit_people, prior_of_earlier
 from desirepath.learning.preferences.preferences import Preference, usable
@@ -63,8 +64,11 @@ def what_they_weigh(people: Sequence[Answers]) -> Before | None:
     return Before(free, steps) if free is not None else None
 
 
-def choose_each_scene(answers: Answers | PeopleInGeneral, *, kept: int = KEPT) -> ChoosingPolicy:
+def choose_each_scene(
+    answers: Answers | PeopleInGeneral, *, kept: int = KEPT, beside: Sequence[Policy] = ()
+) -> ChoosingPolicy:
     """Of the setup's library the policies that are expected to gain most over the base policy, on average over scenes.
+    beside: further ones to choose from, in their place (`kept` in all).
 
     Raises LearningError where the setup comes without policy library or step basis.
     """
@@ -73,8 +77,8 @@ def choose_each_scene(answers: Answers | PeopleInGeneral, *, kept: int = KEPT) -
     if basis is None or library is None:
         raise LearningError(f"setup = {setup!r}: no policy library or no step basis is shipped for it")
     base, conditioned = load_policy(f"{setup}/base").without_critic(), load_conditioned(f"{setup}/conditioned")
-    places = favourites(library, answers, kept)
-    policies = (base, *(library.policy(int(place), conditioned, base).without_critic() for place in places))
+    places = favourites(library, answers, kept - len(beside))
+    policies = (base, *(library.policy(int(place), conditioned, base).without_critic() for place in places), *beside)
     return ChoosingPolicy(setup, policies, basis, answers, scales_of(library, answers))
 
 

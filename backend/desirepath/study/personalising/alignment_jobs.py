@@ -15,8 +15,8 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.demonstration_snapshots import StrokeError, take_demonstrations
 from desirepath.store.events import log_event
-from desirepath.store.job_results import AlignResult
-from desirepath.store.models import Artefact, Job, Participant, Response, Session
+from desirepath.store.job_results import AlignResult, Learned
+from desirepath.store.models import Artefact, Job, Participant, Response, Session, Trial
 from desirepath.store.outbox import ENDED, NOBODY_WAITS, PARTICIPANT_WAITS, REFINES, cancel_job, enqueue_job
 from desirepath.store.snapshots import SnapshotError, take_snapshot
 from desirepath.store.who_counts import not_left_out, same_kind
@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 BOT_PATIENCE = 10  # ours: nobody sits in front of a bot, and its comparisons are what a simulation is for
 PATHS_JOB = "train_demonstrations"
-REFINEMENT = "conditioning_search"
+REFINEMENTS = {"instant": "conditioning_search", "each_scene": "each_scene_trained"}
+"""What looks for something better behind what is there at once, and takes its place."""
 UPDATES_WHILE_ONE_WAITS = 16_000
 """Of the job above, instead of its own default: demonstrated starts are followed after half of these already, and
 somebody waits for them. What more would buy is unseen goals (experiments/notebook)."""
@@ -44,9 +45,9 @@ LARGEST_JOB_SEED = 9_999  # backend/desirepath/jobs/kinds.py: seeds of a job nam
 def start_training(acting: Acting) -> None:
     """Freeze the session's answers and put the alignment into the outbox, in the answer's own transaction.
 
-    Recipe instant: two jobs, the second the conditioning search behind it. None where there are too few answers, where
-    the participant did not consent to learning from theirs, or where they chose without comparing (`clicking.py`); the
-    session's `personalisation` says so.
+    Of recipes that are there at once: two jobs, the second one of `REFINEMENTS`. None where there are too few answers,
+    where the participant did not consent to learning from theirs, or where they chose without comparing
+    (`clicking.py`); the session's `personalisation` says so.
     """
     s, files, session, training = acting.s, acting.files, acting.session, acting.frozen.training
     assert training is not None  # noqa: S101  a step begins it only where a stage says so
@@ -79,8 +80,8 @@ def start_training(acting: Acting) -> None:
         in_general = {"population": training.scenes, "people": people} if people else {}
     priority = _priority(session, training)
     recipes = {training.recipe: priority}
-    if training.recipe == "instant":
-        recipes[REFINEMENT] = max(REFINES, priority)
+    if training.recipe in REFINEMENTS:
+        recipes[REFINEMENTS[training.recipe]] = max(REFINES, priority)
     for recipe, after in recipes.items():
         job = enqueue_job(
             s,
@@ -134,7 +135,9 @@ def _priority(session: Session, training: Training) -> int:
 def end_trainings(s: DatabaseSession, session: Session, *, by: str, refinements_only: bool = False) -> None:
     """Cancel what the session still has under way."""
     for job in jobs_of(s, session):
-        if job.state in (*ENDED, "cancelling") or (refinements_only and job.params.get("recipe") != REFINEMENT):
+        if job.state in (*ENDED, "cancelling") or (
+            refinements_only and job.params.get("recipe") not in REFINEMENTS.values()
+        ):
             continue
         with suppress(ValueError):  # it has just ended
             cancel_job(s, job.id, by=by)
@@ -177,8 +180,8 @@ def _learn_from_paths(acting: Acting, training: Training) -> None:
 
 
 def jobs_of(s: DatabaseSession, session: Session) -> list[Job]:
-    """The session's alignments, of each recipe the newest (a retry counts), the one to be preferred first: a
-    search's policy is shown instead of the instant policy that it began with, once it is there and better. Of answers
+    """The session's alignments, of each recipe the newest (a retry counts), the one to be preferred first: what came
+    behind is shown instead of what was there at once, as soon as it may be shown. Of answers
     only those that learned from the most: after further pairs what fewer answers taught counts no more."""
     jobs = s.scalars(
         select(Job)
@@ -192,12 +195,26 @@ def jobs_of(s: DatabaseSession, session: Session) -> list[Job]:
         for job in jobs
         if job.params["snapshot"] not in of_answers[:-1]
     }
-    return sorted(newest.values(), key=lambda job: job.params.get("recipe") == "instant")
+    return sorted(newest.values(), key=lambda job: job.params.get("recipe") in REFINEMENTS)
 
 
 def ready_job(s: DatabaseSession, session: Session) -> Job | None:
-    """The alignment whose policy may be shown now."""
-    return next((job for job in jobs_of(s, session) if verdict(job) == "shown"), None)
+    """The alignment whose policy may be shown now; once one has been compared that one, whatever came since."""
+    ready = [job for job in jobs_of(s, session) if verdict(job) == "shown"]
+    compared = _compared_policies(s, session)
+    return next(
+        (job for job in ready if (of := job.result_as(Learned)) and of.policy in compared), next(iter(ready), None)
+    )
+
+
+def _compared_policies(s: DatabaseSession, session: Session) -> set[str]:
+    """What was shown to this participant as their own, blind."""
+    arms = s.scalars(
+        select(Trial.arms)
+        .join(Session, Session.id == Trial.session_id)
+        .where(Session.participant_id == session.participant_id, Trial.kind == "comparison")
+    )
+    return {str(of[of["own"]]) for of in arms if of and of.get("own") in ("a", "b")}
 
 
 def check_of(s: DatabaseSession, session: Session) -> dict[str, Any] | None:

@@ -24,7 +24,13 @@ from desirepath.study.personalising import alignment_jobs
 if TYPE_CHECKING:
     from desirepath.study.kind import Moment
 
-USUAL_S = {"instant": 5.0, "each_scene": 10.0, "conditioning_search": 60.0, "train_demonstrations": 45.0}
+USUAL_S = {
+    "instant": 5.0,
+    "each_scene": 10.0,
+    "conditioning_search": 60.0,
+    "each_scene_trained": 45.0,
+    "train_demonstrations": 45.0,
+}
 """Where nothing of that sort was learned here yet: experiments/notebook, processor seconds of one core."""
 OTHERWISE_USUAL_S = 90.0
 LAST_ONES = 20  # ours: of so many trainings of one sort the median

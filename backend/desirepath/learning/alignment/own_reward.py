@@ -1,4 +1,5 @@
-"""Fine-tuning on somebody's own reward per step: trajectories are valued by the mean over their steps.
+"""Fine-tuning on a reward per step, trajectories being valued by the mean over their steps: on what somebody's answers
+say (`train_on_answers`), or what a simulated person truly goes by.
 
     r* = r + w min((R - top) / s, 0) - c,   top = min(mean R of the policy's own trajectories + margin s, q98)
 
@@ -11,26 +12,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import ClassVar, Never
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 
 from desirepath.analysis.metrics import success_rate
-from desirepath.learning.alignment.gate import Gate, GateRule, at_gate
 from desirepath.learning.alignment.relabelling import RelabellingConfig, enough_success, learn, model_outputs
-from desirepath.learning.measures.step_basis import seen_steps
+from desirepath.learning.measures.step_basis import StepBasis
 from desirepath.learning.measures.steps import reference
-from desirepath.learning.people.families.base import StepFamilyMember
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.rewards.reward_model import Floats, Reduction, RewardModel
-from desirepath.learning.scene_sets import Purpose, scene_set
+from desirepath.learning.preferences.step_posterior import StepPosterior
+from desirepath.learning.rewards.reward_model import Floats, RewardModel
+from desirepath.learning.rewards.step_weights import StepWeightsRewardModel
+from desirepath.learning.scene_sets import Purpose, describe, scene_set
+from desirepath.learning.td3.base import OnProgress, no_progress
 from desirepath.learning.td3.replay import collect
 from desirepath.learning.td3.td3 import Batch
 from desirepath.simulation.fast import make_engine, rollout
 from desirepath.simulation.setups import get_setup, require_same
 from desirepath.simulation.trajectory import Trajectory
+
+UPDATES_A_SECOND = 450
+"""Of this training on one quiet core of the machine of `docs/results.md`."""
+UPDATES = 30 * UPDATES_A_SECOND
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,11 @@ class OwnRewardConfig(RelabellingConfig):
     selection_scenes: int = 300
     min_success: float = 0.97
     max_selection_loss: float = 0.015
-    gate: GateRule = field(default_factory=GateRule)
+
+    @classmethod
+    def of(cls, updates: int, seed: int) -> OwnRewardConfig:
+        """A checkpoint every 1,000 updates or so."""
+        return cls(updates=updates, checkpoints=min(updates, max(2, updates // 1_000)), seed=seed)
 
     def reward(self, model: RewardModel, replay: Batch, base: Policy) -> OwnReward:
         return OwnReward(model, self, replay, base)
@@ -107,28 +117,6 @@ class OwnReward:
             self.weight *= config.weight_up
 
 
-@dataclass(frozen=True)
-class TrueReward(RewardModel):
-    """A simulated person's own reward of every step; stored nowhere."""
-
-    kind: ClassVar[str] = "true"
-
-    setup: str
-    person: StepFamilyMember
-    reduction: Reduction = "mean"
-
-    def rewards(self, observations: Floats, actions: Floats, next_observations: Floats) -> Floats:
-        steps = seen_steps(get_setup(self.setup), observations, actions, next_observations)
-        return self.person.step_scores(steps).astype(np.float32)
-
-    def to_arrays(self) -> Never:
-        raise NotImplementedError("a simulated person is not stored")
-
-    @classmethod
-    def from_arrays(cls, meta: object, arrays: object) -> Never:
-        raise NotImplementedError("a simulated person is not stored")
-
-
 def _with_recovery(policy: Policy, base: Policy) -> Policy:
     """The same, freed by the base policy where it is stuck."""
     return replace(policy, recovery_policies=(base.actor,))
@@ -154,18 +142,43 @@ def _spread_of(model: RewardModel, setup: str) -> float:
 
 @dataclass(frozen=True)
 class OwnRewardResult:
-    """policy: the chosen checkpoint, without critic, and what its gate says. gained: mean reward over the base policy's
-    in the selection scenes, in s (optimistic: it was chosen there). history: one entry per checkpoint."""
+    """policy: the chosen checkpoint, without critic. gained: mean reward over the base policy's in the selection
+    scenes, in s (optimistic: it was chosen there). history: one entry per checkpoint."""
 
     policy: Policy
-    gate: Gate
     chosen: int
     gained: float
     history: list[dict[str, float]]
     replay_sha256: str
+    config: OwnRewardConfig
+
+    def as_dict(self) -> dict[str, Any]:
+        """Of the training, for cards."""
+        of = {"chosen_checkpoint": self.chosen, "gained": self.gained, "history": self.history}
+        return {**self.config.as_dict(), "replay_sha256": self.replay_sha256, **of}
+
+    @property
+    def scenes(self) -> dict[str, Any]:
+        """In which a checkpoint was chosen."""
+        return describe(Purpose.ALIGN_SELECT, self.config.selection_scenes, self.config.seed)
 
 
-def tune_to_reward(base: Policy, model: RewardModel, config: OwnRewardConfig | None = None) -> OwnRewardResult:
+def train_on_answers(
+    base: Policy,
+    basis: StepBasis,
+    believed: StepPosterior,
+    config: OwnRewardConfig,
+    on_progress: OnProgress = no_progress,
+) -> OwnRewardResult:
+    """On the mean of what answers say every step is worth. What they are unsure of is trained on as well, so it is for
+    choosing from, not for everybody's every scene."""
+    model = StepWeightsRewardModel(base.setup, basis, believed.mean.astype(np.float32))
+    return tune_to_reward(base, model, config, on_progress)
+
+
+def tune_to_reward(
+    base: Policy, model: RewardModel, config: OwnRewardConfig | None = None, on_progress: OnProgress = no_progress
+) -> OwnRewardResult:
     """Train on from the base policy (with critic), keep the checkpoint with the highest mean reward among
     those with enough success. Raises SetupError where setups differ, LearningError for a policy without critic."""
     config = config or OwnRewardConfig()
@@ -190,6 +203,7 @@ def tune_to_reward(base: Policy, model: RewardModel, config: OwnRewardConfig | N
         config,
         judge=judge,
         base_success=success_rate([trajectory.outcome for trajectory in usual]),
+        on_progress=on_progress,
     )
     # as often as asked, or as the base policy nearly does
     enough = min(config.min_success, learned.base_success - config.max_selection_loss / 2)
@@ -198,5 +212,4 @@ def tune_to_reward(base: Policy, model: RewardModel, config: OwnRewardConfig | N
         key=lambda k: (min(learned.history[k]["success_rate"], enough), learned.history[k]["gained"]),
     )
     policy = _with_recovery(learned.policies[chosen], base)
-    gate = at_gate(policy, base, config.gate, seed=config.seed)
-    return OwnRewardResult(policy, gate, chosen, learned.history[chosen]["gained"], learned.history, replay_sha256)
+    return OwnRewardResult(policy, chosen, learned.history[chosen]["gained"], learned.history, replay_sha256, config)
