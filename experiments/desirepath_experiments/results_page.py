@@ -138,53 +138,57 @@ def _from_to(seeds: Sequence[int]) -> str:
 
 
 def _people_predicted() -> Result:
-    stored = _read("study_room/people_held_out_more.json")
-    units = {
-        f"{row['person']}, seed {row['seed']}": [float(row["accuracy.15"])]
-        for row in _rows("study_room/people_held_out_more.persons.csv")
-    }
-    over = f"{len(units)} people of held-out families, seeds {_from_to(stored['config']['seeds'])}"
-    what = "Answers predicted after 15, of people whom the nine objectives cannot describe"
-    return _median(what, units, percent, over, stored)
-
-
-def _people_harmed() -> Result:
-    stored = _read("study_room/people_harm.json")
-    family = max(stored["families"], key=lambda name: stored["families"][name]["harmed_rate"])
-    worst = f"{percent_exactly(stored['families'][family]['harmed_rate'])} ({family})"
-    over = f"{stored['people']} people of all families, seeds {_from_to(stored['config']['seeds'])}"
-    what = "People who are shown a policy that is worse for them than the base policy"
-    return _share(what, stored["harmed"], stored["people"], worst, over, stored)
-
-
-def _people_policies() -> Result:
-    stored = _read("study_room/people_policies_pretrainings.json.gz")
-    trainings = list(stored["pretrainings"].values())
-    shares = [one["raised_at_once"] for one in trainings]
-    n = sum(one["people"] for one in trainings)
-    right = round(sum(one["raised_at_once"] * one["people"] for one in trainings))
-    what = "Such people whose own score a policy from the library raises"
-    over = f"{trainings[0]['people']} people, {len(shares)} pre-trainings"
-    return _share(what, right, n, percent(min(shares)), over, Stored(stored.file, trainings[0]))
-
-
-def _people_per_scene() -> Result:
-    from desirepath_experiments.benchmarks.people_policies import NEEDED, NOTHING  # much comes with it
-
-    stored = _read("study_room/people_compared_more.json.gz")
-    rows = _rows("study_room/people_compared_more.persons.csv.gz")
-    shown = [float(row["gain_direct_before"]) for row in rows if int(row["direct_wins"]) >= NEEDED]
-    families, harmed = stored["families"], stored["harmed_direct_before_of_shown"]
-    worst = min(families, key=lambda name: families[name]["shown_directly"])
+    stored = _read("study_room/people.json")
+    rows = _rows("study_room/people.persons.csv.gz")
+    answers = max(stored["config"]["answers"])
+    units = {f"{row['person']}": [float(row[f"predicted.{answers}"])] for row in rows}
+    told = _rows("study_room/people.predicted.csv")
+    of_all = next(row for row in told if (row["family"], row["answers"]) == ("all", str(answers)))
     what = (
-        f"People who prefer a policy per scene in {NEEDED} of up to six blind pairs after 15 right answers, and are "
-        f"shown it (one policy after 15: {percent(stored['shown_at_once'])}). Their gain, in typical differences of a "
-        f"pair: median {np.median(shown):.2f}; truly worse off by more than {NOTHING}: {percent_exactly(harmed[0])}, "
-        f"{_between(percent_exactly(harmed[1]), percent_exactly(harmed[2]))}"
+        f"Answers to fresh pairs predicted after {answers}; calibration error "
+        f"{percent_exactly(float(of_all['calibration_error']))}"
     )
-    over = f"{stored['people']} people of five families that nothing was tuned on"
-    told = f"{percent(families[worst]['shown_directly'])} ({worst})"
-    return _share(what, len(shown), stored["people"], told, over, stored)
+    return _median(what, units, percent, _over_people(), stored)
+
+
+def _people_shown() -> Result:
+    stored = _read("study_room/people.json")
+    of = _of_way("each_scene_trained")
+    gain, better = of["all"]["gain_of_shown"], of["all"]["better_of_shown"]
+    what = (
+        f"People who prefer, in at least five of up to six blind pairs, a policy that is chosen per scene after 15 "
+        f"answers and half a minute of training, and are shown it. Their gain, in typical differences of a pair: "
+        f"median {gain[0]:.2f}, {_between(f'{gain[1]:.2f}', f'{gain[2]:.2f}')}; truly better off: "
+        f"{percent_exactly(better[0])}, {_between(percent_exactly(better[1]), percent_exactly(better[2]))}"
+    )
+    return _rate_of_way(what, "shown", of, stored)
+
+
+def _people_harmed(way: str, what: str) -> Result:
+    stored = _read("study_room/people.json")
+    return _rate_of_way(what, "harmed", _of_way(way), stored)
+
+
+def _of_way(way: str) -> dict[str, dict[str, Any]]:
+    """Its rows, by family: estimates with their intervals."""
+    rows = [row for row in _rows("study_room/people.ways.csv") if row["way"] == way]
+    return {
+        row["family"]: {key: json.loads(row[key] or "null") for key in row.keys() - {"family", "way"}} for row in rows
+    }
+
+
+def _rate_of_way(what: str, rate: str, of: Mapping[str, dict[str, Any]], stored: Stored) -> Result:
+    everybody = of["all"]
+    families = {name: row[rate][0] for name, row in of.items() if name != "all"}
+    worst = max(families, key=lambda name: families[name] * (1 if rate == "harmed" else -1))
+    told = f"{percent_exactly(families[worst])} ({worst})"
+    n = everybody["people"]
+    return _share(what, round(everybody[rate][0] * n), n, told, _over_people(), stored)
+
+
+def _over_people() -> str:
+    rows = _rows("study_room/people.predicted.csv")
+    return f"{rows[0]['people']} people of {len({row['family'] for row in rows}) - 1} families; nothing was tuned on these people"
 
 
 def _words() -> Result:
@@ -321,9 +325,13 @@ ALL: tuple[Callable[[], Result], ...] = (
     lambda: _headline("study_room", "study room"),
     lambda: _headline("crowd_hall", "hall with walking people"),
     _people_predicted,
-    _people_harmed,
-    _people_policies,
-    _people_per_scene,
+    _people_shown,
+    lambda: _people_harmed(
+        "each_scene_trained", "People who are shown that policy to their harm (truly worse by more than 0.01)"
+    ),
+    lambda: _people_harmed(
+        "instant", "The same of one policy for all scenes that is there at once, shown where the posterior is sure"
+    ),
     _words,
     _training,
     _engine,

@@ -15,6 +15,7 @@ from desirepath.jobs import aligning, free_form
 from desirepath.jobs.aligning import align, comparison_rollouts
 from desirepath.jobs.alignments.conditioning_search import ConditioningSearchParams
 from desirepath.jobs.alignments.each_scene import EachSceneParams
+from desirepath.jobs.alignments.each_scene_trained import EachSceneTrainedParams
 from desirepath.jobs.alignments.fine_tuning import FineTuningParams
 from desirepath.jobs.alignments.instant import InstantParams
 from desirepath.jobs.answers import posterior_of_person, preferences_of
@@ -180,6 +181,23 @@ def test_a_choice_per_scene_is_compared_and_nothing_else_says_that_it_is_better(
         snapshot=snapshot_of(services, answers=10), gate_scenes=50, comparisons=1, other=result["policy"]
     )
     assert len(aligned(begin(services, "align", lent.model_dump()), lent)["yoked"]) == 1, "it is lent as any"
+
+
+def test_one_trained_on_the_answers_is_among_those_chosen_from_in_place_of_the_least_expected(services):
+    _, _, files = services
+    snapshot = snapshot_of(services, answers=9, oracle="network:31")
+    asked = {"snapshot": snapshot, "gate_scenes": 50, "comparisons": 1, "policies": 4, "surely_better": 0.9}
+    params = EachSceneTrainedParams(**asked, updates=20)
+    result = aligned(begin(services, "align", params.model_dump()), params)
+    library = EachSceneParams(**asked)
+    before = read_policy(files.get(aligned(begin(services, "align", library.model_dump()), library)["policy"]))
+    made = read_policy(files.get(result["policy"]))
+    assert [one.digest() for one in made.policies[:-1]] == [one.digest() for one in before.policies[:-1]]
+    trained = made.policies[-1]
+    assert trained.digest() not in {one.digest() for one in before.policies}
+    base = load_policy("study_room/base")
+    assert [len(actor) for actor in trained.recovery_policies] == [len(base.actor)], "freed where it is stuck"
+    assert result["passed"]
 
 
 def test_a_robot_is_not_compared_with_one_that_drives_alike_where_that_decides(services):

@@ -105,7 +105,7 @@ def test_every_kind_field_source_and_choice_has_words(kind, language):
             "align",
             {"snapshot": "s", "recipe": "magic"},
             "recipe",
-            "'conditioning_search', 'each_scene', 'instant', 'thesis'",
+            "'conditioning_search', 'each_scene', 'each_scene_trained', 'instant', 'thesis'",
         ),
         ("align", {"snapshot": "s", "gate_min_success": 1.2}, "gate_min_success", "less than or equal to 1"),
         (

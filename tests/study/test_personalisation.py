@@ -23,6 +23,7 @@ from desirepath.store.models import (
     utc_now,
 )
 from desirepath.store.outbox import Queue, queue_of
+from desirepath.study.personalising.alignment_jobs import ready_job
 from desirepath.study.personalising.lending import policy_key
 from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.refusals import Refused
@@ -333,6 +334,15 @@ def test_a_refinement_that_is_there_and_better_is_shown(instant):
     end(instant, "conditioning_search")
     assert settle(instant)
     assert own_policies(instant) == {"conditioning_search-policy"}
+
+
+def test_what_was_compared_stays_theirs_whatever_ends_behind_it(database, instant):
+    end(instant, "instant")
+    assert settle(instant)
+    end(instant, "conditioning_search")
+    with database.session() as s:
+        theirs = ready_job(s, s.get_one(Session, instant.session.id))
+        assert theirs.params["recipe"] == "instant"
 
 
 def test_a_refinement_that_is_no_better_is_not_shown(instant):

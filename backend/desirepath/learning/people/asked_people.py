@@ -1,5 +1,5 @@
-"""How well people outside the list are predicted, how sure that is, and what their robot gains: `benchmark people`, and
-the job of that name.
+"""How well people outside the list are predicted, how sure that is, and what their robot gains: the job
+that asks a reward file.
 
 Everybody here is simulated. Accuracy is agreement with the preference itself; claims are held against the answers that
 this person would give, lapses included. What is asked and shown is `asked_pairs.py`'s.
@@ -109,8 +109,8 @@ def benchmark_people(
     `calibration_error` and the same of the posterior over the nine alone; and of the policy after `shown_after`
     answers: `shown_rate`, `gain` (mean own score over the base policy in typical differences, fresh scenes in which
     both arrive), `preferred_rate`, `success_rate`, `harmed_rate` with its Wilson interval; `today_*`: the same of the
-    policy conditioned on the posterior over the nine, shown to everybody. What the policies of a library gain is
-    `benchmark people-policies`'s. Raises LearningError for unknown names.
+    policy conditioned on the posterior over the nine, shown to everybody. What studies show people gains is
+    `desirepath benchmark people`'s. Raises LearningError for unknown names.
     """
     if config.choose not in ("random", "information"):
         raise LearningError(f"choose = {config.choose!r}: random or information")

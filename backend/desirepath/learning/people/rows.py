@@ -1,5 +1,5 @@
-"""What `benchmark people` says of some people together: means with their intervals, how far claims are from what came
-true, who is harmed. How each is measured is `asked_people.py`'s."""
+"""What is said of some people together: means with their intervals, how far claims are from what came true, who is
+harmed. How each is measured is `asked_people.py`'s."""
 
 from __future__ import annotations
 

@@ -37,8 +37,9 @@ class TrainStage(Stage):
     job: `align` learns from choices between trajectories, `demonstrations` from drawn paths, one controller per
     environment. recipe (of `align`): `instant` is there at once (a conditioning search runs behind it and takes its
     place where it is better), `fine_tuning` trains on the learned reward, `thesis` as in thesis 6.4; `each_scene`
-    chooses, in each scene, among many policies: what the answers let expect decides nothing, the comparison does
-    (`meet_your_robot` with `preferred`). prior (of `align`): by the light of what own answers are read before a policy
+    chooses, in each scene, among many policies (one that is trained on the answers behind it is among them as soon as
+    it is there): what the answers let expect decides nothing, the comparison does (`meet_your_robot` with
+    `preferred`). prior (of `align`): by the light of what own answers are read before a policy
     is called surely better for this person, or chosen per scene; `none` of others', `earlier_participants` of those of
     the study, the same version and group who consented to training, `people_in_general` of what raters of still moments
     found comfortable (distance, from which side, things); what own answers do not bear out counts less with each of
