@@ -188,7 +188,8 @@ def _rate_of_way(what: str, rate: str, of: Mapping[str, dict[str, Any]], stored:
 
 def _over_people() -> str:
     rows = _rows("study_room/people.predicted.csv")
-    return f"{rows[0]['people']} people of {len({row['family'] for row in rows}) - 1} families; nothing was tuned on these people"
+    families = len({row["family"] for row in rows}) - 1
+    return f"{rows[0]['people']} people of {families} families; nothing was tuned on these people"
 
 
 def _words() -> Result:

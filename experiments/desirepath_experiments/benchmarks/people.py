@@ -12,7 +12,7 @@ from concurrent.futures import as_completed
 from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
@@ -22,12 +22,14 @@ from pydantic import Field
 from desirepath.analysis.estimates import interval, mean_estimate, resample_rows, wilson
 from desirepath.learning.alignment.each_scene import KEPT
 from desirepath.learning.errors import LearningError
-from desirepath.learning.people.asked_people import NINE, people_of
+from desirepath.learning.people.asked_people import NINE, RATERS, people_of, prior_for
 from desirepath.learning.people.card import people_card, response_models
 from desirepath.learning.people.families.base import FamilyMember
 from desirepath.learning.people.reward_file import read_reward
 from desirepath.learning.people.rows import bins_of, calibration_error
+from desirepath.learning.policies.choosing import Before
 from desirepath.learning.preferences.oracles import ResponseModel
+from desirepath.learning.preferences.population_prior import IN_GENERAL
 from desirepath.learning.queries.choosing import STRATEGIES
 from desirepath_experiments.benchmarks.people_room import PeopleRoom, QueryPool, RobotOfLibrary
 from desirepath_experiments.benchmarks.people_ways import WAYS, WaysConfig
@@ -40,7 +42,7 @@ YARDSTICKS = {
     **dict.fromkeys(("by_senses", "by_senses_truly", "at_start"), "trained"),
     **dict.fromkeys(("each_scene", "each_scene_trained"), "best_in_each"),
 }
-FAMILY = "Families of the card, comma-separated, or nine; tuning, held_out, unseen, all (the three and nine); none."
+FAMILY = "Families of the card, comma-separated, nine, raters; tuning, held_out, unseen, all (these and nine); none."
 
 
 @pydantic.dataclasses.dataclass(frozen=True)
@@ -62,6 +64,9 @@ class PeopleConfig:
     ] = (8, 15)
     choose: Annotated[str, Field(description="How the next question is chosen.")] = "information"
     queries: Annotated[str, Field(description="Query set; default: SETUP/queries_varied_200.")] = ""
+    prior: Annotated[
+        Literal["none", "people_in_general"], Field(description="By the light of what own answers are read.")
+    ] = "none"
     response_model: Annotated[str, Field(description="right, lapses, indifference, peak_end or first_seconds.")] = (
         "right"
     )
@@ -161,7 +166,7 @@ def _result(config: PeopleConfig, done: Mapping[tuple[int, str], dict[str, Any]]
 
 def _check(config: PeopleConfig) -> None:
     card = people_card()
-    known = {"family": (*card.families, NINE), "choose": tuple(STRATEGIES), "ways": tuple(WAYS)}
+    known = {"family": (*card.families, NINE, RATERS), "choose": tuple(STRATEGIES), "ways": tuple(WAYS)}
     asked = {"family": config.families, "choose": (config.choose,), "ways": tuple(config.ways.split(","))}
     for field, names in asked.items():
         if unknown := [name for name in names if name not in known[field]]:
@@ -182,7 +187,8 @@ def _everybody(seed: int, config: PeopleConfig) -> Iterator[tuple[str, str, Fami
 def _measure(person: FamilyMember, room: PeopleRoom, answering: ResponseModel, config: PeopleConfig) -> dict[str, Any]:
     """One person: asked, predicted as they are when all is answered, shown or not."""
     person = person.after(max(config.answers))
-    asked = room.ask(person, config.choose, answering, config.answers)
+    before = Before(prior_for(person, config.setup)) if config.prior == IN_GENERAL else None
+    asked = room.ask(person, config.choose, answering, config.answers, before)
     pairs = room.predicted
     truth = pairs.better(person.scores(pairs.in_turn))[pairs.test] > 0
     result: dict[str, Any] = {"predicted": {}, "claimed": {}, "bins": {}}

@@ -20,7 +20,7 @@ from desirepath.learning.measures.step_basis import StepBasis
 from desirepath.learning.measures.steps import SeenSteps
 from desirepath.learning.people.asked_pairs import FIRST_SEED, AskedPairs, asked_pairs
 from desirepath.learning.people.families.base import FamilyMember, StepFamilyMember
-from desirepath.learning.policies.choosing import Answers, RolloutDifferences
+from desirepath.learning.policies.choosing import Answers, Before, RolloutDifferences
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import (
@@ -30,7 +30,7 @@ from desirepath.learning.policies.shipped import (
     load_queries,
     load_step_basis,
 )
-from desirepath.learning.preferences.free_posterior import FreePosterior
+from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from desirepath.learning.preferences.oracles import ResponseModel, judged
 from desirepath.learning.preferences.posterior import Posterior
 from desirepath.learning.preferences.spans import seen_in
@@ -137,10 +137,10 @@ class QueryPool:
     def in_turn(self) -> list[Trajectory]:
         return [trajectory for query in self.queries for trajectory in (query.trajectory_a, query.trajectory_b)]
 
-    def answers(self, asked: Sequence[int], chosen: Sequence[bool]) -> Answers:
-        """What somebody said to some of them; chosen: A, of each."""
+    def answers(self, asked: Sequence[int], chosen: Sequence[bool], before: Before | None = None) -> Answers:
+        """What somebody said to some of them; chosen: A, of each. before: by the light of what others weigh."""
         rows = list(asked)
-        return Answers(self.pairs[rows], self.steps[rows], np.array(chosen, dtype=np.bool_))
+        return Answers(self.pairs[rows], self.steps[rows], np.array(chosen, dtype=np.bool_), before=before)
 
 
 @dataclass(frozen=True)
@@ -213,12 +213,21 @@ class PeopleRoom:
             self.judged[place] = self.judge(self.robot.policy(place))
         return self.judged[place]
 
-    def ask(self, person: FamilyMember, choose: str, answering: ResponseModel, after: Sequence[int]) -> Asked:
+    def ask(
+        self,
+        person: FamilyMember,
+        choose: str,
+        answering: ResponseModel,
+        after: Sequence[int],
+        before: Before | None = None,
+    ) -> Asked:
         """As a study does: each question is the one that the strategy asks after the answers before."""
         strategy, pool = STRATEGIES[choose], self.pool
         scores = [answers_of(one, pool.in_turn, answering, self.setup, self.seed) for one in (person.after(0), person)]
         random = np.random.default_rng([self.seed, 61])
-        posterior: Any = FreePosterior.prior(self.setup) if strategy.beyond else Posterior.prior(self.setup)
+        posterior: Any = Posterior.prior(self.setup)
+        if strategy.beyond:
+            posterior = FreePosterior.prior(self.setup, FreeConfig(), before.free if before else None)
         differences: Any = pool.pairs if strategy.beyond else pool.seen
         left = [int(k) for k in random.permutation(len(pool.queries))]
         asked: list[int] = []
@@ -230,7 +239,7 @@ class PeopleRoom:
             chosen.append(bool(scores[int(now)][asked[-1]]))
             row = asked[-1:] if strategy.beyond else asked[-1]
             posterior = posterior.updated(differences[row], chosen[-1])
-        return Asked({n: pool.answers(asked[:n], chosen[:n]) for n in after})
+        return Asked({n: pool.answers(asked[:n], chosen[:n], before) for n in after})
 
 
 def answers_of(

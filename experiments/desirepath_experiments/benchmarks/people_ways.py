@@ -209,6 +209,7 @@ def _compare_directly(
         answers.pairs.joined(some.differences.pairs[rows]),
         np.concatenate([answers.steps, some.differences.steps[rows]]),
         np.concatenate([answers.chosen, chosen]),
+        before=answers.before,
     )
     return after, int(chosen.sum())
 
