@@ -251,7 +251,7 @@ interface DesirePath {
     obey(message: any): void;
     press(event: PointerEvent): boolean;
     waits(): boolean;
-    hand: { put(found: number[], pointer: string): boolean; move(found: number[] | null): void; lift(): void; faster(steps: number): void };
+    hand: { put(found: number[], pointer: string): boolean; move(found: number[]): void; lift(): void; faster(steps: number): void };
     key(event: KeyPressed): boolean;
   };
   mirror: { show(order: MirrorOrder): void; press(place: number[]): boolean; stop(): void };

@@ -286,7 +286,10 @@
       camera = next;
       square = meshes.find((name) => name.endsWith("/square")) ?? "";
       placed = false;
-      if (built) floor.lay(next);
+      if (built) {
+        window.desirePath.quads.use(square); // the one of before goes with its scene
+        floor.lay(next);
+      }
       if (session && next.view !== "immersive") session.end();
       show();
     },

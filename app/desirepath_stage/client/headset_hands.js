@@ -11,8 +11,9 @@
   const [STILL, TURNS, TURNS_BACK] = [0.15, 0.7, 0.4]; // how far a stick is leant
   const SNAP_RAD = Math.PI / 6;
   const TURN_RAD_S = 1.2;
+  const CALM_MS = 40; // a hand trembles: what it points at is followed with so much delay
 
-  /** The input that has the pen. @type {any} XRInputSource */
+  /** The input that has the pen, and where it was, calmed. @type {{source: any, at: number[], time: number} | null} */
   let pen = null;
   /** The input that holds a knob, whose, where it was told last. @type {{source: any, id: string, share: number, at: number} | null} */
   let knob = null;
@@ -39,6 +40,17 @@
     bridge.post("headset-press", { id: knob.id, share: knob.share, settled });
   }
 
+  /** @param {RoomRay} ray of the hand that has the pen */
+  function follow(ray) {
+    const found = floorUnder(ray);
+    if (!found || !pen) return;
+    const now = performance.now();
+    const share = 1 - Math.exp((pen.time - now) / CALM_MS);
+    pen.at = pen.at.map((value, i) => value + share * (found[i] - value));
+    pen.time = now;
+    draw.hand.move(pen.at);
+  }
+
   function lift() {
     if (!pen) return;
     pen = null;
@@ -62,7 +74,7 @@
       const floor = floorUnder(ray);
       if (window.desirePath.picking.press(ray.from, ray.along)) taken.add(source);
       else if (floor && !pen && draw.waits() && draw.hand.put(floor, kind(source))) {
-        pen = source;
+        pen = { source, at: floor, time: performance.now() };
         taken.add(source);
       } else if (floor) window.desirePath.mirror.press(floor);
     },
@@ -70,7 +82,7 @@
     /** It ends. @param {any} source */
     up(source) {
       taken.delete(source);
-      if (pen === source) lift();
+      if (pen?.source === source) lift();
       if (knob?.source !== source) return;
       tellKnob(true);
       knob = null;
@@ -81,8 +93,9 @@
 
     /** One picture. @param {Map<any, RoomRay>} rays of the inputs that are there */
     move(rays) {
-      if (pen && !rays.has(pen)) lift(); // switched off, or its tracking lost
-      else if (pen) draw.hand.move(floorUnder(/** @type {RoomRay} */ (rays.get(pen))));
+      const drawing = pen && rays.get(pen.source);
+      if (drawing) follow(drawing);
+      else lift(); // nothing is held, or it was switched off, or its tracking lost
       if (!knob) return;
       const ray = rays.get(knob.source);
       const hit = ray && room.meet(ray.from, ray.along);

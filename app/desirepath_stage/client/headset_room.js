@@ -90,7 +90,7 @@
     let size = button.letter ? 84 : button.tool ? 30 : 38;
     do pen.font = `600 ${(size -= 2)}px ${FONT}`;
     while (size > 20 && pen.measureText(button.text).width > w - 24);
-    pen.fillText(button.text, x + w / 2, y + h / 2);
+    pen.fillText(button.text, x + w / 2, y + h / 2, w - 16);
     pen.globalAlpha = 1;
     spots.push({ button, x, y, w, h });
   }

@@ -24,7 +24,7 @@
 
     /** @param {string} name of the square in this scene @returns {boolean} whether it is there */
     use(name) {
-      [square] = viser.meshes(name);
+      square = viser.meshes(name)[0] ?? square;
       return Boolean(square);
     },
 
