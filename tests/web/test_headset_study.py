@@ -13,7 +13,8 @@ from desirepath.report.findings import analyse
 from desirepath.report.planned_design import Assumed
 from desirepath.report.report_text import sections
 from desirepath.report.simulated_cohorts import Cohort
-from desirepath.report.tidy_tables import read_folder
+from desirepath.report.tidy_tables import read_folder, tidy
+from desirepath.store.dataset.reading import read_dataset
 from desirepath.store.dataset.writing import export_study
 from desirepath.study.planned_power import plan_power
 from desirepath.study.protocol.freezing import freeze_text
@@ -68,6 +69,13 @@ def test_the_report_compares_a_headset_with_the_window_and_the_other_views(
     assert len(findings.between) == 6, "every two of the four"
     rows = next(part for part in sections(findings, [], tmp_path) if part.title == "Views and devices").tables[0].rows
     assert rows[2][:4] == ["immersive, in the window", "none (simulated)", str(BOTS), str(BOTS * PAIRS)]
+
+    dataset = read_dataset(tmp_path / "out")
+    for trial in dataset.tables["trials"]:
+        if trial["hmd"]:  # as where somebody took it off in between
+            trial |= {"hmd": False, "headset": {**trial["headset"], "b": None}}
+    data = tidy("Worn", study, dataset.protocol, "", dataset.files, dataset.tables)
+    assert ("immersive", "headset and window (simulated)") in analyse(data, load, "simulated").devices
 
     planned = plan_power(frozen, [6], Assumed(), walk=3, cohorts=3)
     assert set(planned.design.conditions) == FOUR

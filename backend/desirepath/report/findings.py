@@ -233,10 +233,11 @@ def _devices(
 def device_words(choice: Choice, person: ParticipantRow) -> str:
     """What an answer was given on, as far as its page reported."""
     device = choice.device
+    worn = {"all": "headset", "partly": "headset and window"}.get(str(device.get("headset")))
     if person.simulated and "pointer" not in device:
-        return "headset (simulated)" if device.get("headset") else "none (simulated)"
+        return f"{worn or 'none'} (simulated)"
     if not device:
         return "not told"
-    if device.get("headset"):
-        return "headset"
+    if worn:
+        return worn
     return {"fine": "mouse or touchpad", "coarse": "touch"}.get(str(device.get("pointer")), "another pointer")

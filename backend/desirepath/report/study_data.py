@@ -44,7 +44,7 @@ class ParticipantRow:
 @dataclass(frozen=True)
 class Choice:
     """One answered query. first, second: trajectories in the order they were shown; chosen: which of these two.
-    device: what it was answered on, as far as the page reported, with `headset` where all was watched with one."""
+    device: what it was answered on, as far as the page reported; `headset` (all, partly): watched with one."""
 
     person: str
     condition: str

@@ -195,8 +195,8 @@ def _choice(trial: Row, answer: Row, session: Row) -> Choice:
     """session: its device is that of the answers of data sets which do not tell those apart."""
     told = (session if answer["device"] is None else answer)["device"] or {}
     device = {name: value for name, value in told.items() if name != "headset"}  # that says whether one is there
-    if trial.get("hmd"):
-        device["headset"] = True
+    if worn := [bool(of) for of in (trial.get("headset") or {}).values()]:
+        device |= {"headset": "all" if all(worn) else "partly"} if any(worn) else {}
     return Choice(
         person=trial["participant"],
         condition=trial["block"] or trial["view"],
