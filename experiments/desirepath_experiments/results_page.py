@@ -145,7 +145,7 @@ def _people_predicted() -> Result:
     told = _rows("study_room/people.predicted.csv")
     of_all = next(row for row in told if (row["family"], row["answers"]) == ("all", str(answers)))
     what = (
-        f"Answers to fresh pairs predicted after {answers}; calibration error "
+        f"Answers to fresh pairs predicted after {answers} right ones; calibration error "
         f"{percent_exactly(float(of_all['calibration_error']))}"
     )
     return _median(what, units, percent, _over_people(), stored)
@@ -157,7 +157,7 @@ def _people_shown() -> Result:
     gain, better = of["all"]["gain_of_shown"], of["all"]["better_of_shown"]
     what = (
         f"People who prefer, in at least five of up to six blind pairs, a policy that is chosen per scene after 15 "
-        f"answers and half a minute of training, and are shown it. Their gain, in typical differences of a pair: "
+        f"right answers and half a minute of training, and are shown it. Their gain, in typical differences of a pair: "
         f"median {gain[0]:.2f}, {_between(f'{gain[1]:.2f}', f'{gain[2]:.2f}')}; truly better off: "
         f"{percent_exactly(better[0])}, {_between(percent_exactly(better[1]), percent_exactly(better[2]))}"
     )

@@ -22,7 +22,7 @@ from desirepath.store.models import (
     Trial,
     utc_now,
 )
-from desirepath.store.outbox import Queue, queue_of
+from desirepath.store.outbox import PARTICIPANT_WAITS, Queue, queue_of
 from desirepath.study.personalising.alignment_jobs import ready_job
 from desirepath.study.personalising.lending import policy_key
 from desirepath.study.protocol.freezing import freeze_text
@@ -327,6 +327,17 @@ def test_what_nobody_waits_for_stands_behind_what_somebody_does(database, files,
         (False, "conditioning_search"): Queue.BEHIND,
         (True, "fine_tuning"): Queue.BEHIND,
     }
+
+
+def test_no_bot_waits_behind_the_refinement_of_another(database, files, instant):
+    with database.session() as s:
+        study = s.get_one(Study, instant.session.study_id)
+    bot = Walker(database, files, study, simulated=True)
+    bot.walk_to("train.wait")
+    with database.session() as s:
+        jobs = s.scalars(select(Job).where(Job.session_id == bot.session.id))
+        priorities = {job.params["recipe"]: job.priority for job in jobs}
+    assert PARTICIPANT_WAITS < priorities["instant"] < priorities["conditioning_search"]
 
 
 def test_a_refinement_that_is_there_and_better_is_shown(instant):

@@ -73,7 +73,7 @@ def choose(
     of_participant = preferences_of(context, snapshot_of(context, params.snapshot)[1], independent=True)
     if len(of_participant) != 1:
         count = len(of_participant)
-        raise LearningError(f"recipe = 'each_scene': learns from the answers of one person, not of {count}")
+        raise LearningError(f"recipe = {params.algorithm!r}: learns from the answers of one person, not of {count}")
     (preferences,) = of_participant.values()
     answers = answers_of(preferences, left_right_symmetry=params.symmetry == "left_right")
     people, snapshots = earlier_answers(context, params.earlier, params.symmetry, base.setup)

@@ -81,7 +81,7 @@ def start_training(acting: Acting) -> None:
     priority = _priority(session, training)
     recipes = {training.recipe: priority}
     if training.recipe in REFINEMENTS:
-        recipes[REFINEMENTS[training.recipe]] = max(REFINES, priority)
+        recipes[REFINEMENTS[training.recipe]] = max(REFINES, priority + 1)  # behind what other bots wait for, too
     for recipe, after in recipes.items():
         job = enqueue_job(
             s,
