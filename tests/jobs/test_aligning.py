@@ -24,6 +24,7 @@ from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.kept_artefacts import ArtefactError
 from desirepath.jobs.kinds import RewardModelParams
 from desirepath.jobs.runners import learn_reward_model
+from desirepath.learning.alignment import each_scene
 from desirepath.learning.alignment.each_scene import PREDICTED_FROM
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.choosing import Answers, ChoosingPolicy, PeopleInGeneral
@@ -503,6 +504,32 @@ def test_a_choice_per_scene_by_the_light_of_those_before_goes_when_one_of_them_g
         assert s.get_one(Artefact, result["policy"]).quarantined_at is not None
         assert s.get_one(Artefact, own).quarantined_at is None
     assert result["policy"] not in files.names()
+
+
+def test_who_is_erased_while_a_choice_per_scene_is_made_is_not_among_those_before(services, monkeypatch):
+    settings, database, files = services
+    people = [snapshot_of(services, answers=8 + k, name=f"Meanwhile {k}", oracle="fastest") for k in range(2)]
+    own = snapshot_of(services, answers=5, name="While it is made")
+    with database.session() as s:
+        answered = select(Response.id).where(Response.id.in_(lineage(s, people[0]).all_answers()))
+        person = s.scalars(select(Session.participant_id).join(Response).where(Response.id.in_(answered))).first()
+    made = each_scene.choose_each_scene
+    times = []
+
+    def erase_first(*of: object, **named: object) -> ChoosingPolicy:
+        if not times:
+            erase_participant(database, files, person, "tester", data=settings.data, compact=False)
+        times.append(1)
+        return made(*of, **named)
+
+    monkeypatch.setattr(each_scene, "choose_each_scene", erase_first)
+    asked = {"gate_scenes": 50, "comparisons": 0, "policies": 2, "surely_better": 0.9, "earlier": ",".join(people)}
+    params = EachSceneParams(snapshot=own, **asked)
+    result = aligned(begin(services, "align", params.model_dump()), params)
+    assert len(times) == 2, "made again, without them"
+    assert result["prior"] == {"earlier_participants": 1}
+    with database.session() as s:
+        assert s.get_one(Artefact, result["policy"]).card["results"]["prior"] == result["prior"]
 
 
 def test_a_choice_per_scene_by_the_light_of_people_in_general_is_nobodys_but_ones_own(services):

@@ -150,6 +150,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
             raise
         log.warning("somebody whose answers were used is gone", problem=str(gone))
         aligned = algorithm.align(context, params, base, model)  # which leaves them out
+        if algorithm.asks_directly and "earlier_participants" in own.get("prior", {}):
+            own["prior"] = {"earlier_participants": len(aligned.parents)}
         policy = kept(aligned)
     context.progress(0.93)
     comparisons: list[dict[str, Any]] = []
