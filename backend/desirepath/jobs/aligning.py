@@ -150,7 +150,7 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
             raise
         log.warning("somebody whose answers were used is gone", problem=str(gone))
         aligned = algorithm.align(context, params, base, model)  # which leaves them out
-        if algorithm.asks_directly and "earlier_participants" in own.get("prior", {}):
+        if algorithm.asks_directly and "prior" in own and params.prior != IN_GENERAL:
             own["prior"] = {"earlier_participants": len(aligned.parents)}
         policy = kept(aligned)
     context.progress(0.93)
