@@ -77,7 +77,7 @@ def test_why_a_robot_drove_otherwise_is_said_after_it_drove_and_kept_with_the_an
     room_says(page, "moved", poses=[[1, 0, 0]] * 2, clocks=[4, 4], over=True)
     expect(page.locator("#meet-why")).to_have_text(
         "Here your robot kept more distance from you (1.4 m, the usual one 0.9 m) and passed behind you, "
-        "because your answers speak for that."
+        "because your answers point that way."
     )
     page.locator("label:has([data-agreement][value='4'])").click()
     page.locator("[data-done][aria-disabled=false]").click()

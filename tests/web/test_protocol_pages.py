@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from fastapi.testclient import TestClient
 
+from desirepath.installed import PROTOCOLS
 from desirepath.store.models import Study
 from desirepath.study.revising import revise_study
 from desirepath.study.session.versions import newest_protocol
@@ -134,3 +135,14 @@ def test_check_it_says_what_the_own_policy_is_compared_with(lab: TestClient):
         assert tuple(re.findall(r"<dt>(Own against [^<]+)</dt>", page)) == told
         assert ("own policy: signed ranks" in page) == (shipped == "personalisation_study"), "of the analysis plan"
         assert ("a simulated person’s policy is used" in page) == (len(told) == 3)
+
+
+def test_the_protocol_page_tells_the_prior_and_the_motors_where_they_are_asked_for(lab: TestClient):
+    shipped = (PROTOCOLS / "quick_preference_study.yaml").read_text()
+    asked = shipped.replace("recipe: each_scene,", "recipe: each_scene, prior: people_in_general,")
+    asked = asked.replace("licence:", "motor_sound: heard\nlicence:")
+    for text, told in ((shipped, False), (asked, True)):
+        made = lab.post("/lab/new", data={"csrf": csrf(lab, "/lab/new"), "source": "paste", "yaml": text})
+        page = html.unescape(lab.get(made.headers["location"]).text)
+        for fact in ("<dt>Prior</dt><dd>people in general", "<dt>Motor sound</dt><dd>on from the start</dd>"):
+            assert (fact in page) == told, fact

@@ -185,8 +185,8 @@ def _who_stood_behind(comparison: Personalised) -> str:
         told += f"{max(known)}){missing}"
     return (
         f"The policy by what earlier participants want is made anew for each participant. {told}. They are mostly the "
-        "same people from one participant to the next, so that successive ones meet nearly the same opponent: "
-        "participants are counted as independent, and whether it is good or bad by chance they share."
+        "same people from one participant to the next, so that successive ones meet nearly the same opponent. The test "
+        "counts participants as independent all the same; what is good or bad about it by chance, they share."
     )
 
 
