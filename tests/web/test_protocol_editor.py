@@ -255,7 +255,7 @@ def test_every_value_that_a_protocol_may_have_is_offered_in_words():
             return set().union(*map(named, node))
         if not isinstance(node, dict):
             return set()
-        here = {one for one in node.get("enum", ()) if isinstance(one, str)}
+        here = {one for one in (*node.get("enum", ()), node.get("const")) if isinstance(one, str)}
         return here.union(*map(named, node.values()))
 
     for language in ("en", "de"):

@@ -29,7 +29,7 @@ class ChoiceParams(ConditionedAlignParams):
 
     gate_scenes: int = from_source("ours_known_rollouts", 50, ge=50, le=5_000, advanced=True)
     policies: int = from_source("ours", 24, ge=1, le=99, advanced=True)
-    population: int = from_source("from_protocol", 0, ge=0, le=10, advanced=True)
+    population: int = from_source("from_protocol_population", 0, ge=0, le=10, advanced=True)
     people: str = from_source("from_protocol_population", "", advanced=True, max_length=MOST_NAMED)
 
 
