@@ -21,7 +21,7 @@ The page posts these events to its parent window (`pageOrigin` only), each `{sou
 | `floor` | `place` | the floor was pressed there, where a real robot is mirrored |
 | `headset` | `on, here, why, controllers, refresh_rate` | worn or not; whether it can be; what is against |
 | `sound` | `on` | the sound of the motors was switched |
-| `headset-press` | `id` | a button of its panel was pressed |
+| `headset-press` | `id, headset` | a button of its panel was pressed, with what |
 | `head` | `head` | how the head moved in a headset, a few seconds of it (`HeadMoved`) |
 | `picked`, `pointed` | `thing` | an explained object was clicked; the pointer is over it, or over none (null) |
 | `state` | `connected, ready, webgl, playback_id, keys` | the answer to the parent's `{type: "hello"}` |

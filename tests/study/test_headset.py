@@ -15,6 +15,7 @@ from desirepath.study.session.devices import device_problems
 from desirepath.web.core.addresses import permissions
 from desirepath.web.participant.sent import Seen
 from tests.study.small_protocol import BLOCK, protocol_text, write_files
+from tests.study.walking import answer
 
 QUEST = {
     "controllers": ["meta-quest-touch-plus"],
@@ -116,6 +117,34 @@ def test_an_early_choice_without_the_required_one_does_not_count(walk):
     with pytest.raises(Refused) as no:
         choose_early(walker, hmd=False)
     assert no.value.code == "headset_required"
+
+
+SLIDERS = {"tuning": {"scenes": 1, "view": "immersive"}}
+CHANGED = {
+    "weights": {"clearance": 1.0},
+    "history": [{"seconds": 1, "place": 0, "by": "headset", "objective": "clearance", "weight": 1}],
+}
+
+
+def test_sliders_in_the_room_are_not_answered_without_the_required_headset(walk):
+    walker = walk(SLIDERS, BLOCK, device={"headset": "required", "webgl": False})
+    with pytest.raises(Refused) as no:
+        walker.submit("tuning", CHANGED)
+    assert no.value.code == "headset_required"
+    with pytest.raises(Refused, match="at most 4 items"):
+        walker.submit("tuning", CHANGED | {"headset": {"controllers": ["x"] * 5}})
+    told = {name: QUEST[name] for name in ("controllers", "refresh_rate", "pointing")}
+    walker.submit("tuning", CHANGED | {"headset": told})
+    stored = answer(walker, "tuning").value
+    assert (stored["hmd"], stored["headset"]) == (True, told)
+
+
+@pytest.mark.parametrize(("view", "stored"), [("immersive", {"hmd": False, "headset": None}), ("top_down", {})])
+def test_sliders_say_whether_a_headset_was_worn_where_one_can_be(walk, view, stored):
+    walker = walk({"tuning": {"scenes": 1, "view": view}}, INSIDE, device={"headset": "offered", "webgl": False})
+    walker.submit("tuning", CHANGED)
+    found = answer(walker, "tuning").value
+    assert {name: found[name] for name in ("hmd", "headset") if name in found} == stored
 
 
 def test_what_is_typed_is_not_asked_in_a_headset(tmp_path):

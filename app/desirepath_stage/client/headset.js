@@ -267,7 +267,7 @@
   /** @param {string} id */
   function pressed(id) {
     if (id === "leave") session?.end();
-    else bridge.post("headset-press", { id });
+    else bridge.post("headset-press", { id, headset: window.desirePath.headset.report() });
   }
 
   /** @param {number} gap ms since the picture before */

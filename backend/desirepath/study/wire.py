@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, FailFast, Field, ValidationError
 
 from desirepath.grammar.error_words import describe_expected_json
 from desirepath.store.sides import Side
@@ -51,6 +51,32 @@ A = TypeVar("A", bound=Answer)
 
 class Confirmed(Answer):
     """Read or watched; there is nothing to answer."""
+
+
+class HeadsetUsed(BaseModel):
+    """With what headset something was watched, as far as a browser tells: controllers: their profiles' names; pictures
+    per second it asks for, drawn, and left out; pointing: with what. Cleaned as part of its body."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    controllers: Annotated[list[Annotated[str, Field(max_length=60)]], Field(max_length=4), FailFast()] = []
+    refresh_rate: float | None = Field(None, gt=0, le=1000, allow_inf_nan=False)
+    frames: int = Field(0, ge=0, le=10**7)
+    dropped: int = Field(0, ge=0, le=10**7)
+    pointing: Annotated[list[Literal["controller", "hand", "gaze"]], Field(max_length=3), FailFast()] = []
+
+
+class InRoomAnswer(Answer):
+    """Base of one that is given beside the room, in the immersive view with a headset or in the window."""
+
+    headset: HeadsetUsed | None = Field(None, description="of who gives it with one")
+
+
+STORED_IN_ROOM = {
+    "hmd": "of the immersive view alone: whether it was answered with a headset on",
+    "headset": "likewise: with what, as of trials (controllers, refresh_rate, pointing); null: in the window",
+}
+"""What is stored of where such an answer was given (`session/watching.py`)."""
 
 
 class ChoiceAnswer(Answer):

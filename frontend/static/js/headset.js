@@ -61,12 +61,21 @@ export class Headset {
     /** What presses of the room's buttons do. @type {Map<string, (message: StageMessage) => void>} */
     this.presses = new Map();
     this.sent = "";
+    /** With what a button was pressed last. @type {import("./contract.js").HeadsetUsed | null} */
+    this.pressedWith = null;
     /** @type {ReturnType<typeof setInterval> | undefined} */
     this.clock = undefined;
   }
 
   get worn() {
     return this.on;
+  }
+
+  /** With what an answer is given now, as it is sent with it; null: in the window. @returns {import("./contract.js").HeadsetUsed | null} */
+  get used() {
+    if (!this.on) return null;
+    const { controllers, refresh_rate, pointing } = this.pressedWith ?? {};
+    return { controllers, refresh_rate, pointing };
   }
 
   /** Why nothing can begin: what is shown is to be seen with a headset, or without. null: it can. */
@@ -83,7 +92,10 @@ export class Headset {
     if (message.type === "state" || message.type === "connected") {
       this.offer();
     } else if (message.type === "headset") this.changed(message);
-    else if (message.type === "headset-press") this.presses.get(message.id ?? "")?.(message);
+    else if (message.type === "headset-press") {
+      this.pressedWith = message.headset ?? this.pressedWith;
+      this.presses.get(message.id ?? "")?.(message);
+    }
   }
 
   /** Another step is shown. @param {boolean | null} wanted with a headset, in the window, or as the study says */

@@ -269,4 +269,9 @@ export class LivePanel extends StageBar {
   async done() {
     await this.decide(this.controls.answer());
   }
+
+  /** @param {object} value */
+  async decide(value) {
+    await super.decide({ ...value, headset: this.needs.headset.used });
+  }
 }

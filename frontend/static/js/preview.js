@@ -108,7 +108,7 @@ if (shown || !onStage) {
       refresh: async () => {},
       announce,
       cover: data.stage_token || data.videos ? cover : () => {},
-      headset: { worn: false, missing: null }, reloadStage: () => stage.reload(), greetStage: () => stage.greet(),
+      headset: { worn: false, missing: null, used: null }, reloadStage: () => stage.reload(), greetStage: () => stage.greet(),
       moveOut: () => location.assign(data.next),
       notice: () => {}, // a preview leaves no trace in the log
     },

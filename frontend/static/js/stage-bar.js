@@ -19,7 +19,7 @@ import { Refused, pause } from "./send.js";
  * @property {(key: string, values?: Record<string, string | number>) => string} say
  * @property {(text: string) => void} announce to screen readers
  * @property {(text: string | null) => void} cover lays a sentence over the stage, null takes it away
- * @property {{worn: boolean, missing: string | null}} headset
+ * @property {{worn: boolean, missing: string | null, used: import("./contract.js").HeadsetUsed | null}} headset
  * @property {() => void} reloadStage
  * @property {() => void} greetStage asks the stage how it is; it answers with `state`
  * @property {ReturnType<typeof import("./notice.js").noticer>} notice to the server's log

@@ -20,7 +20,7 @@
  * @property {import("./contract.js").HeadMoved} [head] how the head moved, a few seconds of it
  * @property {number} [share] of a slider that is moved there, 0 to 1
  * @property {boolean} [settled] and has been let go
- * @property {import("./contract.js").HeadsetUsed | null} [headset] what was played was watched with
+ * @property {import("./contract.js").HeadsetUsed | null} [headset] what was played was watched, or a button pressed, with
  */
 
 export class StageFrame {

@@ -20,7 +20,7 @@ class Trial(Base):
     before). `replays`: pairs watched again.
 
     `hmd`: whether all that was watched was watched with a headset; None: not told (nothing watched, data of before).
-    `headset`: by side, with what (shapes: web/participant/sent.py, HeadsetUsed), None: in the window.
+    `headset`: by side, with what (shapes: study/wire.py, HeadsetUsed), None: in the window.
 
     `phase`: ready, playing_a, playing_b, choosing, answered. `arms` (comparison only) says which policy was A and B.
     """

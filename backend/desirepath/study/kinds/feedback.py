@@ -23,7 +23,7 @@ from desirepath.study.kinds.trial import TrialStep
 from desirepath.study.personalising.believed import find_belief
 from desirepath.study.personalising.live_rollouts import condition_on
 from desirepath.study.steps import Stage, Step
-from desirepath.study.wire import Answer, Flag
+from desirepath.study.wire import STORED_IN_ROOM, Flag, InRoomAnswer
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import DrivingPolicy
@@ -71,7 +71,7 @@ class FeedbackStep(LiveStep):
     of: int
 
 
-class FeedbackAnswer(Answer):
+class FeedbackAnswer(InRoomAnswer):
     """watched: whether the robot was let drive to its end."""
 
     watched: Flag = False
@@ -88,6 +88,7 @@ class FeedbackKind(LiveKind[FeedbackStep, FeedbackAnswer]):
         "answers": "of how many answers that was learned",
         "watched": "whether it was let drive to its end",
         "seconds": "how long the page stood",
+        **STORED_IN_ROOM,
     }
 
     def policies(

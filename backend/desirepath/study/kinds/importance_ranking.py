@@ -25,7 +25,7 @@ from desirepath.study.kinds.questionnaire import QuestionnaireStep
 from desirepath.study.plan.asked_queries import Needs, Pair
 from desirepath.study.protocol_rows import row_of
 from desirepath.study.steps import Pace, Planning, Stage, Step
-from desirepath.study.wire import Answer, BadValue, Besides, WholeNumber
+from desirepath.study.wire import STORED_IN_ROOM, BadValue, Besides, InRoomAnswer, WholeNumber
 
 RANKING_S = 15.0  # ours: until five objects are ranked
 HOLD_S = 1.0  # ch. 8: what is shown stays so long after the halt
@@ -168,7 +168,7 @@ class ImportanceRankingStep(Step):
 # ---- in a session ----------------------------------------------------------------------------------------------------
 
 
-class ImportanceRankingAnswer(Answer):
+class ImportanceRankingAnswer(InRoomAnswer):
     """All objects, the most important first. placed_s: when each got its place, seconds since ranking was possible."""
 
     ranking: Annotated[list[str], Field(max_length=40)]
@@ -199,6 +199,7 @@ class ImportanceRanking(Kind[ImportanceRankingStep, ImportanceRankingAnswer]):
         "outline": "whether outlines showed the scores",
         "lidar": "whether the lidar's rays were shown",
         "attention": "whether what the policy attends to was shown; only where people are ranked",
+        **STORED_IN_ROOM,
     }
     shows = "trajectories"
     trajectories = 1

@@ -22,7 +22,7 @@ from desirepath.store.models import Event
 from desirepath.study.kind import Kind, Moment, Page, Simulated
 from desirepath.study.personalising.live_rollouts import condition_on, scenes_of, typical_rollouts
 from desirepath.study.steps import Pace, Stage, Step
-from desirepath.study.wire import Answer, BadValue, Besides
+from desirepath.study.wire import Answer, BadValue, Besides, InRoomAnswer
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import DrivingPolicy
@@ -170,7 +170,7 @@ class Change(BaseModel):
     weight: float = Field(ge=0, le=1, allow_inf_nan=False)
 
 
-class LiveAnswer(Answer):
+class LiveAnswer(InRoomAnswer):
     """The weights that somebody arrived at, and every change on the way there, in order."""
 
     weights: Annotated[Weights, BeforeValidator(_numbers)]

@@ -45,7 +45,7 @@ from desirepath.study.personalising.alignment_jobs import ready_job
 from desirepath.study.personalising.believed import find_belief
 from desirepath.study.personalising.live_rollouts import condition_on, driving, shipped_base
 from desirepath.study.steps import Pace, Planning, Stage
-from desirepath.study.wire import WholeNumber
+from desirepath.study.wire import STORED_IN_ROOM, WholeNumber
 
 if TYPE_CHECKING:
     from desirepath.learning.policies.policy import DrivingPolicy
@@ -158,6 +158,7 @@ class MeetYourRobot(LiveKind[MeetYourRobotStep, MetAnswer]):
         "weights": "the weights at the end",
         "distance": "Euclidean, from learned to corrected weights; 0: not corrected",
         "history": "every change in order, as of `tuning`; also as the table tuning_changes",
+        **STORED_IN_ROOM,
     }
 
     def robots_in(self, step: MeetYourRobotStep) -> Literal[1, 2]:

@@ -33,6 +33,7 @@ from desirepath.study.kinds.live import (
 )
 from desirepath.study.personalising.believed import find_belief
 from desirepath.study.steps import Planning, Stage
+from desirepath.study.wire import STORED_IN_ROOM
 
 STARTED_RANDOMLY = 3  # of seven sliders, so that the start differs from neutral to the eye
 BEGAN = "tuning_began"
@@ -93,6 +94,7 @@ class Tuning(LiveKind[TuningStep, LiveAnswer]):
         "start": "the same in the beginning",
         "history": "every change in order: seconds since the page was opened, place, by (mouse, touch, pen, keys, "
         "headset, button, words or bot), objective, weight; also as the table tuning_changes",
+        **STORED_IN_ROOM,
     }
 
     def payload(self, step: TuningStep, page: Page) -> dict[str, Any]:

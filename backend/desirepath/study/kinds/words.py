@@ -30,7 +30,7 @@ from desirepath.study.kinds.live import (
     slide,
 )
 from desirepath.study.steps import Planning, Stage
-from desirepath.study.wire import BadValue, Besides
+from desirepath.study.wire import STORED_IN_ROOM, BadValue, Besides
 
 if TYPE_CHECKING:  # the objectives bring numba along; a server that starts need not wait for it
     from desirepath.learning.words.understanding import Understood
@@ -131,6 +131,7 @@ class Words(LiveKind[WordsStep, WordsAnswer]):
         "corrected": "whether any weight was changed by hand",
         "distance": "Euclidean, from understood to final weights",
         "history": "every change in order, as of `tuning`; those of the sentence are by words",
+        **STORED_IN_ROOM,
     }
 
     def payload(self, step: WordsStep, page: Page) -> dict[str, Any]:

@@ -43,6 +43,7 @@ from desirepath.study.session.view import (
     trial_of,
 )
 from desirepath.study.session.watching import (
+    answered_in_room,
     chosen_early,
     interrupt,
     restart_trajectory,
@@ -52,7 +53,7 @@ from desirepath.study.session.watching import (
     watch_again,
 )
 from desirepath.study.steps import Step
-from desirepath.study.wire import BadValue
+from desirepath.study.wire import BadValue, InRoomAnswer
 
 __all__ = [
     "Playback",
@@ -178,7 +179,12 @@ def _check(acting: Acting, step: Step, value: Any, named: str | None) -> dict[st
         kind = kind_of(step)
         if named not in (None, kind.name):
             raise BadValue("kind", named, f"must be {kind.name}, the kind of this step, or left out")
-        return kind.check(step, kind.answers.read(value), page)
+        answer = kind.answers.read(value)
+        stored = kind.check(step, answer, page)
+        if isinstance(answer, InRoomAnswer) and step.view == "immersive":
+            worn = answer.headset.model_dump(exclude_unset=True) if answer.headset is not None else None
+            stored |= answered_in_room(acting.s, session, worn)
+        return stored
     except Refused as wrong:
         wrong.session_id, wrong.study_id = session.id, session.study_id
         wrong.details["step"] = step.key

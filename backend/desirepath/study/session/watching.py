@@ -119,14 +119,27 @@ def chosen_early(s: DatabaseSession, session: Session, trial: Trial, *, hmd: boo
     _note_headset(s, session, trial, "b", worn)
 
 
+def answered_in_room(s: DatabaseSession, session: Session, headset: dict[str, Any] | None) -> dict[str, Any]:
+    """What is stored with an answer beside the immersive view. headset: with what it is given. Raises Refused."""
+    _check_worn(s, session, headset)
+    return {"hmd": headset is not None, "headset": headset}
+
+
 def _note_headset(s: DatabaseSession, session: Session, trial: Trial, side: Side, worn: dict[str, Any] | None) -> None:
-    wanted = _is_worn(s, session) if trial.view == "immersive" else None
-    if wanted and worn is None:
-        raise refusal(session, 409, "headset_required", "This is to be watched with a headset.", trial, side=side)
-    if wanted is False and worn is not None:
-        raise refusal(session, 409, "window_required", "This is to be watched in the window.", trial, side=side)
+    if trial.view == "immersive":
+        _check_worn(s, session, worn, trial, side=side)
     trial.headset = {**(trial.headset or {}), side: worn}
     trial.hmd = all(trial.headset.values())
+
+
+def _check_worn(
+    s: DatabaseSession, session: Session, worn: dict[str, Any] | None, trial: Trial | None = None, **details: Any
+) -> None:
+    wanted = _is_worn(s, session)
+    if wanted and worn is None:
+        raise refusal(session, 409, "headset_required", "This is to be seen with a headset.", trial, **details)
+    if wanted is False and worn is not None:
+        raise refusal(session, 409, "window_required", "This is to be seen in the window.", trial, **details)
 
 
 def _check_watched(s: DatabaseSession, session: Session, trial: Trial, side: Side, now: datetime) -> None:

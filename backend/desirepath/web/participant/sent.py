@@ -22,6 +22,7 @@ from desirepath.study.drawing.walks import MOST_POSES
 from desirepath.study.robots import REACH_M
 from desirepath.study.session.leaving import LONGEST_PROBLEM
 from desirepath.study.session.platforms import PARAMETERS
+from desirepath.study.wire import HeadsetUsed
 from desirepath.web.core.contract import Clock, MaybeObject, OpenObject, Sent, storable
 from desirepath.web.participant.steps import RequestId
 
@@ -82,19 +83,6 @@ class Start(Sent):
     """Play the first trajectory that was not seen yet."""
 
     request_id: str = Field("", max_length=64)
-
-
-class HeadsetUsed(BaseModel):
-    """With what headset something was watched, as far as a browser tells: controllers: their profiles' names; pictures
-    per second it asks for, drawn, and left out; pointing: with what. Cleaned as part of its body."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True)
-
-    controllers: Annotated[list[Annotated[str, Field(max_length=60)]], Field(max_length=4), FailFast()] = []
-    refresh_rate: float | None = Field(None, gt=0, le=1000, allow_inf_nan=False)
-    frames: int = Field(0, ge=0, le=10**7)
-    dropped: int = Field(0, ge=0, le=10**7)
-    pointing: Annotated[list[Literal["controller", "hand", "gaze"]], Field(max_length=3), FailFast()] = []
 
 
 class Seen(Sent):

@@ -153,7 +153,7 @@ class ImportanceRanking extends SingleTrajectory {
       return;
     }
     /** @type {import("../types.js").AnswerTo<"importance_ranking">} */
-    const value = { ranking: this.ranking, undone: this.undone, placed_s: this.placed };
+    const value = { ranking: this.ranking, undone: this.undone, placed_s: this.placed, headset: this.needs.headset.used };
     await this.decide(value);
   }
 }
