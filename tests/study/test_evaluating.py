@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import shutil
 from collections.abc import Callable
 from functools import partial
 from itertools import permutations
@@ -11,6 +13,9 @@ from typing import Any
 import pytest
 from sqlalchemy import select
 
+from desirepath.installed import PROTOCOLS
+from desirepath.simulation.demonstration_scenes import pair_seed
+from desirepath.simulation.scene import Scene
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
 from desirepath.store.models import Artefact, Job, Response, Session, StrokeRow, Trial
@@ -19,17 +24,25 @@ from desirepath.study.kind import dump_plan
 from desirepath.study.kinds.demonstration import drawing_of
 from desirepath.study.links import next_token
 from desirepath.study.plan.counterbalancing import design_of
-from desirepath.study.protocol.freezing import freeze_text
+from desirepath.study.protocol.freezing import freeze_text, validate_protocol_file
+from desirepath.study.protocol.headset_words import HEADSET
 from desirepath.study.protocol.planning import make_plan
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
+from desirepath.study.session.devices import headset_required
 from desirepath.study.session.finding import acting
 from desirepath.study.session.joining import join_study
 from desirepath.study.studies import create_study
 from tests.study.walking import DEMOGRAPHICS, Walker
 
-STUDY = Path(__file__).resolve().parents[2] / "study_protocols" / "demonstration_study.yaml"
+STUDY = PROTOCOLS / "demonstration_study.yaml"
+QUEST = {"controllers": ["meta-quest-touch-plus"], "pointing": ["controller"]}
+IN_HEADSET = (  # as docs/protocol-reference.md says
+    ("view: top_down", "view: immersive"),
+    ("\nstages:", "\ndevice: {headset: required}\n\nstages:"),
+)
 ITEMS = dict.fromkeys(("comfort", "intuitive", "environments", "speed_control", "effort"), 4)
+GATE = "{headset: required, webgl: false}"  # a walker's device shows nothing
 DRIVES = ("base", "own", "social_cost")
 RATING = {"comfort": 4, "too_close": 2, "preference": 5}
 
@@ -48,6 +61,12 @@ def walker(database: Database, files: ArtefactStore) -> Walker:
     text = STUDY.read_text()
     room = next(line for line in text.splitlines(keepends=True) if "environment: room" in line)
     text = text.replace(room, "").replace("pairs: 4, per_pair: 3, up_to: 5", "pairs: 2, per_pair: 1")
+    return first_appointment(database, files, text)
+
+
+def first_appointment(
+    database: Database, files: ArtefactStore, text: str, headset: dict[str, Any] | None = None
+) -> Walker:
     with database.transaction() as s:
         study = create_study(s, files, freeze_text(text), name="Two appointments", created_by=None)
     walker = Walker(database, files, study)
@@ -56,47 +75,60 @@ def walker(database: Database, files: ArtefactStore) -> Walker:
     walker.submit("demographics", DEMOGRAPHICS)
     walker.submit("instruction", {})
     while walker.view.kind == "demonstration":
-        keep_a_path(walker)
+        keep_a_path(walker, headset)
     walker.submit("train.drawing_items", ITEMS)
     assert walker.view.kind == "appointment"
     return walker
 
 
-def keep_a_path(walker: Walker) -> None:
+def keep_a_path(walker: Walker, headset: dict[str, Any] | None) -> None:
     key = walker.view.key
     along = [k / 80 for k in range(81)]
     with acting(walker.database, walker.token, request="stroke", now=walker.now) as (s, session):
         step = drawing_of(session)
-        side = -0.75 if paths.scene_of(step).person.pose.y > 0 else 0.75
-        given = {
-            "points": [[-3.2 + 6.4 * u, side * 4 * u * (1 - u)] for u in along],
-            "speeds": [0.25] * 81,
-            "times_s": along,
-        }
+        given = {"points": around(paths.scene_of(step), along), "speeds": [0.25] * 81, "times_s": along}
+        if headset is not None:
+            given |= {"pointer": "controller", "headset": headset}
         attempt = strokes.attempt_of(step, given, simulated=False)
+        worn = {"must_wear": headset_required(s, session)}
         strokes.add_stroke(
-            s, walker.files, session, step, attempt, request_id=f"for {key}", client_time=None, now=walker.now
+            s, walker.files, session, step, attempt, request_id=f"for {key}", client_time=None, now=walker.now, **worn
         )
     state = walker.view.trial
     walker.later(state["duration_s"] + 0.1)
     with acting(walker.database, walker.token, request="driven", now=walker.now) as (s, session):
-        strokes.mark_watched(s, walker.files, session, drawing_of(session), state["playback_id"], now=walker.now)
+        seen = (drawing_of(session), state["playback_id"])
+        strokes.mark_watched(s, walker.files, session, *seen, now=walker.now, headset=headset, **worn)
     walker.submit(key, {"stroke": state["stroke"]})
+
+
+def around(scene: Scene, along: list[float]) -> list[list[float]]:
+    """From the robot to its goal, away from the person."""
+    (x, y), (dx, dy) = (scene.start.x, scene.start.y), (scene.goal.x - scene.start.x, scene.goal.y - scene.start.y)
+    left = dx * (scene.person.pose.y - y) - dy * (scene.person.pose.x - x)
+    bend = math.copysign(3.0, -left) / math.hypot(dx, dy)
+    sides = [bend * u * (1 - u) for u in along]
+    return [[x + dx * u - dy * side, y + dy * u + dx * side] for u, side in zip(along, sides, strict=True)]
 
 
 def trained(walker: Walker, *, passed: bool = True) -> None:
     """The training has ended. It takes minutes and is tested as a job; here its result names the drawn drives."""
     with walker.database.transaction() as s:
-        (job,) = s.scalars(select(Job)).all()
         strokes = s.scalars(select(StrokeRow).order_by(StrokeRow.pair)).all()
-        shown = [{**dict.fromkeys(DRIVES, one.trajectory), "scene_seed": one.pair} for one in strokes]
-        job.state = "succeeded"
-        job.result = {
-            "policy": job.params["snapshot"],
-            "passed": passed,
-            "comparisons": [],  # none in which both arrive; all are rated all the same
-            "situations": shown if passed else [],
-        }
+        for job in s.scalars(select(Job)).all():
+            learned = s.get_one(Artefact, job.params["snapshot"])
+            shown = [
+                {**dict.fromkeys(DRIVES, one.trajectory), "scene_seed": pair_seed(one.environment, one.pair)}
+                for one in strokes
+                if one.environment == learned.setup
+            ]
+            job.state = "succeeded"
+            job.result = {
+                "policy": learned.id,
+                "passed": passed,
+                "comparisons": [],  # none in which both arrive; all are rated all the same
+                "situations": shown if passed else [],
+            }
 
 
 def come_back(walker: Walker) -> None:
@@ -147,6 +179,50 @@ def test_three_controllers_are_watched_blind_and_rated(walker: Walker):
         asked = {step["key"]: step["block"] for step in plan if step.get("questionnaire") == "drawing_rating"}
         given = s.scalars(select(Response).where(Response.step_key.in_(asked))).all()
         assert {asked[response.step_key] for response in given} == {"social_cost", "dwa", "own"}
+
+
+def test_both_appointments_are_walked_in_a_required_headset_to_the_code(database: Database, files: ArtefactStore):
+    text = STUDY.read_text()
+    for old, new in (*IN_HEADSET, ("pairs: 4, per_pair: 3, up_to: 5", "pairs: 1, per_pair: 1")):
+        text = text.replace(old, new)
+    walker = first_appointment(database, files, text.replace("{headset: required}", GATE), QUEST)
+    trained(walker)
+    come_back(walker)
+    walker.submit("instruction_2", {})
+    while (view := walker.view).kind != "debriefing":
+        if view.kind == "questionnaire":
+            walker.submit(view.key, RATING)
+            continue
+        assert (view.kind, view.payload["view"]) == ("evaluation", "immersive")
+        shown = walker.do(machine.start_trial, view.key, request_id=None, now=walker.now)
+        walker.later(view.trial["duration_a_s"] + 0.1)
+        seen = partial(walker.do, machine.trajectory_seen, view.key, "a", shown.playback_id, now=walker.now)
+        assert refusal(seen) == "headset_required"
+        seen(headset=QUEST)
+        walker.submit(view.key, {})
+    with database.session() as s:
+        assert s.get_one(Session, walker.session.id).completion_code
+        assert [(row.hmd, row.environment) for row in s.scalars(select(StrokeRow).order_by(StrokeRow.created_at))] == [
+            (True, "corridor"),
+            (True, "room"),
+        ]
+        assert [(trial.hmd, trial.headset) for trial in s.scalars(select(Trial))] == [(True, {"a": QUEST})] * 6
+
+
+def test_the_study_as_shipped_becomes_one_in_a_headset_by_two_changes_and_a_sentence(tmp_path: Path):
+    shutil.copytree(PROTOCOLS, tmp_path / "own")
+    file = tmp_path / "own" / STUDY.name
+    text = file.read_text()
+    for old, new in IN_HEADSET:
+        text = text.replace(old, new)
+    file.write_text(text)
+    found = validate_protocol_file(file)
+    assert found["valid"], found["errors"]
+    assert [one["field"] for one in found["warnings"]] == ["device.headset"] * 2, "a text in each language lacks it"
+    for language, sentence in HEADSET.items():
+        with (file.parent / f"texts/drawing_study_information.{language}.md").open("a") as information:
+            information.write(f"\n{sentence}\n")
+    assert validate_protocol_file(file) == {"valid": True, "errors": []}
 
 
 def test_the_six_orders_are_filled_evenly_and_reversed_in_the_second_environment(

@@ -102,6 +102,8 @@ def test_objects_are_ranked_once_the_robot_has_halted_and_the_row_has_their_scor
         kept = next(one for one in small_ranking_set().rollouts if one.trajectory.digest() == trial.trajectory_a)
         assert response.value == {
             "ranking": things,
+            "hmd": False,
+            "headset": None,
             "undone": 2,
             "placed_s": [1.25, 2.5, 3.0, 4.0, 6.5],
             "scores": pytest.approx(kept.at_halt),
