@@ -40,6 +40,22 @@ PRESS = """async ([presses, phase]) => {
   const { rows, buttons, beside } = headset.panel();
   return { rows, beside, buttons: buttons.filter((one) => !one.tool) };
 }"""
+GIVEN = """async (told) => {
+  const { Headset } = await import("/static/js/headset.js"), { LivePanel } = await import("/static/js/live.js");
+  const headset = new Headset("offered", {
+    say: (key) => key, tell: () => {}, banner: () => {}, notice: () => {}, changed: () => {}, headPose: false,
+  });
+  const given = [];
+  const bar = Object.assign(Object.create(LivePanel.prototype), {
+    root: document.createElement("div"), over: true, needs: { headset, answer: async (value) => given.push(value) },
+  });
+  for (const on of [false, true, false]) {
+    headset.hear({ type: "headset", here: true, on, why: null });
+    if (on) headset.hear({ type: "headset-press", id: "done", headset: told });
+    await bar.decide({ weights: {} });
+  }
+  return given;
+}"""
 REFUSED = """async (taken) => {
   const { StageBar } = await import("/static/js/stage-bar.js"), { Refused } = await import("/static/js/send.js");
   const sent = [];
@@ -185,6 +201,13 @@ def test_what_was_watched_and_does_not_count_can_be_begun_again(
     page: Page, taken: bool, sent: list[str], phase: str
 ) -> None:
     assert page.evaluate(REFUSED, taken) == [sent, phase]
+
+
+def test_an_answer_by_sliders_says_with_what_headset_it_is_given(page: Page) -> None:
+    page.evaluate("document.body.dataset.layout = 'text'")
+    worn = {"controllers": ["meta-quest-touch-plus"], "refresh_rate": 90, "pointing": ["controller"]}
+    given = page.evaluate(GIVEN, worn | {"frames": 12, "dropped": 0})
+    assert given == [{"weights": {}, "headset": headset} for headset in (None, worn, None)]
 
 
 def test_how_the_head_moves_is_sent_in_order_until_it_is_taken(page: Page) -> None:

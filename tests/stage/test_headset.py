@@ -112,6 +112,7 @@ def test_one_stands_where_the_person_stands_and_answers_by_ray(rig: StageRig, we
     assert math.cos(math.atan2(seen["along"][1], seen["along"][0]) - ahead) > 0.999, "the robot's start is ahead"
     pull_trigger_at(visitor.frame, "a")
     visitor.wait_for("headset-press", id="a")
+    assert visitor.events("headset-press")[-1]["headset"]["controllers"] == ["meta-quest-touch-plus"]
     visitor.frame.evaluate("window.headset.position.y += 0.2")
 
     def taller() -> bool:
