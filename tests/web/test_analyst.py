@@ -188,6 +188,7 @@ def test_launched_job_holds_only_what_differs_from_the_defaults(analyst, worked,
         ("fine_tuning", "reward_weight", "tried"),
         ("thesis", "updates", "conditioned"),
         ("each_scene", "policies", "updates"),
+        ("each_scene_trained", "updates", "tried"),
     ],
 )
 def test_each_algorithm_of_an_alignment_asks_for_its_own_fields(analyst, recipe, own, of_others):
@@ -195,7 +196,7 @@ def test_each_algorithm_of_an_alignment_asks_for_its_own_fields(analyst, recipe,
     assert f'name="recipe" value="{recipe}"' in form
     assert f'id="{own}"' in form
     assert f'id="{of_others}"' not in form
-    assert form.count("?recipe=") == 5  # the five to choose from
+    assert form.count("?recipe=") == 6  # the six to choose from
 
 
 @pytest.mark.parametrize(
