@@ -189,7 +189,7 @@ def around(scene: Scene, begin: float, end: float) -> list[tuple[float, float]]:
     aside = np.array([-way[1], way[0]])
     person = np.array([scene.person.pose.x, scene.person.pose.y]) - here
     side = -0.7 if person @ aside > 0 else 0.7
-    return [tuple(here + u * (there - here) + side * np.sin(np.pi * u) * aside) for u in np.linspace(begin, end, 6)]
+    return [tuple(here + u * (there - here) + side * np.sin(np.pi * u) * aside) for u in np.linspace(begin, end, 9)]
 
 
 def picture(page: Page, room: Frame, name: object) -> None:
