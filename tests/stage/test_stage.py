@@ -144,6 +144,7 @@ def test_the_camera_is_locked_and_visers_controls_are_out_of_reach(rig: StageRig
         "desire-path-sheet",
         "desire-path-label",
         "desire-path-headset",
+        "desire-path-sound",
         "desire-path-legend",
         "desire-path-strip",
         "desire-path-finder",
