@@ -44,7 +44,7 @@ def report(
         str, typer.Option(help="Reward models of the policies, with commas: interface, linear, weights, mlp.")
     ] = "interface,weights",
     recipe: Annotated[
-        str, typer.Option(help="Algorithm of the policies: fine_tuning, instant, each_scene, ... or thesis.")
+        str, typer.Option(help="Algorithm of the policies: fine_tuning, instant, conditioning_search, thesis, ...")
     ] = "fine_tuning",
     scenes: Annotated[int, typer.Option(min=20, help="Fresh scenes that every policy rolls out in.")] = 1_000,
     as_json: JsonFlag = False,

@@ -106,7 +106,9 @@ def align(
     answers: AnswersFlag = None,
     recipe: Annotated[
         str,
-        typer.Option(help="The algorithm: fine_tuning, instant, each_scene, ... or thesis."),
+        typer.Option(
+            help="The algorithm: fine_tuning, instant, each_scene, each_scene_trained, conditioning_search or thesis."
+        ),
     ] = "fine_tuning",
     seed: SeedFlag = 0,
     out: OutFlag = None,
