@@ -24,6 +24,7 @@ export function onOwnStage(Panel, panel, post) {
     say: (/** @type {string} */ key) => key,
     announce: (/** @type {string} */ text) => (live.textContent = text),
     cover: () => {},
+    headset: { worn: false, missing: null, used: null },
     reloadStage: () => stage.reload(),
     greetStage: () => stage.greet(),
     notice: () => {},
