@@ -83,7 +83,7 @@ def test_the_studies_list_counts_people_and_shows_simulated_ones_apart(lab_servi
 
 def test_three_questions_lead_to_one_card_and_every_card_is_led_to(lab):
     cards = protocol_cards()
-    anywhere = {card for card in cards if card.frozen.protocol.device.headset != "required"}
+    anywhere = {card for card in cards if card.frozen.protocol.asked_of_devices.headset != "required"}
     assert {find_card(card.answers, cards) for card in cards} == anywhere, "nobody is led to what needs a headset"
     assert all("<polyline" in card.picture and len(card.picture) < 4_000 for card in cards)
     walked = {"does": "rank", "moves": "people", "minutes": "30"}
