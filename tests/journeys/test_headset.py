@@ -8,8 +8,6 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-import httpx
-import numpy as np
 import pytest
 from playwright.sync_api import Browser, Frame, Page, expect
 from sqlalchemy import select
@@ -18,17 +16,15 @@ from desirepath.installed import PROTOCOLS
 from desirepath.learning.policies.shipped import load_queries
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.settings import Settings
-from desirepath.simulation.demonstration_scenes import demonstration_scene
-from desirepath.simulation.scene import Scene
 from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database
-from desirepath.store.models import HeadPose, Session, StrokeRow, Trial
+from desirepath.store.models import HeadPose, Session, Trial
 from desirepath.study.protocol.freezing import freeze_text
 from desirepath.study.protocol.headset_words import HEAD
 from desirepath.study.studies import create_study
 from tests.fewer_pictures import draw_fewer_pictures
-from tests.headset import draw_by_ray, hold_trigger, plug_in_headset, pull_trigger_at, put_on, take_off
-from tests.journeys.conftest import COARSE, FASTER_CLOCK, Installation
+from tests.headset import plug_in_headset, pull_trigger_at, put_on, take_off
+from tests.journeys.conftest import COARSE, Installation
 from tests.journeys.test_story import walk_until
 
 pytestmark = pytest.mark.journey
@@ -124,72 +120,6 @@ def test_a_study_from_consent_to_code_on_a_headset(installation: Installation, p
     assert trials[0].headset["a"]["controllers"] == ["meta-quest-touch-plus"]
     assert {(head.trial_id, head.side) for head in heads} > {(t.id, side) for t in trials for side in "ab"}
     assert len({head.wearing for head in heads}) == 2
-
-
-FASTER = 12  # than the clock: a drive of half a minute is over soon
-# Chapter 2 with a path in each environment. What is judged after the training are drives like any other.
-CHAPTER_2 = (
-    (
-        "environment: corridor, pairs: 4, per_pair: 3, up_to: 5, view: top_down",
-        "environment: corridor, pairs: 1, per_pair: 1, view: immersive",
-    ),
-    (
-        "environment: room, pairs: 4, per_pair: 3, up_to: 5, view: top_down",
-        "environment: room, pairs: 1, per_pair: 1, view: immersive, person: walks",
-    ),
-    (
-        "evaluation: {questionnaire: drawing_rating, view: top_down}",
-        "evaluation: {questionnaire: drawing_rating, view: immersive}",
-    ),
-    ("stages:", "device: {headset: required, min_width: 600, min_height: 400}\nstages:"),
-)
-
-
-def test_chapter_2_is_drawn_and_walked_in_the_headset(installation: Installation, page: Page) -> None:
-    text = (PROTOCOLS / "demonstration_study.yaml").read_text()
-    for old, new in CHAPTER_2:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    settings = Settings(data=installation.data)
-    with Database(settings.database).transaction() as s:
-        study = create_study(s, ArtefactStore(settings.artefacts), freeze_text(text), name="Drawn", created_by=None)
-        link = f"{installation.url}/join/{study.recruiting_token}"
-    joined = httpx.post(link, json={"simulated": True, "language": "en"}, timeout=60).json()  # whose clock may be fast
-    page.context.add_init_script(f"({FASTER_CLOCK})({FASTER})")
-    page.goto(f"{installation.url}/p/{joined['token']}")
-    walk_until(page, installation, joined["token"], {"demonstration"})
-    room = stage_of(page)
-    put_on(room)
-    for place in range(2):
-        room.wait_for_function("window.desirePath.headsetRoom.shown().text.startsWith('Point at the green ring')")
-        step = httpx.get(f"{installation.url}/api/session/{joined['token']}", timeout=60).json()["step"]
-        scene = demonstration_scene(("corridor", "room")[place], int(step["key"].split(".")[1]) - 1)
-        if place == 0:
-            draw_by_ray(room, around(scene, 0, 0.5))
-            pull_trigger_at(room, "button-0")  # undo
-        draw_by_ray(room, around(scene, 0, 1), lets_go=False)
-        picture(page, room, f"drawn_{place}")
-        hold_trigger(room, False)
-        keep = (
-            "() => window.desirePath.headsetRoom.shown().buttons.find((one) => one.text === 'Keep this path')?.id ?? ''"
-        )
-        room.wait_for_function(keep, timeout=150_000)
-        picture(page, room, f"watched_{place}")
-        pull_trigger_at(room, str(room.evaluate(keep)))
-    room.wait_for_function("window.desirePath.headsetRoom.shown().text.startsWith('This part is over')")
-    with Database(settings.database).session() as s:
-        kept = list(s.scalars(select(StrokeRow).where(StrokeRow.state == "kept").order_by(StrokeRow.created_at)))
-    assert [(row.hmd, row.pointer, row.view) for row in kept] == [(True, "controller", "immersive")] * 2
-
-
-def around(scene: Scene, begin: float, end: float) -> list[tuple[float, float]]:
-    """From one share of the way between robot and goal to another, away from the person."""
-    here, there = np.array([scene.start.x, scene.start.y]), np.array([scene.goal.x, scene.goal.y])
-    way = (there - here) / np.hypot(*(there - here))
-    aside = np.array([-way[1], way[0]])
-    person = np.array([scene.person.pose.x, scene.person.pose.y]) - here
-    side = -0.7 if person @ aside > 0 else 0.7
-    return [tuple(here + u * (there - here) + side * np.sin(np.pi * u) * aside) for u in np.linspace(begin, end, 9)]
 
 
 def picture(page: Page, room: Frame, name: object) -> None:
