@@ -1,6 +1,7 @@
 // @ts-check
 /** A participants' panel on a page of the lab, over a stage of its own: nothing is answered, kept or covered here. */
 
+import { NO_HEADSET } from "./stage-bar.js";
 import { StageFrame } from "./stage-frame.js";
 
 /**
@@ -24,7 +25,7 @@ export function onOwnStage(Panel, panel, post) {
     say: (/** @type {string} */ key) => key,
     announce: (/** @type {string} */ text) => (live.textContent = text),
     cover: () => {},
-    headset: { worn: false, missing: null, used: null },
+    headset: NO_HEADSET,
     reloadStage: () => stage.reload(),
     greetStage: () => stage.greet(),
     notice: () => {},

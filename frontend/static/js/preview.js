@@ -6,6 +6,7 @@
 
 import { kindModule } from "./kind.js";
 import { pageData, speaker } from "./say.js";
+import { NO_HEADSET } from "./stage-bar.js";
 import { StageFrame } from "./stage-frame.js";
 
 const data = pageData();
@@ -108,7 +109,7 @@ if (shown || !onStage) {
       refresh: async () => {},
       announce,
       cover: data.stage_token || data.videos ? cover : () => {},
-      headset: { worn: false, missing: null, used: null }, reloadStage: () => stage.reload(), greetStage: () => stage.greet(),
+      headset: NO_HEADSET, reloadStage: () => stage.reload(), greetStage: () => stage.greet(),
       moveOut: () => location.assign(data.next),
       notice: () => {}, // a preview leaves no trace in the log
     },

@@ -34,6 +34,9 @@ const EARLY_TRIES = 25;
 const LOST_AFTER_MS = 15000;
 const LOST_AFTER_ASKING = 2;
 
+/** Of pages where no headset can be put on. @type {StageNeeds["headset"]} */
+export const NO_HEADSET = { worn: false, missing: null, used: null };
+
 /** Why the stage stopped a trajectory, in the words of the server. @type {Record<string, Cut>} */
 const REASONS = { "tab-hidden": "hidden", "webgl-lost": "webgl_lost", headset: "hidden" };
 
