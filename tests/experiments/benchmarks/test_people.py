@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from typer.testing import CliRunner
 from desirepath.cli.main import app
 from desirepath.learning.alignment.gate import CLEARLY, SURE
 from desirepath.learning.errors import LearningError
-from desirepath.learning.people.asked_people import PeopleConfig, benchmark_people, known_people, result_of
+from desirepath.learning.people.asked_people import PeopleConfig, benchmark_people
 from desirepath.learning.people.rows import bins_of, calibration_error
 from desirepath.simulation.setups import get_setup
 from desirepath_experiments.benchmarks import people
@@ -70,19 +69,6 @@ def test_claims_that_come_true_have_no_error() -> None:
     assert calibration_error([bins_of(sure, everybody < 50)]) == pytest.approx(0.25)
     both = [bins_of(sure, everybody < 100), bins_of(sure, everybody < 50)]
     assert calibration_error(both) == pytest.approx(0.0), "of all answers together"
-
-
-def test_a_stopped_measurement_of_people_goes_on_where_it_was(tmp_path: Path) -> None:
-    config = replace(SMALL, families=("thresholds", "nine"))
-    whole = benchmark_people("study_room", config)
-    assert [one["person"] for one in whole["persons"]] == ["thresholds:0", "nine:0", "thresholds:1", "nine:1"]
-    (tmp_path / "people.json").write_text(json.dumps(result_of("study_room", config, whole["persons"][:3])))
-    known = known_people(tmp_path / "people.json", "study_room", config)
-    heard: list[dict[str, Any]] = []
-    assert benchmark_people("study_room", config, known=known, on_person=heard.append) == whole
-    assert [one["person"] for one in heard] == ["nine:1"]
-    assert known_people(tmp_path / "people.json", "study_room", SMALL) == []
-    assert known_people(tmp_path / "none.json", "study_room", config) == []
 
 
 def test_one_table_says_who_is_predicted_shown_and_harmed_and_a_stopped_run_goes_on(tmp_path: Path) -> None:

@@ -7,12 +7,10 @@ this person would give, lapses included. What is asked and shown is `asked_pairs
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +28,7 @@ from desirepath.learning.preferences.free_posterior import FreeConfig, FreePoste
 from desirepath.learning.preferences.objectives import NAMES, OPPOSITES
 from desirepath.learning.preferences.oracles import ResponseModel, judged
 from desirepath.learning.preferences.people_in_general import comfort, people_in_general, rater_weights
-from desirepath.learning.preferences.population_prior import IN_GENERAL, WeightPrior
+from desirepath.learning.preferences.population_prior import WeightPrior
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.sureness import Sureness
 from desirepath.learning.scene_sets import Purpose
@@ -50,8 +48,7 @@ class PeopleConfig:
     next pair is the one whose answer tells most about the others', for the first CHOSEN answers). queries: what is
     asked about, pairs of policies as they are, of policies in many manners, or half of each. test: pairs of policies as
     they are that are predicted; scenes: in which a policy is chosen, in which it is judged by the posterior, and in
-    which its true gain is measured. particles: of the posterior over the nine. prior: none, or people_in_general: by
-    the light of what raters of still moments found comfortable."""
+    which its true gain is measured. particles: of the posterior over the nine."""
 
     families: tuple[str, ...]
     people: int = 5
@@ -66,7 +63,6 @@ class PeopleConfig:
     test: int = 300
     scenes: tuple[int, int, int] = (150, 200, 300)
     particles: int = 20_000
-    prior: str = "none"
 
 
 @dataclass(frozen=True)
@@ -98,11 +94,8 @@ def benchmark_people(
     config: PeopleConfig,
     more: Mapping[str, FamilyMember] | None = None,
     on_progress: Callable[[float], None] | None = None,
-    known: Sequence[dict[str, Any]] = (),
-    on_person: Callable[[dict[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
-    """more: further people by name, such as a reward file's. known: persons of a run of the same settings that was
-    stopped (`known_people`); families take turns, so that what there is then is of all of them.
+    """more: further people by name, such as a reward file's.
 
     Result: {"simulated": True, "setup", "family", "people", "answers", "accuracy" (after the last of `answers` ...),
     "rows": one per family, "persons": one per person}. A row has, by number of answers, `accuracy`, `claimed`,
@@ -116,16 +109,13 @@ def benchmark_people(
         raise LearningError(f"choose = {config.choose!r}: random or information")
     if config.queries not in ("policies", "manners", "both"):
         raise LearningError(f"queries = {config.queries!r}: policies, manners or both")
-    if config.prior not in ("none", IN_GENERAL):
-        raise LearningError(f"prior = {config.prior!r}: none or {IN_GENERAL}")
     if max(config.answers) > config.pool:
         raise LearningError(f"answers = {max(config.answers)}: at most the pool of {config.pool} pairs")
     answering = ResponseModel(**response_models([config.response_model])[config.response_model])
     measured_people: list[dict[str, Any]] = []
-    done = {(each["seed"], each["person"]): each for each in known}
     total = len(config.seeds) * (len(config.families) * config.people + len(more or {}))
     for seed in config.seeds:
-        room: _Room | None = None
+        room = _Room.of(setup, seed, config)
         first = config.first + seed * config.people
         by_family = [
             [(family, *member) for member in people_of(family, config.people, setup, first).items()]
@@ -133,21 +123,14 @@ def benchmark_people(
         ]
         everybody = [entry for turn in zip(*by_family, strict=True) for entry in turn]
         for family, name, person in [*everybody, *(("file", *entry) for entry in (more or {}).items())]:
-            if (seed, name) not in done:
-                room = room or _Room.of(setup, seed, config)
-                before = prior_for(person, setup) if config.prior == IN_GENERAL else None
-                measured = _measure(person, room, answering, config, before)
-                done[seed, name] = {"family": family, "person": name, "seed": seed} | measured
-                if on_person:
-                    on_person(done[seed, name])
-            measured_people.append(done[seed, name])
+            measured = _measure(person, room, answering, config)
+            measured_people.append({"family": family, "person": name, "seed": seed} | measured)
             if on_progress:
                 on_progress(len(measured_people) / total)
-    return result_of(setup, config, measured_people)
+    return _result_of(setup, config, measured_people)
 
 
-def result_of(setup: str, config: PeopleConfig, persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """As `benchmark_people`, of so many persons; of a run that is not through, too."""
+def _result_of(setup: str, config: PeopleConfig, persons: Sequence[dict[str, Any]]) -> dict[str, Any]:
     card = people_card()
     names = list(dict.fromkeys(str(person["family"]) for person in persons))
     rows = [
@@ -165,23 +148,6 @@ def result_of(setup: str, config: PeopleConfig, persons: Sequence[dict[str, Any]
         "rows": rows,
         "persons": list(persons),
     }
-
-
-def known_people(path: Path, setup: str, config: PeopleConfig) -> list[dict[str, Any]]:
-    """Persons of a file that a run of the same settings left; none where there is no such file, and of files of before,
-    which do not say how sure each answer was."""
-    if not path.is_file():
-        return []
-    stored = json.loads(path.read_text())
-    same = stored.get("setup") == setup and stored.get("config") == json.loads(json.dumps(asdict(config)))
-    persons = [person for person in stored["persons"] if "bins" in person] if same else []
-    return [
-        {
-            key: {int(n): of for n, of in value.items()} if isinstance(value, dict) else value
-            for key, value in person.items()
-        }
-        for person in persons
-    ]
 
 
 def people_of(family: str, count: int, setup: str, first: int) -> Mapping[str, FamilyMember]:
@@ -221,9 +187,7 @@ def prior_for(person: FamilyMember, setup: str) -> WeightPrior:
     return people_in_general(setup, without=person.name if isinstance(person, Rater) else "")
 
 
-def _measure(
-    person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleConfig, before: WeightPrior | None
-) -> dict[str, Any]:
+def _measure(person: FamilyMember, room: _Room, answering: ResponseModel, config: PeopleConfig) -> dict[str, Any]:
     """One person: asked, predicted, shown."""
     random = np.random.default_rng([room.seed, 61])
     pairs = room.pairs
@@ -233,22 +197,20 @@ def _measure(
         False: answers_of(person.after(0), pairs, answering, room.setup, room.seed),
         True: answers_of(now, pairs, answering, room.setup, room.seed),
     }
-    asked = FreeConfig(posterior=PosteriorConfig(particles=config.particles))
-    posterior = FreePosterior.prior(room.setup, asked, before)
+    posterior = FreePosterior.prior(room.setup, FreeConfig(posterior=PosteriorConfig(particles=config.particles)))
     left = list(random.permutation(pairs.asked))
     result: dict[str, Any] = {"accuracy": {}, "claimed": {}, "nine_accuracy": {}, "nine_claimed": {}}
     result |= {"bins": {}, "nine_bins": {}}
     choosing: list[float] = []
-    for n in range(max(config.answers) + 1):
-        if n:
-            if config.choose == "information" and n <= CHOSEN:
-                began = time.process_time()
-                k = left.pop(int(posterior.bits_about(pairs.differences[left], pairs.to_predict).argmax()))
-                choosing.append(round(1000 * (time.process_time() - began), 1))
-            else:
-                k = left.pop()
-            changed = person.after(n - 1) is now
-            posterior = posterior.updated(pairs.differences[[k]], bool(answers[changed][k] > 0))
+    for n in range(1, max(config.answers) + 1):
+        if config.choose == "information" and n <= CHOSEN:
+            began = time.process_time()
+            k = left.pop(int(posterior.bits_about(pairs.differences[left], pairs.to_predict).argmax()))
+            choosing.append(round(1000 * (time.process_time() - began), 1))
+        else:
+            k = left.pop()
+        changed = person.after(n - 1) is now
+        posterior = posterior.updated(pairs.differences[[k]], bool(answers[changed][k] > 0))
         if n in config.answers:
             test = pairs.differences[pairs.test]
             for prefix, probable in (
