@@ -18,12 +18,10 @@ from desirepath.learning.alignment.policy_library import best_of
 from desirepath.learning.cards import DEPARTURES
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_conditioned, load_policy_library, load_step_basis
-from desirepath.learning.preferences.free_posterior import FreePosterior
+from desirepath.learning.preferences.free_posterior import SOMETHING_ELSE, FreePosterior
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.rewards.step_weights import step_posterior_of
 
-SOMETHING_ELSE = 0.5
-"""From this probability on, answers count as being about something that is not among the nine objectives."""
 STANDS_IN_FOR = ("instant", "conditioning_search")
 FEWEST_ANSWERS = 8
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.jobs.free_form import FEWEST_ANSWERS, SOMETHING_ELSE
+from desirepath.jobs.free_form import FEWEST_ANSWERS
 from desirepath.learning.alignment.each_scene import KEPT, choose_each_scene, favourites, scales_of
 from desirepath.learning.alignment.gate import surely_better
 from desirepath.learning.alignment.own_reward import OwnRewardConfig, train_on_answers
@@ -23,6 +23,7 @@ from desirepath.learning.alignment.policy_library import best_of
 from desirepath.learning.people.families.base import FamilyMember
 from desirepath.learning.policies.choosing import Answers
 from desirepath.learning.policies.policy import Policy
+from desirepath.learning.preferences.free_posterior import SOMETHING_ELSE
 from desirepath.learning.preferences.oracles import ResponseModel
 from desirepath.learning.preferences.sureness import Sureness
 from desirepath.simulation.fast import rollout

@@ -15,6 +15,7 @@ from desirepath.learning.measures.step_basis import Doubles
 from desirepath.learning.measures.steps import reference
 from desirepath.learning.policies.choosing import Answers, ChoosingPolicy
 from desirepath.learning.policies.reason_codes import MORE_OR_LESS, TOLD, Did, Reason
+from desirepath.learning.preferences.free_posterior import SOMETHING_ELSE
 from desirepath.learning.preferences.measures import MEASURES, TABLE, measures, typical_differences
 from desirepath.learning.preferences.objectives import OBJECTIVES
 from desirepath.learning.preferences.step_terms import SIDE_RANGE_M
@@ -24,7 +25,6 @@ from desirepath.simulation.trajectory import Trajectory
 SIDE, NEAREST = MEASURES.index("passing_side"), MEASURES.index("min_human_distance_m")
 BESIDE = 0.5  # cosine: within 60 degrees of where they look is in front of them
 BESIDE_FIRST = 0.5  # of what the first reason is expected to gain: a second one that gains less is not told
-SOMETHING_ELSE = 0.5  # from this probability on, as in `jobs/free_form.py`
 GOES_WITH = 0.3  # correlation: what goes less with what is expected is no reason
 
 

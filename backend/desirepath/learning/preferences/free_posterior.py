@@ -32,6 +32,10 @@ PREDICTING = 2_000  # of the particles: what predicting needs not have more of
 SAMPLES = 1_000  # of all that is believed, where questions are chosen by what is to be predicted
 
 
+SOMETHING_ELSE = 0.5
+"""From this probability on, answers count as being about something that is not among the nine objectives."""
+
+
 @dataclass(frozen=True)
 class FreeConfig:
     """nine: prior probability that the objectives say it; families: that one of the priors of simulated people does,

@@ -16,7 +16,7 @@ from desirepath.store.job_results import AlignResult, Learned
 from desirepath.store.models import Artefact, Job, Session
 from desirepath.study.personalising import alignment_jobs, next_query
 
-SOMETHING_ELSE = 0.5  # from this probability on, as in `jobs/free_form.py`
+SOMETHING_ELSE = 0.5  # as in `preferences/free_posterior.py`, which no page loads
 SAID_FROM = 0.8  # ours: what is less probable is no sentence
 TOLD = 2  # ours: more measures than that nobody keeps in mind
 SEEN_IN = 2 / 3  # ours: of the answers; what fewer of them show is not told
