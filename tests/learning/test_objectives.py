@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from desirepath.learning.measures.steps import reference
 from desirepath.learning.policies.shipped import load_conditioned, load_policy
-from desirepath.learning.preferences.measures import MEASURES, TABLE, typical_differences
+from desirepath.learning.preferences.measures import MEASURES, TABLE, measures, typical_differences
 from desirepath.learning.preferences.objectives import (
     CROWD_NAMES,
     MIRRORED,
@@ -25,6 +27,7 @@ from desirepath.learning.shipped_files import load_card
 from desirepath.learning.td3.conditioned_training import reward_weights_of
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import get_setup, preference_setups
+from desirepath.simulation.walks import Walk
 
 PREFERENCE_SETUPS = preference_setups()
 
@@ -93,3 +96,17 @@ def test_each_measure_has_a_unit_and_a_typical_difference_wherever_preferences_a
     for measure in TABLE:
         assert measure.name.endswith(f"_{measure.unit.replace('/', '_')}") or not measure.unit
         assert measure.noticeable > 0
+
+
+def test_trajectories_of_several_lengths_are_measured_together_as_alone() -> None:
+    standing = list(reference("study_room").trajectories[:12])
+    walk = Walk((0.0, 3.0, 9.0), (0.0, 1.0, 2.0), (0.0, 0.5, 2.0), (0.0, 0.0, 0.0))
+    walking = [replace(one, scene=replace(one.scene, walk=walk)) for one in standing[:6]]
+    some = [*standing, *walking]
+    assert len({len(one.poses) for one in some}) > 3
+    together = measures(some)
+    assert together == pytest.approx(np.concatenate([measures([one]) for one in some]))
+    nearest = MEASURES.index("min_human_distance_m")
+    for row, one in zip(together, some, strict=True):
+        people = one.scene.person_poses(one.times)[:, :2]
+        assert row[nearest] == pytest.approx(np.hypot(*(one.poses[:, :2] - people).T).min())

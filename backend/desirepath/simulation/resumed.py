@@ -72,13 +72,15 @@ def roll_on(
     limit = setup.max_steps if max_steps is None else min(max_steps, setup.max_steps)
     engine = ResumedEngine(setup, n, scene, past)
     actions, steps = np.zeros((n, 2), dtype=np.float32), list[tuple[NDArray[Any], ...]]()
+    before = engine.observations.copy()
     while len(steps) < limit and not engine.dones.all():
-        before, running = engine.observations.copy(), np.flatnonzero(~engine.dones)
+        running = np.flatnonzero(~engine.dones)
         actions[running] = np.clip(acts(before[running], running), -1.0, 1.0)
         engine.step(actions)
         poses = engine.poses.astype(np.float32)
         after = engine.observations.copy()
         steps.append((before, actions.copy(), engine.rewards.copy(), after, engine.dones.copy(), poses))
+        before = after
     parts = [np.stack(part, axis=1) for part in zip(*steps, strict=True)]
     trajectories = []
     for i in range(n):

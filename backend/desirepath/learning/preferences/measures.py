@@ -5,7 +5,6 @@ What somebody may prefer more or less of is `objectives.py`'s. All ours.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -86,10 +85,10 @@ def measures(trajectories: Sequence[Trajectory]) -> Doubles:
     require_people(trajectories)
     poses = metrics.stack_poses(trajectories)
     clearances = metrics.min_obstacle_distance(poses, [trajectory.scene for trajectory in trajectories])
-    sides, speeds = np.array([_near_person(trajectory) for trajectory in trajectories]).T
+    least, sides, speeds = _beside_the_person(trajectories, poses)
     return in_order(
         {
-            "min_human_distance_m": np.array([_nearest_m(trajectory) for trajectory in trajectories]),
+            "min_human_distance_m": least,
             "passing_side": sides,
             "min_clearance_m": np.minimum(clearances, CLEARANCE_CAP_M),
             "path_length_m": metrics.path_length(poses),
@@ -100,22 +99,31 @@ def measures(trajectories: Sequence[Trajectory]) -> Doubles:
     )
 
 
-def _nearest_m(trajectory: Trajectory) -> float:
-    return float(metrics.min_human_distance(trajectory.poses[None], trajectory.scene.people_at(trajectory.times)).min())
-
-
-def _near_person(trajectory: Trajectory) -> tuple[float, float]:
-    """passing_side and speed_near_person of one trajectory."""
-    poses, scene = trajectory.poses.astype(np.float64), trajectory.scene
-    person = scene.person.pose
-    people = np.array([person.x, person.y]) if scene.walk is None else scene.person_poses(trajectory.times)[:, :2]
-    offsets = people - poses[:, :2]
-    distances = np.linalg.norm(offsets, axis=1)
-    nearest = int(distances.argmin())
-    bearing = math.atan2(offsets[nearest, 1], offsets[nearest, 0]) - poses[nearest, 2]
-    near = distances[1:] <= near_person_m(distances[1:].min())
-    speeds = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1) / trajectory.dt
-    return math.sin(bearing), float(speeds[near].mean())
+def _beside_the_person(trajectories: Sequence[Trajectory], poses: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """(n,) each: the smallest distance to anybody, passing_side and speed_near_person. poses: of all, stacked."""
+    stacked = np.empty((*poses.shape[:2], 2))
+    for row, trajectory in zip(stacked, trajectories, strict=True):
+        n, pose = len(trajectory.poses), trajectory.scene.person.pose
+        if trajectory.scene.walk is None:
+            row[:] = pose.x, pose.y
+        else:
+            row[:n] = trajectory.scene.person_poses(trajectory.times)[:, :2]
+            row[n:] = row[n - 1]
+    offsets = stacked - poses[:, :, :2]
+    distances = np.linalg.norm(offsets, axis=2)
+    each, nearest = np.arange(len(poses)), distances.argmin(axis=1)
+    bearings = np.arctan2(offsets[each, nearest, 1], offsets[each, nearest, 0]) - poses[each, nearest, 2]
+    lengths = np.array([len(trajectory.actions) for trajectory in trajectories])
+    after = np.where(np.arange(poses.shape[1] - 1) < lengths[:, None], distances[:, 1:], np.inf)
+    near = after <= near_person_m(after.min(axis=1))[:, None]
+    speeds = np.linalg.norm(np.diff(poses[:, :, :2], axis=1), axis=2)
+    speeds /= np.array([trajectory.dt for trajectory in trajectories])[:, None]
+    least = distances.min(axis=1)
+    for k, trajectory in enumerate(trajectories):
+        if trajectory.scene.crowd is not None:
+            people = trajectory.scene.people_at(trajectory.times)
+            least[k] = metrics.min_human_distance(trajectory.poses[None], people).min()
+    return least, np.sin(bearings), (speeds * near).sum(axis=1) / near.sum(axis=1)
 
 
 def near_person_m(nearest_m: NDArray[np.float64]) -> Doubles:
