@@ -28,7 +28,7 @@ def add_answered_study(
     name: str = "Passing people",
 ) -> str:
     """A study with that many simulated participants, each with its own queries; returns the study's id."""
-    queries = load_queries("study_room/queries_200").queries
+    queries = load_queries("study_room/queries_500").queries[:200]
     taste = make_oracle(oracle)
     with database.transaction() as s:
         study = Study(

@@ -18,7 +18,7 @@ BRIEF = InterfaceConfig(epochs=60)
 
 @pytest.fixture(scope="module")
 def answers() -> list[Preference]:
-    return make_oracle("shortest").answer(load_queries("study_room/queries_200").queries)
+    return make_oracle("shortest").answer(load_queries("study_room/queries_500").queries[:200])
 
 
 @pytest.fixture(scope="module")

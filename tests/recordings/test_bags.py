@@ -125,7 +125,7 @@ def test_a_rosbag2_folder_that_rosbags_wrote(tmp_path: Path, storage: str) -> No
 def test_ours_opens_in_mcap_and_says_the_same(tmp_path: Path) -> None:
     from mcap.reader import make_reader
 
-    ours = load_queries("study_room/queries_200").queries[0].trajectory_a
+    ours = load_queries("study_room/queries_500").queries[0].trajectory_a
     (tmp_path / "ours.mcap").write_bytes(to_mcap(ours))
     with (tmp_path / "ours.mcap").open("rb") as opened:
         summary = make_reader(opened, validate_crcs=True).get_summary()
@@ -142,7 +142,7 @@ def test_ours_decodes_with_the_schema_that_it_holds(tmp_path: Path) -> None:
     decoding = pytest.importorskip("mcap_ros2.decoder")
     from mcap.reader import make_reader
 
-    ours = load_queries("study_room/queries_200").queries[0].trajectory_a
+    ours = load_queries("study_room/queries_500").queries[0].trajectory_a
     reader = make_reader(io.BytesIO(to_mcap(ours)), decoder_factories=[decoding.DecoderFactory()])
     places = [
         (said.pose.pose.position.x, said.pose.pose.position.y)

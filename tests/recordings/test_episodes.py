@@ -61,7 +61,7 @@ def test_episodes_of_lerobot_are_runs_of_one_scene(tmp_path: Path) -> None:
 
 
 def test_what_we_export_for_minari_is_read_back(tmp_path: Path) -> None:
-    writer, ours = MinariWriter(tmp_path), load_queries("study_room/queries_200").queries[0].trajectory_a
+    writer, ours = MinariWriter(tmp_path), load_queries("study_room/queries_500").queries[0].trajectory_a
     row = TrajectoryRow(id="a" * 64, setup="study_room", scene_hash="b" * 64, outcome=1)
     writer.add(row, ours)
     writer.close()

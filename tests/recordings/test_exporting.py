@@ -63,7 +63,7 @@ def test_all_of_them_as_lerobot(mine: Path, tmp_path: Path) -> None:
 def test_shipped_queries_go_out_as_well_but_over_nothing(tmp_path: Path) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "notes.txt").write_text("mine")
-    assert "must be a new or an empty folder" in export("study_room/queries_200", "lerobot", tmp_path / "full")["error"]
+    assert "must be a new or an empty folder" in export("study_room/queries_500", "lerobot", tmp_path / "full")["error"]
 
 
 def _of(file: Path) -> list:

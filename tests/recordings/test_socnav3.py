@@ -70,7 +70,7 @@ def test_a_folder_of_files_is_one_scene(folder: Path) -> None:
 
 
 def test_what_we_write_is_read_back_to_the_same_poses(tmp_path: Path) -> None:
-    for number, query in enumerate(load_queries("study_room/queries_200").queries[:3]):
+    for number, query in enumerate(load_queries("study_room/queries_500").queries[:3]):
         ours = query.trajectory_a
         file = tmp_path / f"{number}.json"
         file.write_text(json.dumps(to_socnav3(ours, 0.18), allow_nan=False))

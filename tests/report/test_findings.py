@@ -94,7 +94,7 @@ def test_the_flow_adds_up_and_only_those_who_count_are_analysed() -> None:
 
 def test_what_changes_where_a_choice_flips() -> None:
     """One person, one query: there minus here of the two trajectories, over the standard deviation of both."""
-    query = load_queries("study_room/queries_200").queries[3]
+    query = load_queries("study_room/queries_500").queries[3]
     trajectories = {"0-a": query.trajectory_a, "0-b": query.trajectory_b}
     people = [PERSON, replace(PERSON, code="P-2")]
     flips = [choice("P-1", HERE, 0, "a"), choice("P-1", THERE, 0, "b")]
@@ -282,7 +282,7 @@ def test_only_who_completed_is_analysed(state: str) -> None:
 
 def test_flips_are_averaged_within_people_before_over_them() -> None:
     """P-1 flips three queries, P-2 one: each counts once. Pooled, P-1 would count three times."""
-    queries = load_queries("study_room/queries_200").queries[:4]
+    queries = load_queries("study_room/queries_500").queries[:4]
     trajectories = {
         f"{k}-{side}": t for k, q in enumerate(queries) for side, t in (("a", q.trajectory_a), ("b", q.trajectory_b))
     }
@@ -329,7 +329,7 @@ def test_position_and_time_are_of_regular_answers_alone() -> None:
 
 
 def test_changes_are_told_under_their_metrics_names_for_who_ever_chose_differently() -> None:
-    query = load_queries("study_room/queries_200").queries[3]
+    query = load_queries("study_room/queries_500").queries[3]
     trajectories = {"0-a": query.trajectory_a, "0-b": query.trajectory_b}
     people = [PERSON, replace(PERSON, code="P-2")]
     flips = [choice(who, view, 0, side) for who in ("P-1", "P-2") for view, side in ((HERE, "a"), (THERE, "b"))]

@@ -32,12 +32,12 @@ def test_shipped_policies_are_registered_once_with_cards_and_lineage(database: D
 
 def test_the_shipped_query_set_can_be_asked(database: Database, files: ArtefactStore):
     with database.transaction() as s:
-        artefact = import_query_set(s, files, "study_room/queries_200")
+        artefact = import_query_set(s, files, "study_room/queries_500")
     with database.transaction() as s:
-        assert import_query_set(s, files, "study_room/queries_200").id == artefact.id
+        assert import_query_set(s, files, "study_room/queries_500").id == artefact.id
     with database.session() as s:
         queries = queries_of(s, files, artefact.id)
-        assert len(queries) >= 200
+        assert len(queries) == 500
         assert len({query.id for query in queries}) == len(queries)
         assert s.scalar(select(func.count()).select_from(TrajectoryRow)) == 2 * len(queries)
         assert {parent.role for parent in lineage(s, artefact.id).parents} == {f"ensemble/{k}" for k in range(4)}

@@ -70,7 +70,7 @@ def test_a_query_set_made_here_is_named_by_its_id_and_an_unknown_one_is_told_wha
         (error,) = refused.value.errors
         assert (error["field"], error["value"], error["line"]) == ("query_set", name, line_of("query_set:"))
         assert "shipped are: " in error["message"]
-        assert "study_room/queries_200" in error["message"]
+        assert "study_room/queries_500" in error["message"]
         assert ("60 queries, seed 3" in error["message"]) == (known is here)
 
 
@@ -106,11 +106,11 @@ def test_every_shipped_protocol_is_valid(file: Path):
         ),
         (
             "study_room/queries_varied_200",
-            "study_room/queries_20",
+            "study_room/queries_50",
             "query_set:",
             "query_set",
-            "study_room/queries_20",
-            "did you mean study_room/queries_200",
+            "study_room/queries_50",
+            "did you mean study_room/queries_500",
         ),
         ("use: demographics", "use: demografics", "use:", "stages[2].questionnaire.use", "demografics", "no file"),
         ("version: 2\n", "version: one\n", "version: 2", "version", "one", "a whole number"),
@@ -673,7 +673,7 @@ def test_a_query_set_s_file_lies_beside_the_protocol_and_is_opened(tmp_path, mon
     named = quick(tmp_path, "query_set: study_room/queries_varied_200", "query_set: own.npz")
     assert "is no query set" in named["errors"][0]["message"]
     monkeypatch.chdir(tmp_path)
-    shutil.copy(sets / "study_room" / "queries_200.npz", tmp_path / "own.npz")
+    shutil.copy(sets / "study_room" / "queries_triples_50.npz", tmp_path / "own.npz")
     assert validate_protocol_file(folder / QUICK.name)["valid"] is False
     shutil.move(tmp_path / "own.npz", folder / "own.npz")
     assert freeze(folder / QUICK.name).query_set == str(folder / "own.npz")

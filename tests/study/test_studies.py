@@ -140,7 +140,7 @@ def test_a_query_set_made_here_is_asked_by_its_id(database, files, twenty_querie
 
 def test_a_damaged_query_set_is_refused_by_its_name(database, files, tmp_path):
     path = tmp_path / "damaged.npz"
-    path.write_bytes((DATASETS / "study_room" / "queries_200.npz").read_bytes())
+    path.write_bytes((DATASETS / "study_room" / "queries_triples_50.npz").read_bytes())
     frozen = freeze_text(QUICK.read_text().replace("study_room/queries_varied_200", str(path)))
     path.write_bytes(b"not a query set")  # after the protocol was checked
     with database.transaction() as s, pytest.raises(StudyError, match=r"damaged\.npz"):

@@ -45,7 +45,7 @@ GIVEN = {"given": True, "version": "1"}
 
 def twenty_queries(folder: Path) -> Path:
     """A query set of 20 of the shipped queries, so that no test stores four hundred drives."""
-    shipped = load_queries("study_room/queries_200")
+    shipped = load_queries("study_room/queries_500")
     path = folder / "twenty.npz"
     QuerySet(shipped.setup, shipped.queries[:20], {}).save(path)
     return path

@@ -52,7 +52,7 @@ protocol: words
 version: 1
 title: {en: Words, de: Worte}
 languages: [en, de]
-query_set: study_room/queries_200
+query_set: study_room/queries_varied_200
 stages:
   - information: {text: texts/i.md}
   - consent: {text: texts/i.md, version: "1"}

@@ -84,7 +84,7 @@ def test_intervals_have_a_row_each():
 
 
 def test_drives_stay_inside_the_picture_and_long_names_are_cut():
-    query = load_queries("study_room/queries_200").queries[0]
+    query = load_queries("study_room/queries_500").queries[0]
     pair = [query.trajectory_a, query.trajectory_b]
     svg = svg_figures.rollouts(query.scene, pair, names=["short", "a very long name of a policy " * 5], title="t")
     drawn = parsed(svg)

@@ -140,12 +140,12 @@ def test_unreadable_query_set_refuses_to_open_and_says_what_is_there(lab, lab_se
     draft = draft_of(lab, source="paste", yaml=yaml)
     refused = lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": "x"})
     assert refused.status_code == 422
-    assert "study_room/queries_200" in refused.text
+    assert "study_room/queries_500" in refused.text
     assert row_counts(lab_services)["study"] == 0
 
 
 def test_query_set_made_here_is_previewed_and_opened_by_its_id(lab, lab_services):
-    shipped = load_queries("study_room/queries_200")
+    shipped = load_queries("study_room/queries_500")
     with lab_services.database.transaction() as s:
         few = QuerySet(shipped.setup, shipped.queries[:20], {})
         made = save_query_set(s, lab_services.files, few, name="20 queries, seed 3", card={}).id

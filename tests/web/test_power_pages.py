@@ -26,7 +26,7 @@ protocol: two_views
 version: 1
 title: {en: Two views, de: Zwei Ansichten}
 languages: [en, de]
-query_set: study_room/queries_200
+query_set: study_room/queries_varied_200
 stages:
   - information: {text: texts/information.md}
   - consent: {text: texts/interface_consent.md, version: 1}

@@ -213,7 +213,7 @@ def test_the_schema_and_what_there_is_to_name_are_told(lab: TestClient, lab_serv
     assert known["protocol"] == json_schema()
     assert "texts/consent.md" in known["names"]["text"]
     assert "demographics" in known["names"]["use"]
-    assert "study_room/queries_200" in known["names"]["query_set"]
+    assert "study_room/queries_500" in known["names"]["query_set"]
 
 
 def test_german_pages_have_german_forms(lab: TestClient):

@@ -162,7 +162,7 @@ def test_what_is_suggested_fits_the_place(chromium: Browser, address: str) -> No
     assert "information" in suggested(f"{deep}choose: ")
     assert "texts/consent.md" in suggested("stages:\n  - consent: {text: ")
     assert "demographics" in suggested("stages:\n  - questionnaire:\n      use: ")
-    assert "study_room/queries_200" in suggested("query_set: ")
+    assert "study_room/queries_500" in suggested("query_set: ")
     assert {"true", "false"} <= suggested("stages:\n  - block:\n      same_queries: ")
     assert {"base", "own"} <= suggested("stages:\n  - comparison: {arms: [base, ")
     assert suggested("# min") == set()

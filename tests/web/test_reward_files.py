@@ -105,7 +105,7 @@ def test_a_reward_model_that_was_learned_here_is_asked_in_the_same_way(lab, two_
     from desirepath.learning.rewards.linear import fit_linear
     from desirepath.store.artefacts import save_artefact
 
-    learned = fit_linear(make_oracle("shortest").answer(load_queries("study_room/queries_200").queries[:12]))
+    learned = fit_linear(make_oracle("shortest").answer(load_queries("study_room/queries_500").queries[:12]))
     with lab_services.database.transaction() as s:
         made = save_artefact(
             s, lab_services.files, kind="reward_model", name="learned", setup="study_room",

@@ -209,7 +209,7 @@ def list_queries(as_json: JsonFlag = False) -> None:
 @queries.command()
 @in_data_folder
 def show(
-    name: Annotated[str, typer.Argument(help="A shipped query set such as study_room/queries_200, or a file.")],
+    name: Annotated[str, typer.Argument(help="A shipped query set such as study_room/queries_500, or a file.")],
     as_json: JsonFlag = False,
 ) -> None:
     """Show how the pairs of a query set differ.

@@ -67,7 +67,7 @@ def query_sets_here(s: Session, *, also: str | None = None) -> dict[str, str]:
 
 
 def import_query_set(s: Session, files: ArtefactStore, reference: str) -> Artefact:
-    """The query set that a protocol names: by an id, a shipped name (`study_room/queries_200`) or the path of
+    """The query set that a protocol names: by an id, a shipped name (`study_room/queries_500`) or the path of
     a `.npz` file, which is brought into the store; idempotent and then fast.
 
     Raises LearningError if there is none or it is damaged, ArtefactError if it is empty, quarantined or no query set.

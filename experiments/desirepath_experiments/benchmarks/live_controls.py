@@ -143,7 +143,7 @@ def _open_study(s: Any, files: ArtefactStore, tuning: dict[str, Any]) -> Study:
         "version": 1,
         "title": {"en": "Live"},
         "languages": ["en"],
-        "query_set": "study_room/queries_200",
+        "query_set": "study_room/queries_500",
         "stages": stages,
     }
     frozen = freeze_text(yaml.safe_dump(protocol, sort_keys=False), folder=PROTOCOLS)

@@ -1,4 +1,4 @@
-"""Opening artefacts by shipped name (`study_room/base`, `open_field/ensemble/0`, `study_room/queries_200`) or path.
+"""Opening artefacts by shipped name (`study_room/base`, `open_field/ensemble/0`, `study_room/queries_500`) or path.
 
 Where their files lie is `shipped_files.py`'s, making them `experiments/ship.py`'s.
 """
