@@ -154,15 +154,14 @@ def test_conditioned_policies_drive_as_they_are_told(setup: str) -> None:
         assert {"better_than_base", "better_than_neutral", "share_of_the_way"} <= set(card.results["moved"][name])
 
 
-@pytest.mark.parametrize("count", [200, 500])
-def test_shipped_queries_are_worth_showing(count: int) -> None:
-    queries, config = load_queries(f"study_room/queries_{count}"), QueryConfig()
-    assert len(queries) == count
+def test_shipped_queries_are_worth_showing() -> None:
+    queries, config = load_queries("study_room/queries_500"), QueryConfig()
+    assert len(queries) == 500
     assert len({query.scene.seed for query in queries.queries}) == len(queries)
     for query in queries.queries:
         assert flaw(query.trajectory_a, config) is flaw(query.trajectory_b, config) is None
         assert not look_alike(query.trajectory_a, query.trajectory_b, config)
-    for query in queries.queries[:: count // 10]:
+    for query in queries.queries[::50]:
         check_scene(query.scene)
         assert draw_scene("study_room", query.scene.seed) == query.scene
         np.testing.assert_array_equal(query.trajectory_a.poses[0], query.trajectory_b.poses[0])

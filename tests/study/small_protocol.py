@@ -122,7 +122,11 @@ def write_files(folder: Path) -> None:
 
 
 def protocol_text(
-    stages: list[dict], *, query_set: str = "study_room/queries_varied_200", consent_stage: dict = CONSENT, **keys: object
+    stages: list[dict],
+    *,
+    query_set: str = "study_room/queries_varied_200",
+    consent_stage: dict = CONSENT,
+    **keys: object,
 ) -> str:
     """The YAML of a protocol with these stages between consent and debriefing."""
     whole = {
