@@ -15,13 +15,7 @@ from desirepath.demonstrations.demonstrators import demonstrate
 from desirepath.learning.adaptable.objectives import NAMES, thesis_vectors
 from desirepath.learning.policies.adaptable import AdaptablePolicy
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.rewards.ranked_rollouts import (
-    RankedConfig,
-    RankedRewardModel,
-    RankedRollouts,
-    fit_ranked,
-    rank_by_noise,
-)
+from desirepath.learning.rewards.ranked_rollouts import RankedRewardModel
 from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.learning.scene_sets import Purpose, first_seed, scene_set
 from desirepath.simulation.demonstration_scenes import demonstration_scenes
@@ -33,6 +27,7 @@ from desirepath_experiments.reproduction.adaptable.ranked_judging import judged 
 from desirepath_experiments.reproduction.tasks import Function, TaskResult, as_bytes
 from desirepath_experiments.training.adaptable.cloning import CloningConfig, clone_policy
 from desirepath_experiments.training.adaptable.demonstrator import demonstrate_in, demonstrate_paths
+from desirepath_experiments.training.adaptable.ranking import RankedConfig, RankedRollouts, fit_ranked, rank_by_noise
 from desirepath_experiments.training.adaptable.rollouts import PreferenceAct, PreferenceRollouts, roll_out_preferences
 from desirepath_experiments.training.adaptable.training import (
     MEASURE_OF,

@@ -1,7 +1,7 @@
 """One participant's drawn paths as what D-REX begins with: augmented trajectories to clone, and scenes beside them.
 
 The pipeline itself is the same for every demonstration: `training/adaptable/cloning.py`, then
-`learning/rewards/ranked_rollouts.py`.
+`training/adaptable/ranking.py`.
 """
 
 from __future__ import annotations

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from desirepath.analysis.frechet import frechet_distance
-from desirepath.learning.rewards.ranked_rollouts import RankedRewardModel, RankedRollouts
+from desirepath.learning.rewards.ranked_rollouts import RankedRewardModel
+from desirepath_experiments.training.adaptable.ranking import RankedRollouts
 
 
 @dataclass(frozen=True)

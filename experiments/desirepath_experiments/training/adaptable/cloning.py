@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from desirepath.learning.policies.networks import Parameters
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shape import NetworkShape
-from desirepath.learning.rewards.ranked_rollouts import DEMONSTRATED_HEADS
 from desirepath.learning.td3.backprop import Adam, head, head_backward
 from desirepath.simulation.setups import get_setup, require_same
 from desirepath.simulation.trajectory import Trajectory
+from desirepath_experiments.training.adaptable.ranking import DEMONSTRATED_HEADS
 
 Floats = NDArray[np.float32]
 

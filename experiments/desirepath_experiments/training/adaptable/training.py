@@ -30,7 +30,6 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.adaptable import AdaptablePolicy
 from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.policies.shape import NetworkShape
-from desirepath.learning.rewards.ranked_rollouts import DEMONSTRATED_HEADS
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.simulation.acting import ActFunction
@@ -38,6 +37,7 @@ from desirepath.simulation.fast import make_engine
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath_experiments.training.adaptable.demonstrator import demonstrate_paths
+from desirepath_experiments.training.adaptable.ranking import DEMONSTRATED_HEADS
 from desirepath_experiments.training.adaptable.rollouts import PreferenceRollouts, roll_out_preferences
 from desirepath_experiments.training.adaptable.vector_td3 import (
     Imitated,

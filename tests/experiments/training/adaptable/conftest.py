@@ -5,12 +5,13 @@ from __future__ import annotations
 import pytest
 
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.rewards.ranked_rollouts import RankedConfig, RankedRewardModel, fit_ranked, rank_by_noise
+from desirepath.learning.rewards.ranked_rollouts import RankedRewardModel
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import get_setup
 from desirepath_experiments.training.adaptable.cloning import CloningConfig, clone_policy
 from desirepath_experiments.training.adaptable.demonstrator import demonstrate_in
+from desirepath_experiments.training.adaptable.ranking import RankedConfig, fit_ranked, rank_by_noise
 
 ADAPTABLE = get_setup("adaptable")
 

@@ -8,16 +8,7 @@ import numpy as np
 import pytest
 
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.rewards.ranked_rollouts import (
-    LEVELS,
-    NoisyPolicy,
-    RankedConfig,
-    RankedRewardModel,
-    RankedRollouts,
-    draw_pairs,
-    fit_ranked,
-    rank_by_noise,
-)
+from desirepath.learning.rewards.ranked_rollouts import RankedRewardModel
 from desirepath.learning.rewards.reward_model import RewardModel
 from desirepath.simulation.acting import begin
 from desirepath.simulation.scene import Scene
@@ -28,6 +19,15 @@ from desirepath_experiments.training.adaptable.demonstrator import (
     demonstrate_actions,
     demonstrate_in,
     demonstrate_paths,
+)
+from desirepath_experiments.training.adaptable.ranking import (
+    LEVELS,
+    NoisyPolicy,
+    RankedConfig,
+    RankedRollouts,
+    draw_pairs,
+    fit_ranked,
+    rank_by_noise,
 )
 
 ADAPTABLE = get_setup("adaptable")
