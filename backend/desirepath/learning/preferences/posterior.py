@@ -1,5 +1,5 @@
 """What answers say about somebody's preference weights: a particle posterior over preference weights, after every
-answer.
+answer: choices of two, and whatever else people say (`evidence`).
 
 Pure and deterministic: the same answers give the same posterior. What is asked next lives in `choosing.py`, what the
 weights take effect in `conditioned.py`. All ours.
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.learning.errors import LearningError
+from desirepath.learning.preferences.evidence.evidence import Evidence, Habits
 from desirepath.learning.preferences.measures import MEASURES, typical_differences
 from desirepath.learning.preferences.objectives import OPPOSITES, SIZE, gains, names_of, sides_of
 from desirepath.learning.preferences.spans import SPANS_S
@@ -35,8 +36,9 @@ class PosteriorConfig:
     simplex. rationality: a pair that differs by one typical difference is told apart with probability
     sigmoid(rationality); log-uniform in this range, from hardly at all to without fail. lapse_rate: mean of the
     exponential prior of the share of answers that are given without looking, cut off at `highest_lapse_rate`; half of
-    these are wrong. spans: prior probability that somebody judges each of SPANS_S, the whole trajectory or only its
-    beginning.
+    these are wrong. noticed, clear: where people may say that two do not differ, or how clearly, from which difference
+    on, in typical ones, one is better at all, and how much more it takes to be clearly better; log-uniform likewise.
+    spans: prior probability that somebody judges each of SPANS_S, the whole trajectory or only its beginning.
     """
 
     particles: int = 20_000
@@ -46,6 +48,8 @@ class PosteriorConfig:
     rationality: tuple[float, float] = (0.5, 100.0)
     lapse_rate: float = 0.08
     highest_lapse_rate: float = 0.5
+    noticed: tuple[float, float] = (0.05, 1.0)
+    clear: tuple[float, float] = (0.1, 3.0)
     spans: tuple[float, ...] = (0.8, 0.1, 0.1)
     spans_carried_by: tuple[float, ...] = (0.5, 0.25, 0.25)  # share of the particles for each span
     least_effective: float = 0.1  # of the particles: below, they are drawn anew and moved
@@ -72,7 +76,8 @@ class Posterior:
     weights: (n, 9) float32 >= 0, each particle's shares, summing to 1. rationality, lapse_rate: (n,) float32.
     span: (n,) which of SPANS_S it judges. log_mass: (n,) float64, unnormalised. differences (answers, spans, 7) and
     chosen (answers,) are what was learned from: measures of A minus B in the setup's unit, of as much as each span
-    sees, and whether A was chosen.
+    sees, and whether A was chosen; evidence: all other answers. criteria (n, 2): `noticed` and `clear` of the
+    configuration, none before there is such evidence.
 
     Wherever differences are asked for, those of whole trajectories (n, 7) do: then all spans see the same.
     """
@@ -87,6 +92,8 @@ class Posterior:
     differences: Doubles = field(default_factory=lambda: np.zeros((0, len(SPANS_S), len(MEASURES))))
     chosen: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     draws: int = 0
+    evidence: tuple[Evidence, ...] = ()
+    criteria: Floats = field(default_factory=lambda: np.zeros((0, 2), dtype=np.float32))
 
     @classmethod
     def prior(cls, setup: str, config: PosteriorConfig | None = None) -> Posterior:
@@ -147,9 +154,18 @@ class Posterior:
         likelihood = self.choice_probabilities(differences[-1:])[:, 0]
         seen = np.log(likelihood if a_chosen else 1 - likelihood, dtype=np.float64)
         after = replace(self, log_mass=self.log_mass + seen, differences=differences, chosen=chosen)
-        if after.effective_particles() >= self.config.least_effective * len(self.weights):
-            return after
-        return after._rejuvenate()
+        return after._refreshed()
+
+    def observed(self, evidence: Evidence) -> Posterior:
+        """The posterior after one more answer of another kind."""
+        told = self if len(self.criteria) else replace(self, criteria=_draw_criteria(len(self.weights), self.config))
+        seen = told._log_likelihood_of(evidence, told._state())
+        return replace(told, log_mass=told.log_mass + seen, evidence=(*told.evidence, evidence))._refreshed()
+
+    def _refreshed(self) -> Posterior:
+        """With enough particles that count."""
+        enough = self.effective_particles() >= self.config.least_effective * len(self.weights)
+        return self if enough else self._rejuvenate()
 
     def masses(self) -> Doubles:
         """(n,) the particles' probabilities."""
@@ -200,15 +216,14 @@ class Posterior:
 
     def sample(self, n: int) -> Posterior:
         """A posterior of n particles of equal mass, for what need not be exact."""
-        rows = _systematic(self.masses(), n, np.random.default_rng([self.config.seed, 22, len(self.chosen)]))
-        return replace(
-            self,
-            weights=self.weights[rows],
-            rationality=self.rationality[rows],
-            lapse_rate=self.lapse_rate[rows],
-            span=self.span[rows],
-            log_mass=np.zeros(n),
-        )
+        random = np.random.default_rng([self.config.seed, 22, len(self.chosen) + len(self.evidence)])
+        rows = _systematic(self.masses(), n, random)
+        return replace(self, **{name: of[rows] for name, of in self._state().items()}, log_mass=np.zeros(n))
+
+    def _state(self) -> dict[str, NDArray[Any]]:
+        """What each particle is, by name."""
+        names = ("weights", "rationality", "lapse_rate", "span", *(("criteria",) if len(self.criteria) else ()))
+        return {name: getattr(self, name) for name in names}
 
     def choice_probabilities(self, differences: Doubles) -> Floats:
         """(particles, n) float32: each particle's probability that A is chosen."""
@@ -221,23 +236,30 @@ class Posterior:
         scaled = differences / typical_differences(self.setup)
         return np.stack([gains(scaled[:, k]) for k in range(len(SPANS_S))]).astype(np.float32)
 
+    def _log_likelihood_of(self, evidence: Evidence, state: dict[str, NDArray[Any]]) -> Doubles:
+        """(particles,) of one answer that is no choice of two."""
+        better = self._gains(evidence.measured - evidence.measured.mean(axis=0))
+        worth = np.empty((len(state["weights"]), better.shape[1]))
+        rationality = state["rationality"][:, None]
+        for k, gained in enumerate(better):
+            of = state["span"] == k
+            worth[of] = (state["weights"][of] * rationality[of]) @ gained.T
+        criteria = np.cumsum(state["criteria"], axis=1, dtype=np.float64) * rationality
+        return evidence.log_likelihood(worth, Habits(state["lapse_rate"].astype(np.float64), criteria))
+
     def _rejuvenate(self) -> Posterior:
         """As many particles, of equal mass, each moved a few times by Metropolis steps that leave the posterior be."""
         random = np.random.default_rng([self.config.seed, 23, self.draws])
         n = len(self.weights)
         rows = _systematic(self.masses(), n, random)
-        state: dict[str, NDArray[Any]] = {
-            "weights": self.weights[rows],
-            "rationality": self.rationality[rows],
-            "lapse_rate": self.lapse_rate[rows],
-            "span": self.span[rows],
-        }
+        state = {name: of[rows] for name, of in self._state().items()}
         seen = self._gains(self.differences) * np.where(self.chosen, 1, -1).astype(np.float32)[:, None]
         prior_of_span = np.log(self.config.spans)
 
         def log_likelihood(state: dict[str, NDArray[Any]]) -> Doubles:
-            logs: Doubles = np.log(_choice_probabilities(**state, better=seen)).sum(axis=1, dtype=np.float64)
-            return logs
+            chooses = {name: of for name, of in state.items() if name != "criteria"}
+            logs: Doubles = np.log(_choice_probabilities(**chooses, better=seen)).sum(axis=1, dtype=np.float64)
+            return logs + sum(self._log_likelihood_of(evidence, state) for evidence in self.evidence)
 
         now = log_likelihood(state)
         for move in range(self.config.moves):
@@ -248,11 +270,13 @@ class Posterior:
                 state["rationality"], state["lapse_rate"], self.config, random
             )
             span = random.integers(len(SPANS_S), size=n)
-            proposals: tuple[tuple[dict[str, NDArray[Any]], Doubles], ...] = (
+            proposals: list[tuple[dict[str, NDArray[Any]], Doubles]] = [
                 ({"weights": weights}, np.zeros(n)),
                 ({"rationality": rationality, "lapse_rate": lapse_rate}, favour),
                 ({"span": span}, prior_of_span[span] - prior_of_span[state["span"]]),
-            )
+            ]
+            if self.evidence:
+                proposals.append(({"criteria": _move_criteria(state["criteria"], self.config, random)}, np.zeros(n)))
             for changes, prior_ratio in proposals:
                 then = log_likelihood(state | changes)
                 accepted = np.log(random.random(n)) < then - now + prior_ratio
@@ -260,15 +284,7 @@ class Posterior:
                     old = state[name]
                     state[name] = np.where(accepted[:, None] if old.ndim == 2 else accepted, changed, old)
                 now = np.where(accepted, then, now)
-        return replace(
-            self,
-            weights=state["weights"],
-            rationality=state["rationality"],
-            lapse_rate=state["lapse_rate"],
-            span=state["span"],
-            log_mass=np.zeros(n),
-            draws=self.draws + 1,
-        )
+        return replace(self, **state, log_mass=np.zeros(n), draws=self.draws + 1)
 
 
 def _by_span(differences: Doubles) -> Doubles:
@@ -351,6 +367,20 @@ def _move_response_model(
     )
     favour: Doubles = ((lapse_rate - m) / config.lapse_rate).astype(np.float64)
     return (r, m), favour
+
+
+def _draw_criteria(n: int, config: PosteriorConfig) -> Floats:
+    """(n, 2) of the prior."""
+    low, high = np.log([config.noticed, config.clear]).T
+    places = np.random.default_rng([config.seed, 24]).random((n, 2))
+    return np.exp(low + (high - low) * places).astype(np.float32)
+
+
+def _move_criteria(criteria: Floats, config: PosteriorConfig, random: np.random.Generator) -> Floats:
+    """Proposals that the prior likes as much."""
+    moved = np.log(criteria) + random.normal(0, 0.4, criteria.shape)
+    bounds = (np.log(config.noticed), np.log(config.clear))
+    return np.exp([_reflect(moved[:, k], *bounds[k]) for k in range(2)]).T.astype(np.float32)
 
 
 def _reflect(values: NDArray[np.floating[Any]], low: float, high: float) -> Doubles:
