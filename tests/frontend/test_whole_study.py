@@ -271,3 +271,33 @@ def test_when_the_time_to_choose_is_over_the_study_goes_on(studies: Studies, pag
     expect(page.locator(".step-body[data-kind=trial]")).to_have_count(0, timeout=10_000)
     assert [row.value for row in studies.rows(Response) if row.kind == "preference"] == [{"timed_out": True}]
     assert not [event for event in studies.rows(Event) if event.kind == "refused"]
+
+
+def test_how_clearly_one_is_better_is_said_by_keyboard_or_that_there_is_no_difference(
+    studies: Studies, page: Page
+) -> None:
+    asked = f"{VIEWING}\n      answers: {{no_difference: true, degree: strength}}"
+    to_the_first_pair(page, studies.link((VIEWING, asked), ("{count: 1}   # five", "{count: 2}   # five")))
+    begin(page)
+    watch(page, "A")
+    watch(page, "B")
+    assert not violations_in_both_schemes(page)
+    page.keyboard.press("a")
+    expect(page.locator("#degree-question")).to_have_text("You chose A. How much better is it?")
+    expect(page.locator("#degree-question")).to_be_focused()
+    assert not violations_in_both_schemes(page)
+    page.keyboard.press("b")  # on second thoughts
+    expect(page.locator("#degree-question")).to_have_text("You chose B. How much better is it?")
+    page.keyboard.press("1")
+    expect(page.locator(".step-body[data-key$='.02']")).to_have_count(1)
+    begin(page)
+    watch(page, "A")
+    watch(page, "B")
+    expect(page.locator("#question")).to_be_focused()
+    page.keyboard.press("0")
+    expect(page.locator(".step-body[data-kind=trial]")).to_have_count(0)
+    values = [row.value for row in studies.rows(Response) if row.kind == "preference"]
+    assert values == [
+        {"choice": "b", "degree": "slight", "degree_of": "strength", "possible": 5},
+        {"degree": "no_difference", "possible": 5},
+    ]

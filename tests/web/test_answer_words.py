@@ -26,6 +26,7 @@ STORED = {
         "weights": {"a": {"farther": 1.0}, "b": {}},
     },
     "robot_drive": SET | {"liked": 6, "stops": []},
+    "preference": {"choice": "b", "degree": "slight", "degree_of": "strength", "possible": 5},
 }
 IN_WORDS = {
     "en": {
@@ -46,6 +47,7 @@ IN_WORDS = {
     "de": {
         "consent": "Version 2026-11; Lernen aus den Antworten ja; Veröffentlichen der Antworten nein",
         "attention": "A, verlangt war B: nicht bestanden",
+        "preference": "wie viel besser B: Etwas",
         "tuning": "Gewichte am Ende weniger und sanftere Kurven 0,54, weiter weg vom Menschen 1,00",
     },
 }

@@ -6,7 +6,7 @@ How a reward model is fitted is `desirepath.learning.rewards`'; which job wants 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import structlog
@@ -16,6 +16,7 @@ from desirepath.jobs.kept_artefacts import find_artefact, keep
 from desirepath.jobs.params import Params
 from desirepath.learning.errors import TooFewAnswers
 from desirepath.learning.measures.pairs import PairDifferences
+from desirepath.learning.preferences.evidence.graded_pair import Degree, Possible
 from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
 from desirepath.learning.preferences.population_prior import EarlierPerson, WeightPrior
 from desirepath.learning.preferences.posterior import PosteriorConfig
@@ -43,7 +44,8 @@ def snapshot_of(context: JobContext, reference: str) -> tuple[Artefact, Snapshot
 def preferences_of(
     context: JobContext, snapshot: Snapshot, *, independent: bool = False
 ) -> dict[str, list[Preference]]:
-    """The answers by participant. Probes ask the same again: they measure, they do not teach.
+    """The answers by participant, also that there is no difference. Probes ask the same again: they measure, they do
+    not teach.
 
     independent: of the choices that ratings imply only such as share no rating, for what counts how sure it may be.
     """
@@ -56,11 +58,16 @@ def preferences_of(
         return loaded[trajectory_id]
 
     def preference(answer: Answer) -> Preference:
-        return Preference(trajectory(answer.chosen), trajectory(answer.rejected), answer.source, answer.participant)
+        shown, degree = (trajectory(answer.chosen), trajectory(answer.rejected)), cast("Degree | None", answer.degree)
+        return Preference(*shown, answer.source, answer.participant, degree, cast("Possible", answer.possible))
 
     by_participant: dict[str, list[Preference]] = {}
     for answer in snapshot.training_answers():
         by_participant.setdefault(answer.participant, []).append(preference(answer))
+    for tie in snapshot.ties:
+        shown, possible = (trajectory(tie.trajectory_a), trajectory(tie.trajectory_b)), cast("Possible", tie.possible)
+        alike = Preference(*shown, tie.source, tie.participant, "no_difference", possible)
+        by_participant.setdefault(tie.participant, []).append(alike)
     for better, worse in (independent_choices if independent else implied_choices)(snapshot.ratings):
         pair = Preference(
             trajectory(better.trajectory), trajectory(worse.trajectory), better.source, better.participant
@@ -148,7 +155,7 @@ def earlier_people(context: JobContext, snapshots: str, setup: str, symmetry: st
         if snapshot.setup != setup:
             continue
         for preferences in preferences_of(context, snapshot, independent=True).values():
-            pairs = [(preference.chosen, preference.rejected) for preference in preferences]
+            pairs = [(preference.chosen, preference.rejected) for preference in preferences if not preference.is_tie]
             differences = PairDifferences.of(setup, pairs, left_right_symmetry=mirrored)
             people.append(EarlierPerson(differences, np.ones(len(pairs), dtype=np.bool_)))
     return people

@@ -69,7 +69,9 @@ class TooFewAnswers(SnapshotError):
 
 @dataclass(frozen=True)
 class Answer:
-    """One usable answer. `source`: human or simulated. `probe`: asked again to measure consistency, not independent."""
+    """One usable answer. `source`: human or simulated. `probe`: asked again to measure consistency, not independent.
+    degree, possible: how clear the choice was, among how many answers, where that was asked
+    (`learning/preferences/evidence/graded_pair.py`)."""
 
     response: str
     trial: str
@@ -81,6 +83,8 @@ class Answer:
     choice: Side
     source: str
     probe: bool
+    degree: str | None = None
+    possible: int = 2
 
     @property
     def chosen(self) -> str:
@@ -89,6 +93,21 @@ class Answer:
     @property
     def rejected(self) -> str:
         return chosen_and_rejected(self.choice, self.trajectory_a, self.trajectory_b)[1]
+
+
+@dataclass(frozen=True)
+class NoDifference:
+    """One usable answer that the two of a pair do not differ, of `possible` answers."""
+
+    response: str
+    trial: str
+    participant: str
+    view: str
+    query: str | None
+    trajectory_a: str
+    trajectory_b: str
+    possible: int
+    source: str
 
 
 @dataclass(frozen=True)
@@ -159,24 +178,29 @@ class Snapshot:
     answers: tuple[Answer, ...]
     left_out: dict[str, int]
     ratings: tuple[RatedTrajectory, ...] = ()
+    ties: tuple[NoDifference, ...] = ()
 
     @property
     def simulated(self) -> bool:
         """Whether any answer came from an oracle."""
-        sources = {*(answer.source for answer in self.answers), *(rating.source for rating in self.ratings)}
-        return "simulated" in sources
+        given: list[Answer | RatedTrajectory | NoDifference] = [*self.answers, *self.ratings, *self.ties]
+        return any(answer.source == "simulated" for answer in given)
 
     def training_answers(self) -> tuple[Answer, ...]:
         """The answers that are independent: all but probes."""
         return tuple(answer for answer in self.answers if not answer.probe)
 
     def to_bytes(self) -> bytes:
-        """Canonical JSON: the same answers always give the same bytes, so the same snapshot. `ratings` only where there
-        are some, so that snapshots of choices are what they always were.
+        """Canonical JSON: the same answers always give the same bytes, so the same snapshot. What is more than choices
+        of A or B only where there is some, so that snapshots of choices are what they always were.
         """
         data = {"format": FORMAT, **asdict(self)}
-        if not self.ratings:
-            del data["ratings"]
+        for name in ("ratings", "ties"):
+            if not data[name]:
+                del data[name]
+        for answer in data["answers"]:
+            if answer["possible"] == 2:
+                del answer["possible"], answer["degree"]
         return json.dumps(data, sort_keys=True, ensure_ascii=False, indent=1).encode()
 
     @classmethod
@@ -187,7 +211,9 @@ class Snapshot:
             if data.pop("format") != FORMAT:
                 raise KeyError("format")
             ratings = tuple(RatedTrajectory(**rated) for rated in data.pop("ratings", ()))
-            return cls(**{**data, "answers": tuple(Answer(**answer) for answer in data["answers"]), "ratings": ratings})
+            answers = tuple(Answer(**answer) for answer in data.pop("answers"))
+            ties = tuple(NoDifference(**tie) for tie in data.pop("ties", ()))
+            return cls(**data, answers=answers, ratings=ratings, ties=ties)
         except (ValueError, KeyError, TypeError) as problem:
             raise SnapshotError(f"not a snapshot of this version ({FORMAT}): {problem}") from None
 
@@ -298,6 +324,7 @@ def _freeze(
     left_out = dict.fromkeys(LEFT_OUT, 0)
     answers: list[Answer] = []
     ratings: list[RatedTrajectory] = []
+    ties: list[NoDifference] = []
     setups: dict[str, str] = {}
     for response, trial, participant, setup in rows:
         reason = _reason_to_leave_out(response, trial, participant, whose)
@@ -307,23 +334,25 @@ def _freeze(
         setups[f"answer {response.id}"] = setup
         source = "simulated" if participant.simulated else "human"
         if trial.kind == "rating":
-            about = (response.id, trial.id, participant.code, trial.view, trial.block, trial.trajectory_a)
-            ratings.append(RatedTrajectory(*about, rating=response.value["rating"], source=source))
+            rated = (response.id, trial.id, participant.code, trial.view, trial.block, trial.trajectory_a)
+            ratings.append(RatedTrajectory(*rated, rating=response.value["rating"], source=source))
             continue
-        answers.append(
-            Answer(
-                response=response.id,
-                trial=trial.id,
-                participant=participant.code,
-                view=trial.view,
-                query=trial.query_id,
-                trajectory_a=trial.trajectory_a,
-                trajectory_b=trial.trajectory_b,
-                choice=response.value["choice"],
-                source=source,
-                probe=trial.role in PROBE_ROLES,
-            )
-        )
+        about = {
+            "response": response.id,
+            "trial": trial.id,
+            "participant": participant.code,
+            "view": trial.view,
+            "query": trial.query_id,
+            "trajectory_a": trial.trajectory_a,
+            "trajectory_b": trial.trajectory_b,
+            "possible": response.value.get("possible", 2),
+            "source": source,
+        }
+        if "choice" not in response.value:
+            ties += [NoDifference(**about)] if trial.role not in PROBE_ROLES else []
+            continue
+        said = {"choice": response.value["choice"], "degree": response.value.get("degree")}
+        answers.append(Answer(**about, **said, probe=trial.role in PROBE_ROLES))
     usable = [answer for answer in answers if not answer.probe]
     says = len(usable) + len(implied_choices(ratings))
     if says < MIN_ANSWERS:
@@ -337,8 +366,9 @@ def _freeze(
         answers=tuple(answers),
         left_out=left_out,
         ratings=tuple(ratings),
+        ties=tuple(ties),
     )
-    evidence: list[Answer | RatedTrajectory] = [*answers, *ratings]
+    evidence: list[Answer | RatedTrajectory | NoDifference] = [*answers, *ratings, *ties]
     people = sorted({answer.participant for answer in evidence})
     # in lists, different people's models differ
     many = "participants" if whose == "all" else WHOSE_WORDS[whose]
@@ -359,6 +389,7 @@ def _freeze(
             "answers": len(answers),
             "probes": len(answers) - len(usable),
             **({"ratings": len(ratings)} if ratings else {}),
+            **({"ties": len(ties)} if ties else {}),
             "participants": len({answer.participant for answer in evidence}),
             "human": sum(answer.source == "human" for answer in evidence),
             "left_out": left_out,
@@ -375,5 +406,6 @@ def _reason_to_leave_out(
     reason = reason_not_to_learn(participant, whose)
     if reason is None and is_practice(trial.role):
         return "learning"
-    answered = "rating" in response.value or is_side(response.value.get("choice"))
+    said = response.value
+    answered = "rating" in said or is_side(said.get("choice")) or said.get("degree") == "no_difference"
     return reason or (None if answered else "no_choice")

@@ -188,7 +188,9 @@ class BrowserSessionClient:
         kind = str(body.get_attribute("data-kind"))
         self._picture(f"choosing_{self._view()}" if kind in CHOSEN else kind + self._part(key))
         if kind in CHOSEN:
-            self._page.locator(f"[data-choice={value['choice']}][aria-disabled=false]").click()
+            self._page.locator(f"[data-choice={value.get('choice', 'none')}][aria-disabled=false]").click()
+            if value.get("degree") in ("slight", "clear"):
+                self._page.locator(f"[data-degree={value['degree']}]").click()
         elif kind == "demonstration":
             self._page.locator("[data-skip]" if value.get("skipped") else "[data-keep]").click()
         elif kind == "evaluation":

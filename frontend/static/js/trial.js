@@ -30,6 +30,10 @@ export class Trial extends StageBar {
       early: "earlyChoice" in root.dataset,
       limitS: Number(root.dataset.choiceLimit ?? 0),
     };
+    /** How clearly one is better, where that is asked after the choice. */
+    this.degrees = /** @type {NodeListOf<HTMLButtonElement>} */ (root.querySelectorAll("[data-degree]"));
+    /** What was chosen, while it is asked how clearly. @type {HTMLButtonElement | null} */
+    this.picked = null;
     /** Whether Start was pressed before the stage stood: then it counts as soon as it does. */
     this.pressedEarly = false;
     /** Whether trajectory B has begun to move. */
@@ -38,6 +42,7 @@ export class Trial extends StageBar {
     this.again?.addEventListener("click", () => this.watchAgain());
     this.start.addEventListener("click", () => this.startTrajectories());
     for (const pick of this.picks) pick.addEventListener("click", () => this.choose(pick));
+    for (const degree of this.degrees) degree.addEventListener("click", () => this.grade(degree));
     this.slow = setTimeout(() => this.tellSlow(), SLOW_STAGE_MS);
     const videos = /** @type {{a: string, b: string} | null | undefined} */ (state.videos);
     /** Shows videos in the stage's place. @type {VideoScreen | null} */
@@ -115,12 +120,40 @@ export class Trial extends StageBar {
       this.needs.announce(this.needs.say(this.rules.early ? "resting_early" : "resting"));
       return;
     }
-    const choice = /** @type {"a" | "b"} */ (pick.dataset.choice);
+    const letter = (pick.dataset.choice ?? "").toUpperCase();
+    for (const other of this.picks) delete other.dataset.chosen;
     pick.dataset.chosen = "";
-    this.needs.announce(this.needs.say("chosen", { letter: choice.toUpperCase() }));
+    if (pick.dataset.choice === "none") {
+      await this.answer(pick, { degree: "no_difference" });
+      return;
+    }
+    this.needs.announce(this.needs.say("chosen", { letter }));
+    if (this.degrees.length) {
+      this.picked = pick;
+      this.part("degree");
+      const asked = /** @type {HTMLElement} */ (this.root.querySelector("#degree-question"));
+      asked.textContent = (asked.dataset.asked ?? "").replace("*", letter);
+      asked.focus({ preventScroll: true });
+    } else {
+      await this.answer(pick, { choice: /** @type {"a" | "b"} */ (pick.dataset.choice) });
+    }
+  }
+
+  /** @param {HTMLButtonElement} degree */
+  async grade(degree) {
+    if (this.busy || !this.picked) return;
+    const said = { choice: /** @type {"a" | "b"} */ (this.picked.dataset.choice), degree: /** @type {"slight" | "clear"} */ (degree.dataset.degree) };
+    await this.answer(this.picked, said);
+  }
+
+  /**
+   * @param {HTMLButtonElement} pick
+   * @param {import("./types.js").AnswerTo<"trial">} said
+   */
+  async answer(pick, said) {
     this.rest(true);
     /** @type {import("./types.js").AnswerTo<"trial" | "comparison" | "method_comparison">} */
-    const value = { choice, ...(this.playing ? { hmd: this.needs.headset.worn } : {}) };
+    const value = { ...said, ...(this.playing ? { hmd: this.needs.headset.worn } : {}) };
     await this.decide(value);
     if (!this.over) delete pick.dataset.chosen;
   }
@@ -158,11 +191,13 @@ export class Trial extends StageBar {
     }
   }
 
-  /** A letter, pressed here or while the stage had the focus. @param {string} key @returns {boolean} */
+  /** A letter or number, pressed here or while the stage had the focus. @param {string} key @returns {boolean} */
   press(key) {
-    const pick = [...this.picks].find((button) => button.dataset.choice === key.toLowerCase());
+    const pick = [...this.picks].find((button) => (button.dataset.key ?? button.dataset.choice) === key.toLowerCase());
+    const degree = this.picked && [...this.degrees].find((button) => button.dataset.key === key);
     if (pick) this.choose(pick);
-    return pick !== undefined;
+    else if (degree) this.grade(degree);
+    return Boolean(pick ?? degree);
   }
 
   /** Draws the phase. */
@@ -172,6 +207,7 @@ export class Trial extends StageBar {
     const changed = phase !== this.shown;
     this.shown = phase;
     if (changed) this.sawB = false;
+    if (phase === "ready" || phase === "playing_a") this.picked = null;
     this.rest(!this.mayChoose);
     if (phase === "ready") {
       this.part("ready");
@@ -193,7 +229,7 @@ export class Trial extends StageBar {
       if (this.stageReady && this.pressedEarly) void this.startTrajectories();
     } else if (phase === "playing_a" || phase === "playing_b") {
       const letter = phase === "playing_a" ? "A" : "B";
-      this.part("playing");
+      this.part(this.picked ? "degree" : "playing");
       this.text("#playing-letter", letter);
       this.text("#playing-text", say("playing", { letter }));
       if (changed) {
@@ -201,8 +237,8 @@ export class Trial extends StageBar {
         announce(say("playing", { letter }));
       }
     } else if (phase === "choosing") {
-      this.part("choosing");
-      if (changed) {
+      this.part(this.picked ? "degree" : "choosing");
+      if (changed && !this.picked) {
         // also takes the keyboard back from the stage, in which the participant may have looked around
         window.focus();
         /** @type {HTMLElement | null} */ (this.root.querySelector("#question"))?.focus({ preventScroll: true });

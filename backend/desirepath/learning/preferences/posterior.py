@@ -220,7 +220,7 @@ class Posterior:
         rows = _systematic(self.masses(), n, random)
         return replace(self, **{name: of[rows] for name, of in self._state().items()}, log_mass=np.zeros(n))
 
-    def _state(self) -> dict[str, NDArray[Any]]:
+    def _state(self) -> dict[str, Any]:
         """What each particle is, by name."""
         names = ("weights", "rationality", "lapse_rate", "span", *(("criteria",) if len(self.criteria) else ()))
         return {name: getattr(self, name) for name in names}
@@ -373,14 +373,17 @@ def _draw_criteria(n: int, config: PosteriorConfig) -> Floats:
     """(n, 2) of the prior."""
     low, high = np.log([config.noticed, config.clear]).T
     places = np.random.default_rng([config.seed, 24]).random((n, 2))
-    return np.exp(low + (high - low) * places).astype(np.float32)
+    criteria: Floats = np.exp(low + (high - low) * places).astype(np.float32)
+    return criteria
 
 
 def _move_criteria(criteria: Floats, config: PosteriorConfig, random: np.random.Generator) -> Floats:
     """Proposals that the prior likes as much."""
     moved = np.log(criteria) + random.normal(0, 0.4, criteria.shape)
     bounds = (np.log(config.noticed), np.log(config.clear))
-    return np.exp([_reflect(moved[:, k], *bounds[k]) for k in range(2)]).T.astype(np.float32)
+    parts = [_reflect(moved[:, k], *bounds[k]) for k in range(2)]
+    proposed: Floats = np.exp(np.stack(parts, axis=1)).astype(np.float32)
+    return proposed
 
 
 def _reflect(values: NDArray[np.floating[Any]], low: float, high: float) -> Doubles:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from desirepath.learning.errors import LearningError, TooFewAnswers
+from desirepath.learning.preferences.evidence.graded_pair import Degree, Possible
 from desirepath.learning.queries.queries import Query
 from desirepath.simulation.setups import Setup, get_setup, require_same
 from desirepath.simulation.trajectory import Trajectory, require_steps
@@ -18,12 +19,20 @@ from desirepath.simulation.trajectory import Trajectory, require_steps
 @dataclass(frozen=True)
 class Preference:
     """chosen > rejected, both trajectories of one query; source: `participant`, `oracle:<name>`, ...; person: whose
-    answer it is, where that is known, since answers of one person depend on each other."""
+    answer it is, where that is known, since answers of one person depend on each other. degree, possible: how clear it
+    was, among how many answers (`evidence/graded_pair.py`); with no difference neither was chosen, whatever the name.
+    """
 
     chosen: Trajectory
     rejected: Trajectory
     source: str = "participant"
     person: str | None = None
+    degree: Degree | None = None
+    possible: Possible = 2
+
+    @property
+    def is_tie(self) -> bool:
+        return self.degree == "no_difference"
 
     @classmethod
     def of(cls, query: Query, choice: int, *, source: str = "participant") -> Preference:
@@ -38,15 +47,19 @@ class Preference:
         return require_same(chosen=self.chosen.scene.setup, rejected=self.rejected.scene.setup)
 
 
-def usable(preferences: Sequence[Preference], *, fewest: int = 2) -> tuple[Setup, list[Preference]]:
-    """The preferences that say something (two trajectories that differ), and their one setup.
+def usable(preferences: Sequence[Preference], *, fewest: int = 2, ties: bool = False) -> tuple[Setup, list[Preference]]:
+    """The preferences that say something (two trajectories that differ), and their one setup. ties: who learns from
+    them too.
 
     Raises TooFewAnswers if fewer than `fewest` are left, SetupError if setups are mixed.
     """
     used = [
         p
         for p in preferences
-        if len(p.chosen.actions) and len(p.rejected.actions) and not np.array_equal(p.chosen.poses, p.rejected.poses)
+        if (ties or not p.is_tie)
+        and len(p.chosen.actions)
+        and len(p.rejected.actions)
+        and not np.array_equal(p.chosen.poses, p.rejected.poses)
     ]
     if len(used) < fewest:
         raise TooFewAnswers(

@@ -70,12 +70,12 @@ def choose_reward_model(
 
     fits: dict[str, Fit] = {"weights": lambda given: fit_weights(given, posterior)}
     if len(kept) < fewest or not all(one.recorded_steps for pair in kept for one in (pair.chosen, pair.rejected)):
-        return ChosenModel("weights", fits["weights"](kept), {}, len(kept))
+        return ChosenModel("weights", fits["weights"](preferences), {}, len(kept))
     fits |= {"mlp_ensemble_sum": of_networks("sum"), "mlp_ensemble_mean": of_networks("mean")}
     likelihoods = {name: held_out_log_likelihood(kept, fit, folds=folds, seed=seed) for name, fit in fits.items()}
     best = max(likelihoods, key=lambda name: likelihoods[name])
     name = best if likelihoods[best] > likelihoods["weights"] + MARGIN else "weights"
-    return ChosenModel(name, fits[name](kept), likelihoods, len(kept))
+    return ChosenModel(name, fits[name](preferences), likelihoods, len(kept))
 
 
 def held_out_log_likelihood(preferences: Sequence[Preference], fit: Fit, *, folds: int = 3, seed: int = 0) -> float:

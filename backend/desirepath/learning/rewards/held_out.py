@@ -24,10 +24,10 @@ FEWEST_TO_HOLD_OUT = 3  # one is predicted by a model of at least two others
 
 
 def accuracy(model: RewardModel, preferences: Sequence[Preference]) -> float:
-    """Share of pairs whose chosen trajectory is predicted to be chosen; ties count half."""
-    if not preferences:
+    """Share of pairs whose chosen trajectory is predicted to be chosen, where one was; ties of the model count half."""
+    gaps = [model.log_odds(p.chosen, p.rejected) for p in preferences if not p.is_tie]
+    if not gaps:
         raise LearningError("preferences: none given to measure accuracy on")
-    gaps = [model.log_odds(p.chosen, p.rejected) for p in preferences]
     return float(np.mean([1.0 if gap > 0 else 0.5 if gap == 0 else 0.0 for gap in gaps]))
 
 

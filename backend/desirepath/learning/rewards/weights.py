@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.learning.preferences.evidence.graded_pair import GradedPair
 from desirepath.learning.preferences.measures import measures, typical_differences
 from desirepath.learning.preferences.objectives import gains, names_of, step_terms_of
 from desirepath.learning.preferences.posterior import (
@@ -22,7 +23,7 @@ from desirepath.learning.preferences.posterior import (
     weights_of_shares,
 )
 from desirepath.learning.preferences.preferences import Preference, usable
-from desirepath.learning.preferences.spans import seen_differences
+from desirepath.learning.preferences.spans import seen_differences, seen_measures
 from desirepath.learning.rewards.reward_model import FitSettings, Fitting, Reduction, RewardModel
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
@@ -104,12 +105,20 @@ def answers_of(preferences: Sequence[Preference]) -> tuple[str, Doubles]:
 
 
 def fit_weights(preferences: Sequence[Preference], config: PosteriorConfig | None = None) -> WeightsRewardModel:
-    """The model of the posterior after these answers.
+    """The model of the posterior after these answers, how clear they were and ties among them.
 
     Raises LearningError for fewer than two usable answers, SetupError for mixed setups.
     """
-    setup, differences = answers_of(preferences)
-    return WeightsRewardModel.of(Posterior.from_answers(setup, differences, [True] * len(differences), config))
+    setup, kept = usable(preferences, ties=True)
+    seen = seen_measures([trajectory for p in kept for trajectory in (p.chosen, p.rejected)])
+    posterior = Posterior.prior(setup.name, config)
+    for p, better, worse in zip(kept, seen[0::2], seen[1::2], strict=True):
+        if p.possible == 2:
+            posterior = posterior.updated(better - worse, True)
+        else:
+            graded = GradedPair(np.stack([better, worse]), 0 if p.is_tie else 1, p.degree, p.possible)
+            posterior = posterior.observed(graded)
+    return WeightsRewardModel.of(posterior)
 
 
 def _fit(preferences: Sequence[Preference], asked: FitSettings) -> WeightsRewardModel:

@@ -7,13 +7,14 @@ Which query a chosen one asks is `personalising/next_query.py`'s.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 from pydantic import Field
 from sqlalchemy import select
 
 from desirepath.grammar.parts import Part
+from desirepath.learning.preferences.evidence.graded_pair import Degree, Possible
 from desirepath.learning.queries.choosing import STRATEGIES, StoppingRule
 from desirepath.store.events import log_event
 from desirepath.store.models import Trial as Row
@@ -94,6 +95,21 @@ class Viewing(Part):
     goal_and_trail: bool = True
 
 
+class PairAnswers(Part):
+    """What may be answered to a pair besides A or B: that there is no difference, and how much better the chosen one is
+    (`strength`: a little or clearly) or how sure one is (`confidence`: not quite or quite). All of it counts in the
+    posterior of the session and in what recipe `instant` learns; other recipes learn from the choices among it.
+    """
+
+    no_difference: bool = False
+    degree: Literal["strength", "confidence"] | None = Field(None, description="default: nothing more is asked")
+
+    @property
+    def possible(self) -> Possible:
+        """How many different answers there are."""
+        return cast("Possible", (4 if self.degree else 2) + self.no_difference)
+
+
 # ---- in the plan -----------------------------------------------------------------------------------------------------
 
 Role = Literal["practice", "regular", "repeat", "swap", "transitivity", "further"]
@@ -102,7 +118,7 @@ Role = Literal["practice", "regular", "repeat", "swap", "transitivity", "further
 class TrialStep(Step):
     """Of a query that is known before the session: `query` and its trajectories as A and B; `sides_swapped`: its second
     one is shown as A. Of one that is chosen by the answers so far: `choose`, by what. `again`: the step that a probe
-    repeats. number, of: this trial among its like. round: of `asking_on.py`, from 1.
+    repeats. answers: what may be said of it. number, of: this trial among its like. round: of `asking_on.py`, from 1.
     """
 
     kind: Literal["trial"]
@@ -111,6 +127,7 @@ class TrialStep(Step):
     of: int
     sides_swapped: bool
     viewing: Viewing = Viewing()
+    answers: PairAnswers = PairAnswers()
     query: str | None = None
     trajectory_a: str | None = None
     trajectory_b: str | None = None
@@ -140,6 +157,7 @@ def plan_trials(
     where: Mapping[str, Any],
     entries: Sequence[Trials],
     viewing: Viewing,
+    answers: PairAnswers,
     pairs: Iterator[Pair],
     triads: Iterator[tuple[Pair, Pair, Pair]],
     random: np.random.Generator,
@@ -163,8 +181,8 @@ def plan_trials(
     asked["probe"] = [asked["probe"][i] for i in random.permutation(len(asked["probe"]))]
     counted = len(asked["regular"]) + len(asked["probe"])
     practice = len(asked["practice"])
-    rules = viewing.model_dump(exclude_defaults=True)
-    watched = {"viewing": rules} if rules else {}
+    rules = {"viewing": viewing, "answers": answers}
+    watched = {name: said for name, of in rules.items() if (said := of.model_dump(exclude_defaults=True))}
     steps = []
     for number, step in enumerate(asked["practice"] + asked["regular"] + asked["probe"], 1):
         practising = step["role"] == "practice"
@@ -219,27 +237,44 @@ def _fixed(role: str, pair: Pair) -> dict[str, Any]:
 
 
 class TrialAnswer(Answer):
-    """The trajectory that one would rather have, or that the time for the choice was over. hmd: of an early choice,
-    whether B is being watched with a headset."""
+    """The trajectory that one would rather have and, where that is asked, how clearly; that there is no difference, by
+    `degree` alone; or that the time for the choice was over. hmd: of an early choice, whether B is being watched with a
+    headset."""
 
     choice: Side | None = None
+    degree: Degree | None = None
     timed_out: Flag = False
     hmd: Flag = False
+
+
+class AboutPair(AboutQuery):
+    """What may be answered besides A or B."""
+
+    no_difference: bool = False
+    degrees: bool = False
 
 
 class Trial(Kind[TrialStep, TrialAnswer]):
     name = "trial"
     step = TrialStep
     answers = TrialAnswer
-    besides = AboutQuery
-    stored = {"choice": "a or b", "timed_out": "true where the time for the choice was over"}
+    besides = AboutPair
+    stored = {
+        "choice": "a or b; none where there is no difference, or the time was over",
+        "degree": "where that was asked: slight or clear, or no_difference",
+        "degree_of": "of what that is: strength (a little, clearly) or confidence (not quite sure, sure)",
+        "possible": "how many different answers there were, where more than A and B: 3 with no difference, 4 with "
+        "degrees, 5 with both",
+        "timed_out": "true where the time for the choice was over",
+    }
     shows = "trajectories"
     previewed = True
     answer = "preference"
 
     def payload(self, step: TrialStep, page: Page) -> dict[str, Any]:
         shown = {"role": step.role, "view": step.view, "number": step.number, "of": step.of}
-        return shown | step.viewing.model_dump() | ({"may_end": True} if step.stop is not None else {})
+        asked = {"answers": step.answers.model_dump()}
+        return shown | asked | step.viewing.model_dump() | ({"may_end": True} if step.stop is not None else {})
 
     def pass_over(self, step: TrialStep, index: int, acting: Acting) -> int:
         """Past the queries that are chosen, once the stopping rule ends them."""
@@ -287,15 +322,26 @@ class Trial(Kind[TrialStep, TrialAnswer]):
     def check(self, step: TrialStep, answer: TrialAnswer, page: Page) -> dict[str, Any]:
         if answer.timed_out and step.viewing.choice_limit_s is not None:
             return {"timed_out": True}
+        asked = step.answers
+        if asked.no_difference and answer.degree == "no_difference":
+            return {"degree": "no_difference", "possible": asked.possible}
         if answer.choice is None:
             raise BadValue("value.choice", None, "must be 'a' or 'b'")
-        return {"choice": answer.choice}
+        if asked.degree is None:
+            return {"choice": answer.choice} | ({"possible": asked.possible} if asked.no_difference else {})
+        if answer.degree not in ("slight", "clear"):
+            raise BadValue("value.degree", answer.degree, "must be 'slight' or 'clear'")
+        graded = {"degree": answer.degree, "degree_of": asked.degree, "possible": asked.possible}
+        return {"choice": answer.choice, **graded}
 
     def tell_simulated(self, step: TrialStep, moment: Moment, payload: Mapping[str, Any]) -> dict[str, Any]:
-        return {"role": step.role, "query": moment.query_shown(step.key)}
+        asked = {"no_difference": step.answers.no_difference, "degrees": step.answers.degree is not None}
+        return {"role": step.role, "query": moment.query_shown(step.key), **asked}
 
     def simulate(self, step: Mapping[str, Any], participant: Simulated) -> dict[str, Any]:
-        return {"choice": participant.choose(step, *participant.watch(step, "ab"))}
+        a, b = participant.watch(step, "ab")
+        ties, degrees = bool(step.get("no_difference")), bool(step.get("degrees"))
+        return participant.grade(step, a, b, no_difference=ties, degrees=degrees)
 
 
 def _asked(step: TrialStep, acting: Acting) -> next_query.Asked:

@@ -69,9 +69,12 @@ def find_learnt(s: DatabaseSession, files: ArtefactStore, session: Session) -> L
 
     after = [memory.posterior(measured, answers[:n]) for n in range(len(answers) + 1)]
     places, likelihoods = measured.index(), []
-    for before, (query, chosen) in zip(after, answers, strict=False):
-        probable = float(before.predict(measured.differences[[places[query]]])[0])
-        likelihoods.append(probable if chosen == measured.queries[places[query]].trajectory_a else 1 - probable)
+    for before, given in zip(after, answers, strict=False):
+        if given.chosen is None:
+            continue
+        row = places[given.query]
+        probable = float(before.predict(measured.differences[[row]])[0])
+        likelihoods.append(probable if given.chosen == measured.queries[row].trajectory_a else 1 - probable)
     odds = odds_against_chance(np.array(likelihoods))
     sides = position_bias(find_letters(s, session))
     weights = after[-1].mean_weights() if answers else np.zeros(SIZE, dtype=np.float32)

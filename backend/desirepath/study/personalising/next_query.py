@@ -6,9 +6,10 @@ the stored rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +30,23 @@ if TYPE_CHECKING:
 
 if TYPE_CHECKING:  # numba and the simulator come with these; a server that never chooses need not load them
     from desirepath.learning.measures.pairs import PairDifferences
+    from desirepath.learning.preferences.evidence.graded_pair import Degree, Possible
     from desirepath.learning.preferences.free_posterior import FreePosterior
     from desirepath.learning.preferences.posterior import Posterior
 
 Doubles = NDArray[np.float64]
-Answers = tuple[tuple[str, str], ...]
+Answers = tuple["Given", ...]
 KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
+
+
+class Given(NamedTuple):
+    """An answer to a pair. chosen: the trajectory's id, None where there is no difference. degree, possible: how clear
+    it was, among how many answers (`evidence/graded_pair.py`)."""
+
+    query: str
+    chosen: str | None
+    degree: str | None = None
+    possible: int = 2
 
 
 @dataclass(frozen=True)
@@ -53,15 +65,19 @@ class Asked:
 
 @dataclass(frozen=True)
 class MeasuredQueries:
-    """A query set with what its trajectories measure: differences (n, spans, 7) of first minus second, in its order.
-
-    symmetry: the protocol's.
+    """A query set with what its trajectories measure: measured (n, 2, spans, 7) of first and second, in its order;
+    differences (n, spans, 7) of first minus second. symmetry: the protocol's.
     """
 
     setup: str
     symmetry: str
     queries: tuple[StoredQuery, ...]
-    differences: Doubles
+    measured: Doubles
+
+    @cached_property
+    def differences(self) -> Doubles:
+        difference: Doubles = self.measured[:, 0] - self.measured[:, 1]
+        return difference
 
     def index(self) -> dict[str, int]:
         """Where each query stands, by id."""
@@ -85,13 +101,15 @@ class Remembered:
         """The query set of a study's protocol."""
         key = set_id, symmetry = _query_set(study)
         if key not in self._measured:
-            from desirepath.learning.preferences.spans import seen_in
+            from desirepath.learning.preferences.spans import seen_measures
             from desirepath.learning.queries.queries import QuerySet
 
             artefact, content = load_artefact(s, files, set_id, kind="query_set")
             queries = QuerySet.from_bytes(content).queries
             stored = tuple(queries_of(s, files, set_id))
-            self._measured[key] = MeasuredQueries(artefact.setup, symmetry, stored, seen_in(queries))
+            seen = seen_measures([of for query in queries for of in (query.trajectory_a, query.trajectory_b)])
+            measured = seen.reshape(len(queries), 2, *seen.shape[1:])
+            self._measured[key] = MeasuredQueries(artefact.setup, symmetry, stored, measured)
         return self._measured[key]
 
     def pairs(self, s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> PairDifferences:
@@ -108,24 +126,32 @@ class Remembered:
 
     def posterior(self, measured: MeasuredQueries, answers: Answers) -> Posterior:
         """What those answers say of the weights of the objectives."""
+        from desirepath.learning.preferences.evidence.graded_pair import GradedPair
         from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 
         config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
-        own: Posterior = self._after(
-            measured, answers, measured.differences.__getitem__, lambda: Posterior.prior(measured.setup, config)
-        )
+
+        def believe(posterior: Posterior, row: int, given: Given) -> Posterior:
+            first = given.chosen == measured.queries[row].trajectory_a
+            if given.possible == 2:
+                return posterior.updated(measured.differences[row], first)
+            better: Literal[-1, 0, 1] = 0 if given.chosen is None else 1 if first else -1
+            degree, possible = cast("Degree | None", given.degree), cast("Possible", given.possible)
+            return posterior.observed(GradedPair(measured.measured[row], better, degree, possible))
+
+        own: Posterior = self._after(measured, answers, believe, lambda: Posterior.prior(measured.setup, config))
         return own
 
     def beyond(self, measured: MeasuredQueries, pairs: PairDifferences, answers: Answers) -> FreePosterior:
-        """What they say of whatever they may be about."""
+        """What they say of whatever they may be about: the choices among them alone."""
         from desirepath.learning.preferences.free_posterior import FreeConfig, FreePosterior
         from desirepath.learning.preferences.posterior import PosteriorConfig
 
         config = FreeConfig(posterior=PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right"))
         posterior: FreePosterior = self._after(
             measured,
-            answers,
-            lambda row: pairs[[row]],
+            tuple(given for given in answers if given.chosen is not None),
+            lambda before, row, given: before.updated(pairs[[row]], given.chosen == measured.queries[row].trajectory_a),
             lambda: FreePosterior.prior(measured.setup, config),
             beyond=True,
         )
@@ -135,12 +161,15 @@ class Remembered:
         self,
         measured: MeasuredQueries,
         answers: Answers,
-        difference: Callable[[int], Any],
+        believe: Callable[[Any, int, Given], Any],
         prior: Callable[[], Any],
         *,
         beyond: bool = False,
     ) -> Any:
-        """The posterior after those answers; goes on from the longest beginning of them that is remembered."""
+        """The posterior after those answers; goes on from the longest beginning of them that is remembered.
+
+        believe: the next one, of the one before, the query's row and the answer.
+        """
 
         def key(n: int) -> tuple[bool, str, str, Answers]:
             return beyond, measured.setup, measured.symmetry, answers[:n]  # queries are named by their content
@@ -148,10 +177,8 @@ class Remembered:
         known = next((n for n in range(len(answers), 0, -1) if key(n) in self._posteriors), 0)
         posterior = self._posteriors[key(known)] if known else prior()
         places = measured.index()
-        for n in range(known, len(answers)):
-            query, chosen = answers[n]
-            row = places[query]
-            posterior = posterior.updated(difference(row), chosen == measured.queries[row].trajectory_a)
+        for given in answers[known:]:
+            posterior = believe(posterior, places[given.query], given)
         self._posteriors[key(len(answers))] = posterior
         while len(self._posteriors) > KEPT_POSTERIORS:
             self._posteriors.pop(next(iter(self._posteriors)), None)
@@ -202,7 +229,7 @@ def little_left(acting: Acting, how: str, rule: StoppingRule) -> bool:
     answers = answers_of(acting.s, acting.session)
     promised = [np.inf] * len(answers)  # only the last ones count
     for after in range(max(1, len(answers) - rule.in_a_row + 1), len(answers) + 1):
-        used = {query for query, _ in answers[:after]}
+        used = {given.query for given in answers[:after]}
         _, posterior, candidates = _situation(acting, strategy, answers[:after], used)
         promised[after - 1] = strategy.best_bits(posterior, candidates)
         if promised[after - 1] >= rule.below_bits:
@@ -217,18 +244,20 @@ def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> 
 
 
 def answers_of(s: DatabaseSession, session: Session) -> Answers:
-    """(query, id of the trajectory that was chosen) of regular and further trials, in the order they were asked."""
+    """Of regular and further trials, in the order they were asked."""
     rows = s.execute(
         select(Trial, Response)
         .join(Response, Response.trial_id == Trial.id)
         .where(Trial.session_id == session.id, Trial.kind == "query", Trial.role.in_(TEACHING_ROLES))
         .order_by(Trial.index)
     )
-    return tuple(
-        (str(trial.query_id), shown_on(response.value["choice"], trial.trajectory_a, trial.trajectory_b))
-        for trial, response in rows
-        if "choice" in response.value  # not where the time for it was over
-    )
+
+    def given(trial: Trial, said: Mapping[str, Any]) -> Given:
+        chosen = shown_on(said["choice"], trial.trajectory_a, trial.trajectory_b) if "choice" in said else None
+        return Given(str(trial.query_id), chosen, said.get("degree"), said.get("possible", 2))
+
+    answered = [(trial, response.value) for trial, response in rows]
+    return tuple(given(trial, said) for trial, said in answered if not said.get("timed_out"))
 
 
 def prepare(database: Database, files: ArtefactStore) -> None:

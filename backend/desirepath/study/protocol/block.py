@@ -13,7 +13,7 @@ from desirepath.grammar.parts import an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.study.kinds.attention import AttentionStep
 from desirepath.study.kinds.feedback import TAKES_S, Feedback, check_beside_blind
-from desirepath.study.kinds.trial import Queries, Trials, TrialStep, Viewing, plan_trials
+from desirepath.study.kinds.trial import PairAnswers, Queries, Trials, TrialStep, Viewing, plan_trials
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.protocol.pages_around import BlockEntry, PagesAround
 from desirepath.study.steps import Pace, Planning, Stage, Step
@@ -27,8 +27,9 @@ class BlockStage(Crossed, PagesAround):
     the assignment as well. same_queries: all conditions, and all blocks that say so, show the participant's own
     queries, the same ones, with the sides kept, in an order of each one's own. before, after: pages of every condition;
     between: pages between two conditions. attention_checks: so many pages among the regular trials of each condition
-    that say which letter to press (a preference has no wrong answer). feedback: after every regular answer, how the
-    robot would drive now; a condition of its own, which a study with anything blind cannot have.
+    that say which letter to press (a preference has no wrong answer). answers: what may be said besides A or B.
+    feedback: after every regular answer, how the robot would drive now; a condition of its own, which a study with
+    anything blind cannot have.
     """
 
     model_config = an_example({"view": "top_down", "trials": [{"queries": {"count": 15}}]})
@@ -43,6 +44,7 @@ class BlockStage(Crossed, PagesAround):
     after: list[BlockEntry] = []
     between: list[BlockEntry] = []
     viewing: Viewing = Viewing()
+    answers: PairAnswers = PairAnswers()
     attention_checks: int = Field(0, ge=0, le=10)
     feedback: Feedback | None = None
 
@@ -90,7 +92,7 @@ class BlockStage(Crossed, PagesAround):
         asked = sum(entry.queries.count for entry in self.trials)
         pairs = iter(at.drawn.pairs(asked, shared=self.same_queries))
         triads = iter(at.drawn.triads)
-        trials = plan_trials(prefix, where, self.trials, self.viewing, pairs, triads, at.random)
+        trials = plan_trials(prefix, where, self.trials, self.viewing, self.answers, pairs, triads, at.random)
         steps = _with_attention(prefix, trials, self.attention_checks, where, at.random)
         return self.feedback.after_each(prefix, where, steps) if self.feedback else steps
 

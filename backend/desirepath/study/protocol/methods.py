@@ -21,7 +21,7 @@ from desirepath.simulation.setups import setups_with
 from desirepath.study.kinds.demonstration import SECONDS_PER_PATH, DemonstrationStep
 from desirepath.study.kinds.live import TAKES_S, PersonSetup
 from desirepath.study.kinds.method_comparison import TaughtByMethods
-from desirepath.study.kinds.trial import Queries, Trials, Viewing, plan_trials
+from desirepath.study.kinds.trial import PairAnswers, Queries, Trials, Viewing, plan_trials
 from desirepath.study.kinds.tuning import TuningStep
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.kinds.words import WordsStep
@@ -126,7 +126,9 @@ class MethodsStage(TaughtByMethods, PagesAround):
         method = condition.name
         if method == "choices":
             pairs = at.drawn.pairs(sum(choice.queries.count for choice in self.choices), shared=False)
-            return [*plan_trials(prefix, where, self.choices, Viewing(), iter(pairs), iter(()), at.random)]
+            return [
+                *plan_trials(prefix, where, self.choices, Viewing(), PairAnswers(), iter(pairs), iter(()), at.random)
+            ]
         if method == "drawing":
             return [
                 DemonstrationStep.model_validate(

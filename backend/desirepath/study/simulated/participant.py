@@ -28,6 +28,9 @@ from desirepath.study.kind import KINDS
 POLL_S = 0.5  # how often a waiting bot looks
 DRAWING_TRIES = 20  # of one path, which is drawn another way every time
 COMPARED = ("comparison", "method_comparison")  # kinds of step that compare robots, blind
+# Of who may say that two do not differ, or how clearly, in typical differences; each bot its own. Ours.
+NOTICES, MORE_TO_BE_CLEAR = (0.1, 0.5), (0.3, 1.5)
+SEES_WITHIN = 0.1  # standard deviation of what it sees of a difference, likewise
 PATIENCE_S = 900.0  # a bot gives up on a session that stands still so long; the server's own limit comes first
 
 State = Mapping[str, Any]
@@ -156,6 +159,9 @@ class SimulatedParticipant:
         response_model = asdict(character.response_model)
         self._oracles: dict[str, Oracle] = {name: make_oracle(name, **response_model, seed=stream) for name in names}
         self._style, self._number = character.style, number
+        self._noise = np.random.default_rng([character.seed, number, 12])
+        noticed = max(self._noise.uniform(*NOTICES), character.response_model.indifference)
+        self._criteria = noticed, noticed + self._noise.uniform(*MORE_TO_BE_CLEAR)
         self._participant = client.join(character.as_stored(number))
         self._responses = self._comparisons = 0
         self._valued: dict[str, list[float]] = {}
@@ -200,8 +206,7 @@ class SimulatedParticipant:
         if a.recorded is not None and "poses" not in a.recorded.has:
             return SIDES[self.random.integers(2)]  # nobody can measure a video
         condition, query, role = str(step.get("block")), str(step.get("query")), str(step.get("role"))
-        preference = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
-        choice = self._oracles[preference].choose(Query(a.scene, a, b, (0, 1)))
+        choice = self._oracles[self._prefers(step)].choose(Query(a.scene, a, b, (0, 1)))
         if self.person is not None and step["kind"] not in COMPARED:
             if self.person.takes_second(condition, query, role):
                 choice = 1
@@ -209,10 +214,29 @@ class SimulatedParticipant:
                 choice ^= self.person.slips(condition, query, role)
         return "b" if choice else "a"
 
+    def grade(
+        self, step: Mapping[str, Any], a: Trajectory, b: Trajectory, *, no_difference: bool, degrees: bool
+    ) -> dict[str, Any]:
+        """What it chooses, and how clearly by its own criteria on what it sees of the difference, with noise."""
+        choice = self.choose(step, a, b)
+        if not (no_difference or degrees):
+            return {"choice": choice}
+        difference = self._noise.normal(0, SEES_WITHIN)
+        name = self._prefers(step)
+        if name != "random" and (a.recorded is None or "poses" in a.recorded.has):
+            difference += float(self._oracles[name].advantages([Query(a.scene, a, b, (0, 1))])[0])
+        noticed, clear = self._criteria
+        if no_difference and abs(difference) < noticed:
+            return {"degree": "no_difference"}
+        return {"choice": choice} | ({"degree": "clear" if abs(difference) > clear else "slight"} if degrees else {})
+
+    def _prefers(self, step: Mapping[str, Any]) -> str:
+        """Its oracle under the step's condition."""
+        return self._cohort.preferences.get(str(step.get("block")), self._usual) if self._cohort else self._usual
+
     def opinion(self, step: Mapping[str, Any], trajectory: Trajectory) -> float:
         """How much the oracle likes it, 0 to 1: its place among all that this participant was asked about so far."""
-        condition = str(step.get("block"))
-        name = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
+        name = self._prefers(step)
         if name == "random":
             return float(self.random.random())
         value, before = float(preference_of(name).value([trajectory])[0]), self._valued.setdefault(name, [])
@@ -222,8 +246,7 @@ class SimulatedParticipant:
 
     def choose_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
         """Its preference as weights, the foremost 1; none where it is not made of objectives."""
-        condition = str(step.get("block"))
-        name = self._cohort.preferences.get(condition, self._usual) if self._cohort else self._usual
+        name = self._prefers(step)
         preference = preference_of(name) if name != "random" else None
         weights = preference.weights if preference else None
         if preference is None or weights is None or not weights.max() > 0:
@@ -280,6 +303,11 @@ class _OnPages:
         raise SimulationError(f"step {step['key']!r} is no page")
 
     def choose(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> Side:
+        raise SimulationError(f"step {step['key']!r} is no page")
+
+    def grade(
+        self, step: Mapping[str, Any], a: Trajectory, b: Trajectory, *, no_difference: bool, degrees: bool
+    ) -> dict[str, Any]:
         raise SimulationError(f"step {step['key']!r} is no page")
 
     def opinion(self, step: Mapping[str, Any], trajectory: Trajectory) -> float:

@@ -253,6 +253,8 @@ def _bar(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[str
         sentence = t("lab.replay.guessed", code=code, choice=choice, right=right)
     elif choice:
         sentence = t("lab.replay.chose", code=code, choice=choice)
+    elif value.get("degree") == "no_difference":
+        sentence = t("lab.replay.saw_no_difference", code=code)
     elif given.kind == "importance_ranking":
         sentence = t("lab.replay.ranked", code=code, tau=_agreement(t, value))
     elif "stroke" in value:

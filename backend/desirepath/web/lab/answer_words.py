@@ -63,6 +63,8 @@ class AnswerWords:
         }.get(kind)
         if tell is not None:
             return tell(value)
+        if "degree" in value:
+            return [self._degree(value)]
         if RATING in value:
             return self._rating(step_key, value)
         return self._weights(value) if "weights" in value else []
@@ -123,6 +125,13 @@ class AnswerWords:
         methods, weights = value.get("methods") or {}, value.get("weights") or {}
         said = {side: self.t(f"editor.values.{method}") for side, method in methods.items()}
         return [Said(f"{side.upper()}: {name}", self._weighed(weights.get(side, {}))) for side, name in said.items()]
+
+    def _degree(self, value: Mapping[str, Any]) -> Said:
+        """How clearly one of a pair is the better one, or that neither is."""
+        if value["degree"] == "no_difference":
+            return Said("", self.t("lab.protocol.facts.no_difference"))
+        how = self.t(f"participant.trial.degree.{value['degree_of']}.{value['degree']}")
+        return Said(self.t(f"editor.values.{value['degree_of']}"), f"{value['choice'].upper()}: {how}")
 
     def _voice(self, value: Mapping[str, Any]) -> list[Said]:
         if value.get("recording"):
