@@ -10,12 +10,12 @@ import pytest
 
 from desirepath.learning.preferences.evidence.evidence import Evidence, Habits
 from desirepath.learning.preferences.evidence.graded_pair import GradedPair
-from desirepath.learning.preferences.evidence.ranking import Ranking
 from desirepath.learning.preferences.evidence.rating import Rating
 from desirepath.learning.preferences.measures import MEASURES, typical_differences
 from desirepath.learning.preferences.objectives import NAMES, gains
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 from desirepath.learning.preferences.spans import SPANS_S
+from desirepath_experiments.benchmarks.feedback import Ranking
 
 QUICK = PosteriorConfig(particles=4_000)
 ROOM = "study_room"
@@ -142,3 +142,12 @@ def test_answers_of_every_kind_are_believed_together_in_any_order() -> None:
     assert first.dominant() == then.dominant() == "farther"
     assert first.shares() == pytest.approx(then.shares(), abs=0.1)
     assert first.draws > 0, "the particles were drawn anew on the way, of all that was said"
+
+
+def test_bits_of_an_answer_are_those_that_it_tells() -> None:
+    (pair,) = measured(1, 2)
+    prior = Posterior.prior(ROOM, QUICK)
+    told = [prior.bits_of(GradedPair(pair, better, degree, 5)) for better, degree in GRADED]
+    assert min(told) > 0
+    assert prior.bits_of(Rating(pair[:1], 3, 5)) == pytest.approx(0.0, abs=1e-6), "a first rating tells nothing"
+    assert max(told) > prior.bits_of(GradedPair(pair, 1, None, 2))

@@ -19,7 +19,7 @@ from desirepath.report.analysis_plan import AnalysisPlan
 from desirepath.report.findings import analyse
 from desirepath.report.tidy_tables import read_folder, read_study
 from desirepath.store.dataset.writing import export_study
-from desirepath.store.models import Response, Trial
+from desirepath.store.models import Event, Response, Session, Trial
 from desirepath.store.snapshots import (
     MOST_IMPLIED,
     RatedTrajectory,
@@ -30,6 +30,8 @@ from desirepath.store.snapshots import (
     load_snapshot,
     take_snapshot,
 )
+from desirepath.study.personalising import next_query
+from desirepath.study.personalising.believed import find_belief
 from desirepath.study.protocol.planning import example_queries, make_plan
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
@@ -177,3 +179,25 @@ def test_a_robot_can_learn_from_ratings_alone_in_the_same_appointment(tmp_path, 
     assert small_protocol(tmp_path, [RATING, train, meet], query_set=str(twenty_queries)).training
     with pytest.raises(ProtocolError, match="stands before any block or rating"):
         small_protocol(tmp_path, [train, RATING, meet], query_set=str(twenty_queries))
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_ratings_count_in_the_posterior_of_the_session_where_the_protocol_says_so(
+    database, files, tmp_path, twenty_queries, at_once
+):
+    stage = {"rating": {"view": "top_down", "count": 12, "scale": SCALE, "at_once": at_once}}
+    choosing = {"block": {"view": "top_down", "trials": [{"queries": {"count": 2, "choose": "information"}}]}}
+    frozen = small_protocol(tmp_path, [stage, choosing], query_set=str(twenty_queries))
+    with database.transaction() as s:
+        study = create_study(s, files, frozen, name=f"Rated {at_once}", created_by=None)
+    walk_in_process(database, files, study, 1, Character(oracle="shortest"))
+    with database.session() as s:
+        session = s.scalars(select(Session).where(Session.study_id == study.id)).one()
+        posterior = next_query.posterior_of(s, files, session)
+        assert find_belief(s, files, session).answers == (14 if at_once else 2)
+        asked = s.scalars(select(Event.data).where(Event.session_id == session.id, Event.kind == "query_chosen"))
+        assert [data["answers"] for data in asked] == ([12, 13] if at_once else [0, 1])
+    assert len(posterior.chosen) == 2
+    assert [answer.feedback for answer in posterior.evidence] == ["evaluative"] * 12 * at_once
+    if at_once:
+        assert posterior.importance()["shorter"] + posterior.importance()["faster"] > 0.5

@@ -60,6 +60,10 @@ BENCHMARKS = {
         "benchmarks.people",
         "Simulated people outside the nine objectives: how well predicted, who is shown what, gain and harm.",
     ),
+    "feedback": (
+        "benchmarks.feedback",
+        "Simulated: what each way of answering tells in a participant's time, and how well it then predicts them.",
+    ),
     "raters": (
         "benchmarks.raters",
         "Measures of comfort fitted to all raters of a folder but one: do they order that one's scenes?",

@@ -158,9 +158,20 @@ class Posterior:
 
     def observed(self, evidence: Evidence) -> Posterior:
         """The posterior after one more answer of another kind."""
-        told = self if len(self.criteria) else replace(self, criteria=_draw_criteria(len(self.weights), self.config))
+        told = self._with_criteria()
         seen = told._log_likelihood_of(evidence, told._state())
         return replace(told, log_mass=told.log_mass + seen, evidence=(*told.evidence, evidence))._refreshed()
+
+    def bits_of(self, evidence: Evidence) -> float:
+        """How far that answer moves what is believed, bits: the divergence of the posterior after it from this one."""
+        told, before = self._with_criteria(), self.masses()
+        seen = told._log_likelihood_of(evidence, told._state())
+        together = np.exp(seen) @ before
+        after = before * np.exp(seen) / together
+        return float((after @ seen - np.log(together)) / math.log(2))
+
+    def _with_criteria(self) -> Posterior:
+        return self if len(self.criteria) else replace(self, criteria=_draw_criteria(len(self.weights), self.config))
 
     def _refreshed(self) -> Posterior:
         """With enough particles that count."""

@@ -33,7 +33,8 @@ class RatingStage(Crossed, Stage):
     """`count` trajectories, each watched once and rated; once per condition, where there are several.
 
     They are the first trajectories of queries that nothing else in the protocol shows, the same under every condition,
-    in an order of each one's own.
+    in an order of each one's own. Trainings learn from the choices that ratings imply. at_once: each counts in the
+    posterior of the session as well, by a likelihood of its own: queries that are chosen after it follow it, too.
     """
 
     model_config = an_example(
@@ -54,6 +55,7 @@ class RatingStage(Crossed, Stage):
 
     count: int = Field(ge=1, le=100)
     scale: RatingScale
+    at_once: bool = False
 
     def needs(self) -> Needs:
         return Needs(own=self.count)
@@ -77,13 +79,14 @@ class RatingStage(Crossed, Stage):
             for number, i in enumerate(at.random.permutation(self.count), 1):
                 shown = {"query": pairs[i].query, "trajectory": pairs[i].trajectory_a, "rates": RATING}
                 fields = {"number": number, "of": self.count, "points": self.scale.points}
+                fields |= {"at_once": True} if self.at_once else {}
                 key = f"{prefix}.{number:02d}"
                 steps.append(RatingStep.model_validate({"kind": "rating", "key": key, **where, **shown, **fields}))
         return steps
 
 
 class RatingStep(Step):
-    """One trajectory. query: that it is of; number, of: among its like."""
+    """One trajectory. query: that it is of; number, of: among its like; at_once: as of the stage."""
 
     kind: Literal["rating"]
     query: str
@@ -91,6 +94,7 @@ class RatingStep(Step):
     number: int
     of: int
     points: int
+    at_once: bool = False
 
 
 class RatingAnswer(Answer):

@@ -70,7 +70,7 @@ def find_learnt(s: DatabaseSession, files: ArtefactStore, session: Session) -> L
     after = [memory.posterior(measured, answers[:n]) for n in range(len(answers) + 1)]
     places, likelihoods = measured.index(), []
     for before, given in zip(after, answers, strict=False):
-        if given.chosen is None:
+        if given.chosen is None:  # nothing that could have been otherwise by a coin
             continue
         row = places[given.query]
         probable = float(before.predict(measured.differences[[row]])[0])

@@ -6,7 +6,7 @@ the stored rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
@@ -35,7 +35,7 @@ if TYPE_CHECKING:  # numba and the simulator come with these; a server that neve
     from desirepath.learning.preferences.posterior import Posterior
 
 Doubles = NDArray[np.float64]
-Answers = tuple["Given", ...]
+Answers = tuple["Given | GivenRating", ...]
 KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
 
 
@@ -47,6 +47,20 @@ class Given(NamedTuple):
     chosen: str | None
     degree: str | None = None
     possible: int = 2
+
+
+class GivenRating(NamedTuple):
+    """A rating that counts at once. before: what was rated before it under the same condition, by id."""
+
+    query: str
+    trajectory: str
+    rating: int
+    points: int
+    before: tuple[str, ...]
+
+    @property
+    def chosen(self) -> None:
+        """It is no choice of two."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +92,12 @@ class MeasuredQueries:
     def differences(self) -> Doubles:
         difference: Doubles = self.measured[:, 0] - self.measured[:, 1]
         return difference
+
+    @cached_property
+    def of_trajectory(self) -> dict[str, Doubles]:
+        """(spans, 7) by id."""
+        names = [one for query in self.queries for one in (query.trajectory_a, query.trajectory_b)]
+        return dict(zip(names, self.measured.reshape(-1, *self.measured.shape[2:]), strict=True))
 
     def index(self) -> dict[str, int]:
         """Where each query stands, by id."""
@@ -127,11 +147,18 @@ class Remembered:
     def posterior(self, measured: MeasuredQueries, answers: Answers) -> Posterior:
         """What those answers say of the weights of the objectives."""
         from desirepath.learning.preferences.evidence.graded_pair import GradedPair
+        from desirepath.learning.preferences.evidence.rating import Rating
         from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 
         config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
 
-        def believe(posterior: Posterior, row: int, given: Given) -> Posterior:
+        places = measured.index()
+
+        def believe(posterior: Posterior, given: Given | GivenRating) -> Posterior:
+            if isinstance(given, GivenRating):
+                rated = np.stack([measured.of_trajectory[one] for one in (*given.before, given.trajectory)])
+                return posterior.observed(Rating(rated, given.rating, given.points))
+            row = places[given.query]
             first = given.chosen == measured.queries[row].trajectory_a
             if given.possible == 2:
                 return posterior.updated(measured.differences[row], first)
@@ -148,10 +175,16 @@ class Remembered:
         from desirepath.learning.preferences.posterior import PosteriorConfig
 
         config = FreeConfig(posterior=PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right"))
+        places = measured.index()
+
+        def believe(before: FreePosterior, given: Given) -> FreePosterior:
+            row = places[given.query]
+            return before.updated(pairs[[row]], given.chosen == measured.queries[row].trajectory_a)
+
         posterior: FreePosterior = self._after(
             measured,
             tuple(given for given in answers if given.chosen is not None),
-            lambda before, row, given: before.updated(pairs[[row]], given.chosen == measured.queries[row].trajectory_a),
+            believe,
             lambda: FreePosterior.prior(measured.setup, config),
             beyond=True,
         )
@@ -161,14 +194,14 @@ class Remembered:
         self,
         measured: MeasuredQueries,
         answers: Answers,
-        believe: Callable[[Any, int, Given], Any],
+        believe: Callable[[Any, Any], Any],
         prior: Callable[[], Any],
         *,
         beyond: bool = False,
     ) -> Any:
         """The posterior after those answers; goes on from the longest beginning of them that is remembered.
 
-        believe: the next one, of the one before, the query's row and the answer.
+        believe: the next one, of the one before and an answer.
         """
 
         def key(n: int) -> tuple[bool, str, str, Answers]:
@@ -176,9 +209,8 @@ class Remembered:
 
         known = next((n for n in range(len(answers), 0, -1) if key(n) in self._posteriors), 0)
         posterior = self._posteriors[key(known)] if known else prior()
-        places = measured.index()
         for given in answers[known:]:
-            posterior = believe(posterior, places[given.query], given)
+            posterior = believe(posterior, given)
         self._posteriors[key(len(answers))] = posterior
         while len(self._posteriors) > KEPT_POSTERIORS:
             self._posteriors.pop(next(iter(self._posteriors)), None)
@@ -244,20 +276,28 @@ def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> 
 
 
 def answers_of(s: DatabaseSession, session: Session) -> Answers:
-    """Of regular and further trials, in the order they were asked."""
+    """Of regular and further trials and of ratings that count at once, in the order they were asked."""
     rows = s.execute(
-        select(Trial, Response)
+        select(Trial, Response.value)
         .join(Response, Response.trial_id == Trial.id)
-        .where(Trial.session_id == session.id, Trial.kind == "query", Trial.role.in_(TEACHING_ROLES))
+        .where(Trial.session_id == session.id, Trial.kind.in_(("query", "rating")), Trial.role.in_(TEACHING_ROLES))
         .order_by(Trial.index)
     )
-
-    def given(trial: Trial, said: Mapping[str, Any]) -> Given:
-        chosen = shown_on(said["choice"], trial.trajectory_a, trial.trajectory_b) if "choice" in said else None
-        return Given(str(trial.query_id), chosen, said.get("degree"), said.get("possible", 2))
-
-    answered = [(trial, response.value) for trial, response in rows]
-    return tuple(given(trial, said) for trial, said in answered if not said.get("timed_out"))
+    points = {step["key"]: step["points"] for step in session.plan if step.get("at_once")}
+    before: dict[str | None, list[str]] = {}
+    answers: list[Given | GivenRating] = []
+    for trial, said in rows:
+        if said.get("timed_out"):
+            continue
+        if trial.kind == "query":
+            chosen = shown_on(said["choice"], trial.trajectory_a, trial.trajectory_b) if "choice" in said else None
+            answers.append(Given(str(trial.query_id), chosen, said.get("degree"), said.get("possible", 2)))
+        elif trial.step_key in points:
+            rated = before.setdefault(trial.block, [])
+            told = (str(trial.query_id), trial.trajectory_a, said["rating"], points[trial.step_key])
+            answers.append(GivenRating(*told, tuple(rated)))
+            rated.append(trial.trajectory_a)
+    return tuple(answers)
 
 
 def prepare(database: Database, files: ArtefactStore) -> None:
