@@ -16,6 +16,8 @@ from desirepath.learning.preferences.preferences import usable
 from desirepath.learning.rewards.held_out import accuracy
 from desirepath.learning.rewards.linear import fit_linear
 from desirepath.learning.rewards.weights import fit_weights
+from desirepath.report.choice_text import agreement_section
+from desirepath.report.findings import analyse
 from desirepath.report.tidy_tables import read_study
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.models import Response, Session
@@ -89,9 +91,15 @@ def test_simulated_people_answer_and_one_posterior_data_set_and_models_have_it(
             assert not len(posterior.chosen)
             assert posterior.importance()["shorter"] > 0.5
             assert find_learnt(s, files, session).says_something
-        data, _ = read_study(s, files, study)
+        data, load = read_study(s, files, study)
     chosen = [value for value in values if "choice" in value]
     assert len(data.choices) == len(chosen)
+    found = analyse(data, load, "simulated")
+    (of,) = found.degrees.values()
+    assert of.answers == len(values)
+    ties = [value["degree"] == "no_difference" for value in values]
+    assert of.no_difference.mean == pytest.approx(np.mean(ties))  # of equally many answers each
+    assert "no difference" in str(agreement_section(found).tables)
     export_study(database, files, study.id, tmp_path / "out")
     with (tmp_path / "out" / "responses.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["kind"] == "preference"]

@@ -21,7 +21,7 @@ from desirepath.analysis.metrics import measure
 from desirepath.analysis.tested import Mean, has_spread, mean_of
 from desirepath.analysis.triads import is_circular, whole_triads
 from desirepath.report.analysis_plan import AnalysisPlan, Metric
-from desirepath.report.study_data import PROBES, TRIAD, Choice, Load
+from desirepath.report.study_data import PROBES, TRIAD, Choice, Degree, Load
 
 Pair = tuple[str, str]
 
@@ -58,6 +58,34 @@ class Triads:
     triads: int
     circular: int
     share: Mean
+
+
+@dataclass(frozen=True)
+class OfDegrees:
+    """How clear the answers under one condition were, shares over people. no_difference: of all; clear: of those in
+    which one was better, nobody's where that was not asked."""
+
+    answers: int
+    no_difference: Mean
+    clear: Mean
+
+
+def describe_degrees(degrees: Sequence[Degree], condition: str) -> OfDegrees | None:
+    """None where only A or B could be answered."""
+    own: dict[str, list[str | None]] = defaultdict(list)
+    for said in degrees:
+        if said.condition == condition:
+            own[said.person].append(said.degree)
+    if not own:
+        return None
+    graded = {person: kept for person, of in own.items() if (kept := [d for d in of if d in ("slight", "clear")])}
+    return OfDegrees(sum(map(len, own.values())), _share(own, "no_difference"), _share(graded, "clear"))
+
+
+def _share(own: Mapping[str, Sequence[str | None]], degree: str) -> Mean:
+    """Of everybody's answers, over people."""
+    shares = [sum(said == degree for said in of) / len(of) for of in own.values()]
+    return clustered_share(shares, [len(of) for of in own.values()]) if shares else mean_of([])
 
 
 def describe_condition(choices: Sequence[Choice], condition: str, plan: AnalysisPlan) -> OfCondition:

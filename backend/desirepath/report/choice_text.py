@@ -29,7 +29,7 @@ from desirepath.report.report_cells import (
 
 def agreement_section(findings: Findings) -> Section:
     """Agreement between and within conditions, circular triads, position."""
-    if not findings.of_condition:
+    if not (findings.of_condition or findings.degrees):
         return Section("Agreement")
     between = [[pair_words(pair), *_agreement_cells(of)] for pair, of in findings.between.items()]
     again = [
@@ -52,6 +52,10 @@ def agreement_section(findings: Findings) -> Section:
         for name, of in findings.of_condition.items()
     ]
     heads = ["", "agreement", "SD", "95 % interval", "kappa", "people", "kappa not defined"]
+    degrees = [
+        [name_in_words(name), f"{of.answers:,}", share_words(of.no_difference), share_words(of.clear)]
+        for name, of in findings.degrees.items()
+    ]
     tables = [
         Table("Between conditions, the same person and query.", heads, between),
         Table(
@@ -70,6 +74,12 @@ def agreement_section(findings: Findings) -> Section:
             "Position bias: choosing by the order of presentation looks like agreement.",
             ["condition", "answers", "P(second shown), 95 % interval", "decision (s, mean of medians)"],
             position,
+        ),
+        Table(
+            "How clear the answers were, where people could say so. Where somebody saw no difference, neither was "
+            "chosen: such answers are in no other table.",
+            ["condition", "answers", "no difference, 95 % interval", "of the others clear or sure, 95 % interval"],
+            degrees,
         ),
     ]
     sentence = (

@@ -17,11 +17,13 @@ from desirepath.report.analysis_plan import AnalysisPlan, Metric, deviations, fi
 from desirepath.report.choice_findings import (
     Agreement,
     OfCondition,
+    OfDegrees,
     Pair,
     Triads,
     compare_conditions,
     count_triads,
     describe_condition,
+    describe_degrees,
     disagreement,
 )
 from desirepath.report.explanation_findings import Explained, analyse_rankings
@@ -103,6 +105,7 @@ class Findings:
     further: Further | None
     explained: Explained | None
     devices: Mapping[tuple[str, str], OfDevice]
+    degrees: Mapping[str, OfDegrees]
 
     @property
     def tests(self) -> list[Tested]:
@@ -191,6 +194,7 @@ def analyse(
         devices=_devices(own.choices, {row.code: row for row in analysed}, used)
         if (intervals if beside is None else beside)
         else {},
+        degrees={name: said for name in conditions if (said := describe_degrees(own.degrees, name)) is not None},
     )
 
 

@@ -67,6 +67,16 @@ class Choice:
 
 
 @dataclass(frozen=True)
+class Degree:
+    """How clear the answer to one regular pair was, where that was asked: slight, clear or no_difference; None: it was
+    A or B, where there could be no difference."""
+
+    person: str
+    condition: str
+    degree: str | None
+
+
+@dataclass(frozen=True)
 class Rating:
     """One item of a questionnaire. condition: the block that it was about, None outside blocks. value: as answered; a
     ranking's is the list of options, best first. asking: the stage that asked, which tells before from after.
@@ -189,7 +199,9 @@ class ItemText:
     lowest: float = 1.0
 
 
-OF_PEOPLE = ["choices", "ratings", "comparisons", "guesses", "meetings", "importance", "method_choices", "taught"]
+OF_PEOPLE = [
+    "choices", "degrees", "ratings", "comparisons", "guesses", "meetings", "importance", "method_choices", "taught"
+]  # fmt: skip
 """What of a study's data are rows of somebody's."""
 
 
@@ -215,6 +227,7 @@ class StudyData:
     importance: Sequence[ImportanceRanking] = ()
     method_choices: Sequence[MethodChoice] = ()
     taught: Sequence[Taught] = ()
+    degrees: Sequence[Degree] = ()
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""

@@ -20,6 +20,7 @@ from desirepath.grammar.texts import local
 from desirepath.report.study_data import (
     Choice,
     Comparison,
+    Degree,
     Guess,
     ImportanceRanking,
     ItemText,
@@ -142,7 +143,17 @@ def tidy(
             if row["kind"] == METHOD_COMPARISON
         ],
         taught=list(_taught(tables["responses"], plans)),
+        degrees=list(_degrees(tables)),
     )
+
+
+def _degrees(tables: Tables) -> Iterator[Degree]:
+    """Of the regular pairs where more than A or B could be said."""
+    regular = {row["trial"]: row for row in tables["trials"] if row["kind"] == "query" and row["role"] == "regular"}
+    for row in tables["responses"]:
+        if row["trial"] in regular and "possible" in row["value"]:
+            trial = regular[row["trial"]]
+            yield Degree(row["participant"], trial["block"] or trial["view"], row["value"].get("degree"))
 
 
 def _taught(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> Iterator[Taught]:
