@@ -12,11 +12,8 @@ from desirepath.analysis.metrics import success_rate
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3 import base
 from desirepath.learning.td3.base import BaseConfig, Look, base_config, train_base
-from desirepath.learning.td3.way_guide import WayGuide
 from desirepath.simulation import setups
-from desirepath.simulation.fast import evaluate, make_engine
-from desirepath.simulation.setups import get_setup
-from desirepath.simulation.trajectory import Outcome
+from desirepath.simulation.fast import evaluate
 
 QUICK = {"smoothing_updates": 50, "n_envs": 64, "random_transitions": 3_000, "buffer_size": 30_000}
 STANDS = """\
@@ -25,27 +22,6 @@ world: {name: open_field}
 task: {reward: {goal: 20, collision: -500, timeout: 0, self_intersection: -50}}
 """
 """Nothing that moves by chance fares better here than what stands."""
-
-
-@pytest.mark.parametrize("setup", ["open_field", "study_room"])
-def test_the_guide_gets_there_around_everything(setup):
-    scenes = scene_set(setup, 60, purpose=Purpose.SELECT, seed=0)
-    engine = make_engine(get_setup(setup), len(scenes), auto_reset=False, scenes=scenes)
-    guide = WayGuide(engine)
-    while not engine.dones.all():
-        engine.step(guide.act())
-    assert success_rate(engine.outcomes) > 0.97
-
-
-def test_the_guide_knows_the_new_scene_after_a_restart():
-    engine = make_engine(get_setup("study_room"), 8, seed=1)
-    guide = WayGuide(engine)
-    arrived = 0
-    for _ in range(150):
-        engine.step(guide.act())
-        assert not (engine.outcomes == Outcome.COLLISION).any()
-        arrived += int((engine.outcomes[engine.dones] == Outcome.SUCCESS).sum())
-    assert arrived > 16  # each of the eight more than twice
 
 
 def test_standing_still_is_noticed_said_and_begun_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

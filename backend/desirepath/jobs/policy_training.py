@@ -20,15 +20,17 @@ from desirepath.learning.td3.ensemble import train_ensemble as learn_ensemble
 from desirepath.store.query_sets import save_query_set
 
 BASE_DEPARTURES = ("environments", "average")
+SHORT_TRANSITIONS, SHORT_PER_UPDATE = 50_000, 16  # of a short training, before a critic judges
 ENSEMBLE_DEPARTURES = ("ensemble_start", "ensemble_choice")
 
 
 def config_of(params: TrainBaseParams) -> BaseConfig:
     """The training that is asked for, with the network that the setup's base policy has; a short one, asked for to see
-    that it runs, is smoothed no longer than it learns."""
+    that it runs, is smoothed no longer than it learns, and imitates for less long."""
     shipped = base_config(params.setup)
     smoothing = min(shipped.smoothing_updates, params.updates)
-    return replace(shipped, smoothing_updates=smoothing, **params.model_dump())
+    first = min(shipped.random_transitions, max(SHORT_TRANSITIONS, params.updates * SHORT_PER_UPDATE))
+    return replace(shipped, smoothing_updates=smoothing, random_transitions=first, **params.model_dump())
 
 
 def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:

@@ -1590,20 +1590,39 @@ def mark_free(
 @compiled
 def way_costs(
     row: Row,
-    places: NDArray[np.float64],
+    low_x: float,
+    low_y: float,
+    cell: float,
     radius: float,
     wanted: float,
+    blocked: float,
     costs: NDArray[np.float32],
     ground: Ground | None = None,
 ) -> None:
-    """Write into `costs` (columns, lines) what it costs to drive through the places (columns, lines, 2): 1 where a body
-    of that radius (m) has the room that is wanted beside it (m), more with less of it, infinite where it has none."""
+    """Write into `costs` (columns, lines), cells of a grid with that corner (m), what it costs to drive through them: 1
+    where a body of that radius (m) has the room that is wanted beside it (m), up to 3 with less, `blocked` without any.
+    """
+    for i in range(costs.shape[0]):
+        x = low_x + (i + 0.5) * cell
+        for j in range(costs.shape[1]):
+            y = low_y + (j + 0.5) * cell
+            apart = math.inf if ground is None else ground_distance(ground, x, y)
+            if row[ROOM_HALF_X] > 0.0:
+                apart = min(apart, row[ROOM_HALF_X] - abs(x), row[ROOM_HALF_Y] - abs(y))
+            costs[i, j] = min(apart, person_distance(row, x, y) - row[PERSON_RADIUS])
+    for b in range(int(row[BOX_COUNT])):  # each in the cells near it: a look at all boxes from all cells takes longest
+        o = FIRST_BOX + BOX_COLUMNS * b
+        far = math.sqrt(row[o + BOX_HALF_LENGTH] ** 2 + row[o + BOX_HALF_WIDTH] ** 2) + radius + wanted
+        left, right = (row[o + BOX_X] - far - low_x) / cell, (row[o + BOX_X] + far - low_x) / cell + 1.0
+        under, over = (row[o + BOX_Y] - far - low_y) / cell, (row[o + BOX_Y] + far - low_y) / cell + 1.0
+        for i in range(max(int(left), 0), min(int(right), costs.shape[0])):
+            for j in range(max(int(under), 0), min(int(over), costs.shape[1])):
+                apart = box_distance(row, o, low_x + (i + 0.5) * cell, low_y + (j + 0.5) * cell)
+                costs[i, j] = min(costs[i, j], apart)
     for i in range(costs.shape[0]):
         for j in range(costs.shape[1]):
-            x, y = places[i, j, 0], places[i, j, 1]
-            apart = person_distance(row, x, y) - row[PERSON_RADIUS]
-            spare = min(apart, surface_distance(row, x, y, ground)) - radius
-            costs[i, j] = math.inf if spare < 0.0 else 1.0 + 2.0 * max(wanted - spare, 0.0) / wanted
+            spare = costs[i, j] - radius
+            costs[i, j] = blocked if spare < 0.0 else 1.0 + 2.0 * max(wanted - spare, 0.0) / wanted
 
 
 @compiled

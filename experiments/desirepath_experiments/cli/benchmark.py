@@ -28,6 +28,10 @@ BENCHMARKS = {
         "benchmarks.base_training",
         "Seconds until a base policy reaches 94 % success, ours against Stable-Baselines3.",
     ),
+    "curves": (
+        "benchmarks.success_curves",
+        "Time-to-success curves of a base policy: seconds of one core to 94 and 99 % success.",
+    ),
     "align": (
         "benchmarks.alignment",
         "Seconds from the last answer to a policy ready to show, and what it gained on fresh scenes.",

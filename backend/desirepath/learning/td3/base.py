@@ -7,6 +7,7 @@ enters an alignment reward.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -33,12 +34,13 @@ from desirepath.simulation.setups import get_setup
 TURNING = 1  # which of the two actions is the turn rate
 GUIDED_SHARE = 0.5
 GUIDANCE = 4.0
-CLONED = 24
+CLONED, CLONED_TRANSITIONS = 16, 192_000
 GUIDES = frozenset({"guided_share", "guidance", "guided_updates", "last_guidance", "cloned"})
 MOST_RESTARTS = 3
 LOOKING_SCENES = 100
-CLONING_RATE, CLONING_BATCH, CLONING_DECAY = 1e-3, 256, 0.997
-CHANCE_FIRST = 0.05  # of the phase in which the guide is cloned, until the policy drives
+CLONING_RATES, CLONING_BATCH, CLONING_DECAY = (1e-3, 3e-5), 256, 0.997
+CHANCE_FIRST = 0.02  # of the phase in which the guide is cloned, until the policy drives
+GUIDED_LATER = 0.1  # of the environments, in which the guide drives for the rest of it
 CRITIC_ALONE = 600  # updates after it, in which the critic learns what that policy is worth
 
 OnProgress = Callable[[float, dict[str, float]], None]
@@ -119,7 +121,9 @@ def base_config(setup: str, seed: int = 0) -> BaseConfig:
     of = get_setup(setup)
     usual = BaseConfig(setup, seed, FAST_HEADS if of.extractors else EXPLAINED_HEADS)
     if not of.solids:
-        usual = replace(usual, guided_share=GUIDED_SHARE, guidance=GUIDANCE, cloned=0 if of.crowded else CLONED)
+        usual = replace(usual, guided_share=GUIDED_SHARE, guidance=GUIDANCE)
+    if not of.solids and not of.crowded:
+        usual = replace(usual, cloned=CLONED, random_transitions=CLONED_TRANSITIONS)
     if of.crowded:  # half as long: a step among pedestrians takes five times as long
         return replace(usual, updates=40_000, smoothing_updates=8_000, selection_scenes=500)
     return usual
@@ -169,6 +173,11 @@ class BaseTraining:
         self.agent.actor_waits = CRITIC_ALONE if self._cloned else 0
         self.cloning_updates = 0
 
+    @property
+    def cloning_steps(self) -> int:
+        """How many steps of the environments the guide is cloned in, before the first update of TD3."""
+        return -(-self.config.random_transitions // self.config.n_envs) if self._cloned else 0
+
     def vector_step(self) -> int:
         """One step of all environments, then `updates_per_step` updates (none while the buffer fills at random).
 
@@ -198,7 +207,8 @@ class BaseTraining:
         """At first the guide drives in some of the environments and chance in the others, so that the buffer holds
         arrivals; then the policy does. One environment in so many: each has its own noise. What the guide would do is
         noted as long as the policy is drawn to it."""
-        share = self.config.guided_share
+        cloning = self._cloned_share()
+        share = GUIDED_LATER if cloning > CHANCE_FIRST else self.config.guided_share
         if warm and self.guidance() <= 0:
             self.collector.step(self.agent.act, self.buffer)
             return
@@ -206,7 +216,7 @@ class BaseTraining:
         self._guides[self.buffer.next_rows(len(guided))] = guided
 
         def first(observations: Floats) -> Floats:
-            if self._cloned_share() > CHANCE_FIRST:
+            if cloning > CHANCE_FIRST:
                 actions = self.agent.act(observations)
             else:
                 actions = self._chance.uniform(-1, 1, guided.shape).astype(np.float32)
@@ -223,7 +233,9 @@ class BaseTraining:
     def _clone(self) -> None:
         """The actor's updates towards what the guide would have done. The policy itself drives in the environments that
         the guide does not drive in, so that its own mistakes are among what is cloned (DAgger, Ross et al. 2011)."""
-        self.agent.set_learning_rate(CLONING_RATE * min(1.0, 0.1 + 1.8 * (1 - self._cloned_share())))
+        first, last = CLONING_RATES
+        left = (1 + math.cos(math.pi * min(1.0, self._cloned_share()))) / 2
+        self.agent.set_learning_rate(last + left * (first - last))
         for _ in range(self._cloned):
             rows = self.buffer.draw_rows(CLONING_BATCH, self._sampler).numpy()
             self.agent.clone(self.buffer.data.observations.numpy()[rows], self._guides[rows])
@@ -353,6 +365,7 @@ def _train(
     """Raises _StandsStill where `watched`."""
     scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
     total = config.updates + config.smoothing_updates
+    cloning = training.cloning_steps * config.cloned
     apart = config.smoothing_updates / 2 / config.checkpoints
     marks = [round(total - k * apart) for k in reversed(range(config.checkpoints))]
     history: list[dict[str, float]] = []
@@ -362,14 +375,19 @@ def _train(
     first = 0 if training.config.guidance else 1
     looks = [look for look in LOOKS[first:] if begun < look.updates < config.updates] if watched else []
 
+    def share_done(updates: int) -> float:
+        return min(1.0, (training.cloning_updates + updates) / (cloning + total))
+
     def between(updates: int) -> None:
         _look(training, looks)
         if file is not None and updates:
             training.keep(file)
         if updates and updates % (100 * config.updates_per_step) == 0:
             on_progress(
-                updates / total, {"updates": updates, "transitions": training.transitions, **training.agent.losses}
+                share_done(updates), {"updates": updates, "transitions": training.transitions, **training.agent.losses}
             )
+        elif not updates and cloning and training.transitions % (100 * config.n_envs) == 0:
+            on_progress(share_done(0), {"transitions": training.transitions})
 
     for updates in checkpoints(training.vector_step, marks, between):
         for averaged in (False, True):
@@ -388,7 +406,7 @@ def _train(
                 "self_intersections": float(table.self_intersections.mean()),
             }
             history.append(metrics)
-            on_progress(min(1.0, updates / total), metrics)
+            on_progress(share_done(updates), metrics)
             if success > best[0]:
                 best = (success, policy)
     return BaseResult(best[1], best[0], training.transitions, history)

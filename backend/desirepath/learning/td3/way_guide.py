@@ -1,6 +1,7 @@
 """A guide that knows the scene: it drives down the field of shortest ways to the goal, around furniture, walls and the
-person. It fills replay buffers before a policy can drive, and draws the first updates, so that arriving is learned
-first. Privileged, for training alone: no policy sees what it sees. Ours.
+person. Policies imitate it, it fills replay buffers before a policy can drive, and draws the first updates. The field
+is smooth (ways of any direction, not along a grid), since what it does is learned by a network. Privileged, for
+training alone: no policy sees what it sees. Ours.
 """
 
 from __future__ import annotations
@@ -11,16 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.simulation import kernels as k
-from desirepath.simulation.crowds.planning_kernels import descend, distances
+from desirepath.simulation.crowds.planning_kernels import arrival_times, look_ahead
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.scenes import map_of
 
 Floats = NDArray[np.float32]
 
-CELL_M = 0.1
-MARGIN_M = 2.5  # around start and goal, in which ways are looked for
-SPARE_M, WANTED_M = 0.05, 0.35  # beside the body: at least, and as much as costs nothing
-LOOK_AHEAD = 6  # cells down the way, which it heads for
+CELL_M = 0.12
+MARGIN_M = 2.0  # around start and goal, in which ways are looked for
+SPARE_M, WANTED_M = (0.03, 0.04), (0.3, 0.1)
+"""Room beside the body, at least, and as much as costs nothing: metres, and seconds at its fastest. Whoever imitates it
+errs by more the faster the robot is."""
+BLOCKED = 60.0  # what a cell costs that the body has no room in; finite, so that the field leads out of it
+LEAD_M = 0.36  # before the body, where the way is looked for: of two ways as short it is the one that it faces
+LOOK_AHEAD = 4  # cells down the way, which it heads for
 STRAIGHT_M = 0.6  # before the goal it heads for the goal itself
 TURN_PER_S = 2.5  # of the bearing that it wants
 
@@ -32,56 +37,44 @@ class WayGuide:
         self._engine, self._setup = engine, engine.setup
         here = map_of(engine.setup)
         self._ground = here.ground if here else None
-        self._ends = np.full((engine.n_envs, 4), np.nan)
-        self._fields: list[Floats] = [np.zeros((0, 0), dtype=np.float32)] * engine.n_envs
-        self._low = np.zeros((engine.n_envs, 2))
+        n = engine.n_envs
+        self._ends, self._low = np.full((n, 4), np.nan), np.zeros((n, 2))
+        self._sizes, self._fields = np.zeros((n, 2), dtype=np.int64), np.zeros((n, 0, 0), dtype=np.float32)
 
     def act(self) -> Floats:
         """Actions (n, 2) in [-1, 1] for where the engine's robots are now."""
-        engine, limits = self._engine, self._setup.robot.limits
-        rows, poses = engine.rows, engine.poses
+        limits, rows, poses = self._setup.robot.limits, self._engine.rows, self._engine.poses
         ends = rows[:, [k.START_X, k.START_Y, k.GOAL_X, k.GOAL_Y]]
         for i in np.flatnonzero((ends != self._ends).any(axis=1)):
-            self._low[i], self._fields[i] = self._field(rows[i])
+            self._find_ways(i, rows[i])
         self._ends = ends
-        targets = np.array([self._target(i, ends[i, 2:], poses[i]) for i in range(engine.n_envs)])
-        aside = targets - poses[:, :2]
-        bearing = np.remainder(np.arctan2(aside[:, 1], aside[:, 0]) - poses[:, 2] + math.pi, 2 * math.pi) - math.pi
+        places, goals, cells = poses[:, :2], ends[:, 2:], np.empty((len(poses), 2))
+        yaw = poses[:, 2]
+        led = places + LEAD_M * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+        at, end = (led - self._low) / CELL_M, (goals - self._low) / CELL_M
+        look_ahead(self._fields, self._sizes, at, end, LOOK_AHEAD, cells)
+        near = np.linalg.norm(goals - places, axis=1) < STRAIGHT_M
+        aside = np.where(near[:, None], goals, self._low + cells * CELL_M) - places
+        bearing = np.remainder(np.arctan2(aside[:, 1], aside[:, 0]) - yaw + math.pi, 2 * math.pi) - math.pi
         speed = limits.v_max * np.clip(np.cos(bearing), 0, 1) ** 4
         forward = 2 * (speed - limits.v_min) / (limits.v_max - limits.v_min) - 1
         actions = np.stack([forward, TURN_PER_S * bearing / limits.w_max], axis=1)
         return np.clip(actions, -1, 1).astype(np.float32)
 
-    def _field(self, row: k.Row) -> tuple[NDArray[np.float64], Floats]:
-        """The corner of a grid and the ways' lengths to the goal on it, in cells that cost more near things."""
+    def _find_ways(self, i: int, row: k.Row) -> None:
+        """Fill the field of environment i: ways to the goal on a grid of cells that cost more near things."""
         ends = np.array([[row[k.START_X], row[k.START_Y]], [row[k.GOAL_X], row[k.GOAL_Y]]])
-        low = ends.min(axis=0) - MARGIN_M
-        size = np.ceil((ends.max(axis=0) + MARGIN_M - low) / CELL_M).astype(int)
-        middles = (low[axis] + (np.arange(size[axis]) + 0.5) * CELL_M for axis in (0, 1))
-        costs = np.empty(size, dtype=np.float32)
-        places = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1)
-        k.way_costs(row, places, self._setup.robot.radius_m + SPARE_M, WANTED_M, costs, self._ground)
-        i, j = ((ends[1] - low) / CELL_M).astype(int)
-        return low, distances(costs, (int(i), int(j)), np.inf)
-
-    def _target(self, environment: int, goal: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where to head for: some cells down the way; the goal itself where it is near, or no way is known."""
-        if math.dist(goal, pose[:2]) < STRAIGHT_M:
-            return goal
-        field, low = self._fields[environment], self._low[environment]
-        cell = self._nearest_known(field, (pose[:2] - low) / CELL_M)
-        if cell is None:
-            return goal
-        last = descend(field, *cell, LOOK_AHEAD)[-1]
-        return low + (last + 0.5) * CELL_M if field[last[0], last[1]] > 0 else goal
-
-    @staticmethod
-    def _nearest_known(field: Floats, at: NDArray[np.float64]) -> tuple[int, int] | None:
-        """The cell there, else the one of least way among its neighbours."""
-        i, j = (min(max(int(at[axis]), 0), field.shape[axis] - 1) for axis in (0, 1))
-        if np.isfinite(field[i, j]):
-            return i, j
-        a, b = max(i - 4, 0), max(j - 4, 0)
-        near = field[a : i + 5, b : j + 5]
-        u, v = np.unravel_index(int(near.argmin()), near.shape)
-        return (a + int(u), b + int(v)) if np.isfinite(near[u, v]) else None
+        low, high = ends.min(axis=0) - MARGIN_M, ends.max(axis=0) + MARGIN_M
+        if row[k.ROOM_HALF_X] > 0:
+            half = row[[k.ROOM_HALF_X, k.ROOM_HALF_Y]]
+            low, high = np.maximum(low, -half), np.minimum(high, half)
+        columns, lines = np.maximum(np.ceil((high - low) / CELL_M).astype(int), 2)
+        more = [max(0, wanted - there) for wanted, there in zip((columns, lines), self._fields.shape[1:], strict=True)]
+        if any(more):
+            self._fields = np.pad(self._fields, ((0, 0), (0, more[0]), (0, more[1])))
+        costs, robot = np.empty((columns, lines), dtype=np.float32), self._setup.robot
+        spare, wanted = (at_rest + of_speed * robot.limits.v_max for at_rest, of_speed in (SPARE_M, WANTED_M))
+        k.way_costs(row, low[0], low[1], CELL_M, robot.radius_m + spare, wanted, BLOCKED, costs, self._ground)
+        goal = (ends[1] - low) / CELL_M
+        arrival_times(costs, goal[0], goal[1], self._fields[i, :columns, :lines])
+        self._low[i], self._sizes[i] = low, (columns, lines)

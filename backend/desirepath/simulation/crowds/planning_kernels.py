@@ -1,4 +1,5 @@
-"""Shortest ways on a grid of free cells (A*), compiled. What makes the grid, and who walks the way, is elsewhere.
+"""Shortest ways on a grid: of free cells (A*), of cells that cost (Dijkstra; smoothly: fast sweeping), compiled. What
+makes the grid, and who walks the way, is elsewhere.
 
 Compiled functions of one file only: see `kernels.py`.
 """
@@ -11,9 +12,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.simulation.kernels import compiled_exactly
+from desirepath.simulation.kernels import compiled, compiled_exactly
 
 Bools = NDArray[np.bool_]
+Floats = NDArray[np.float32]
+
+FAR, SWEPT = 1e9, 0.05  # cells: of what is not reached yet; when sweeping has changed so little, it ends
 
 
 @compiled_exactly
@@ -150,3 +154,61 @@ def descend(field: NDArray[np.float32], i: int, j: int, most: int) -> NDArray[np
             break
         i, j = u, v
     return way[:count]
+
+
+@compiled
+def arrival_times(costs: Floats, end_i: float, end_j: float, times: Floats) -> None:
+    """Write into `times` (columns, lines) what the cheapest ways to that place cost, in any direction: the eikonal
+    equation by fast sweeping (Zhao 2005). Places in cells, whose middles lie at .5."""
+    columns, lines = costs.shape
+    times[:, :] = FAR
+    for i in range(max(int(end_i) - 2, 0), min(int(end_i) + 3, columns)):
+        for j in range(max(int(end_j) - 2, 0), min(int(end_j) + 3, lines)):
+            times[i, j] = math.sqrt((i + 0.5 - end_i) ** 2 + (j + 0.5 - end_j) ** 2)
+    change = FAR
+    while change > SWEPT:
+        change = 0.0
+        for corner in range(4):
+            for a in range(columns):
+                i = a if corner < 2 else columns - 1 - a
+                for b in range(lines):
+                    j = b if corner % 2 == 0 else lines - 1 - b
+                    across = min(times[max(i - 1, 0), j], times[min(i + 1, columns - 1), j])
+                    up = min(times[i, max(j - 1, 0)], times[i, min(j + 1, lines - 1)])
+                    cost, apart = costs[i, j], abs(across - up)
+                    found = min(across, up) + cost
+                    if apart < cost:
+                        found = (across + up + math.sqrt(2 * cost * cost - apart * apart)) / 2
+                    if found < times[i, j]:
+                        change = max(change, times[i, j] - found)
+                        times[i, j] = found
+
+
+@compiled
+def look_ahead(
+    times: Floats,
+    sizes: NDArray[np.int64],
+    at: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    steps: int,
+    ahead: NDArray[np.float64],
+) -> None:
+    """Write into `ahead` (n, 2) where one comes from each place `at` (n, 2), going so many steps of a cell down the
+    `arrival_times` of each (n, columns, lines; of them `sizes` (n, 2) are used) to its end (n, 2). All in cells."""
+    for e in range(len(at)):
+        x, y = at[e, 0], at[e, 1]
+        for _ in range(steps):
+            if (ends[e, 0] - x) ** 2 + (ends[e, 1] - y) ** 2 < 1.0:
+                x, y = ends[e, 0], ends[e, 1]
+                break
+            u, v = min(max(x - 0.5, 0.0), sizes[e, 0] - 1.001), min(max(y - 0.5, 0.0), sizes[e, 1] - 1.001)
+            i, j = int(u), int(v)
+            a, b = u - i, v - j
+            low, right, over, far = times[e, i, j], times[e, i + 1, j], times[e, i, j + 1], times[e, i + 1, j + 1]
+            slope_x = (1 - b) * (right - low) + b * (far - over)
+            slope_y = (1 - a) * (over - low) + a * (far - right)
+            steep = math.sqrt(slope_x * slope_x + slope_y * slope_y)
+            if steep < 1e-6:
+                break
+            x, y = x - slope_x / steep, y - slope_y / steep
+        ahead[e, 0], ahead[e, 1] = x, y
