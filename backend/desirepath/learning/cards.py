@@ -20,8 +20,8 @@ DEPARTURES = {
     "progress": "Base training adds +1 per metre of progress towards the goal; the thesis does not. It enters no "
     "alignment reward, no ensemble training and no evaluation.",
     "smoothness": "In the last updates of base training, where the actor learns in them, its loss also holds a weight "
-    "times the mean squared turn rate (in [-1, 1]), which keeps policies from wobbling; the thesis has no such term. It "
-    "enters no reward, no ensemble training and no alignment.",
+    "times the mean squared turn rate (in [-1, 1]), which keeps policies from wobbling; the thesis has no such term. "
+    "It enters no reward, no ensemble training and no alignment.",
     "guide": "While nothing is learned yet, a planner that knows the scene drives in part of the environments instead "
     "of chance. The actor imitates it before a critic judges, where the card's settings have `cloned`, and is drawn to "
     "what it does in the updates after that; one that arrives as often as the settings' `enough` says stays as it is, "

@@ -76,7 +76,7 @@ def benchmark_curves(
     curves: list[Point] = []
     reached: dict[str, list[float | None]] = {name: [] for name in TARGETS}
     for seed in range(config.first_seed, config.first_seed + config.seeds):
-        found = {}
+        found: dict[str, float] = {}
         for point, names in _curve(replace(base or base_config(config.setup), seed=seed), config):
             curves.append(point)
             found |= dict.fromkeys(names, point.seconds)

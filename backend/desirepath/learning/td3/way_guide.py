@@ -46,7 +46,7 @@ class WayGuide:
         limits, rows, poses = self._setup.robot.limits, self._engine.rows, self._engine.poses
         ends = rows[:, [k.START_X, k.START_Y, k.GOAL_X, k.GOAL_Y]]
         for i in np.flatnonzero((ends != self._ends).any(axis=1)):
-            self._find_ways(i, rows[i])
+            self._find_ways(int(i), rows[i])
         self._ends = ends
         places, goals, cells = poses[:, :2], ends[:, 2:], np.empty((len(poses), 2))
         yaw = poses[:, 2]
