@@ -2,7 +2,7 @@
 time, and how well it then predicts them. People are simulated, of the families of `people/card.yaml`; nobody is real.
 
 All ways ask about the same drives, drawn at random, by the one posterior over the nine objectives. An answer takes as
-long as its drives play with their letters, `CHOICE_S`, and for every further judgement `JUDGING_S`.
+long as its drives play with their letters, `CHOICE_S`, and for every further judgement `DEGREE_S`.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 from desirepath.learning.preferences.spans import seen_measures
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.trajectory import Trajectory, arrived
+from desirepath.study.kinds.trial import DEGREE_S
 from desirepath.study.simulated.participant import MORE_TO_BE_CLEAR, NOTICES, SEES_WITHIN
 from desirepath_experiments.benchmarks.people_room import RobotOfLibrary, true_scores
 from desirepath_experiments.benchmarks.results import Progress
 
 Doubles = NDArray[np.float64]
 SEED = 9_300  # of scenes, of no card
-LETTER_S, CHOICE_S, JUDGING_S = 2.0, 5.0, 3.0
-"""Before each drive, for an answer, for each further judgement in it; the first two as in `study/steps.py`. Ours."""
+LETTER_S, CHOICE_S = 2.0, 5.0  # before each drive, for an answer, as in `study/steps.py`
 IN_A_RANKING = 4
 POINTS = 7
 
@@ -120,7 +120,7 @@ def _pair(possible: Possible) -> Callable[[Person], Answered]:
         tied = possible % 2 == 1 and abs(advantage) < person.noticed
         clearly: Degree = "clear" if abs(advantage) > person.clear else "slight"
         degree: Degree | None = "no_difference" if tied else clearly if possible >= 4 else None
-        judged = CHOICE_S + JUDGING_S * (possible >= 4 and not tied)
+        judged = CHOICE_S + DEGREE_S * (possible >= 4 and not tied)
         return GradedPair(measured, 0 if tied else 1 if advantage > 0 else -1, degree, possible), watched + judged
 
     return answer
@@ -129,7 +129,7 @@ def _pair(possible: Possible) -> Callable[[Person], Answered]:
 def _order(said: int) -> Callable[[Person], Answered]:
     def answer(person: Person) -> Answered:
         measured, seems, watched = person.look(IN_A_RANKING)
-        return Ranking(measured[np.argsort(-seems)], said), watched + CHOICE_S + JUDGING_S * (min(said, 3) - 1)
+        return Ranking(measured[np.argsort(-seems)], said), watched + CHOICE_S + DEGREE_S * (min(said, 3) - 1)
 
     return answer
 

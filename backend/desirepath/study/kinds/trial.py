@@ -95,6 +95,9 @@ class Viewing(Part):
     goal_and_trail: bool = True
 
 
+DEGREE_S = 3.0  # ours: to say how clearly, after the choice
+
+
 class PairAnswers(Part):
     """What may be answered to a pair besides A or B: that there is no difference, and how much better the chosen one is
     (`strength`: a little or clearly) or how sure one is (`confidence`: not quite or quite). All of it counts in the

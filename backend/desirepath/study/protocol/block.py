@@ -13,7 +13,7 @@ from desirepath.grammar.parts import an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.study.kinds.attention import AttentionStep
 from desirepath.study.kinds.feedback import TAKES_S, Feedback, check_beside_blind
-from desirepath.study.kinds.trial import PairAnswers, Queries, Trials, TrialStep, Viewing, plan_trials
+from desirepath.study.kinds.trial import DEGREE_S, PairAnswers, Queries, Trials, TrialStep, Viewing, plan_trials
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.protocol.pages_around import BlockEntry, PagesAround
 from desirepath.study.steps import Pace, Planning, Stage, Step
@@ -70,7 +70,8 @@ class BlockStage(Crossed, PagesAround):
         trials = conditions * sum(trial.queries.count + trial.queries.probes.trials for trial in self.trials)
         regular = sum(trial.queries.count for trial in self.trials if trial.queries.role == "regular")
         shown_s = conditions * regular * TAKES_S if self.feedback else 0.0
-        return trials * pace.trial_s + self.pages() * pace.page_s + shown_s
+        trial_s = pace.trial_s + (DEGREE_S if self.answers.degree else 0.0)
+        return trials * trial_s + self.pages() * pace.page_s + shown_s
 
     def numbers(self) -> dict[str, int]:
         conditions = len(self.conditions(0))
