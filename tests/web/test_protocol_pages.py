@@ -22,10 +22,11 @@ from tests.web.lab_services import csrf
 
 ABOUT = {"questionnaire": {"use": "about", "time_limit_s": 60}}
 RATING = {"questionnaire": {"use": "rating"}, "when": {"questionnaire": "about", "item": "age", "at_least": 30}}
+SAID = {"answers": {"no_difference": True, "degree": "strength"}}
 EVERYTHING = [
     ABOUT,
     {"comprehension": {"use": "quiz", "text": "instruction.md"}},
-    {"block": {**CROSSED["block"], "attention_checks": 1, "viewing": {"replays": 1, "choice_limit_s": 20}}},
+    {"block": {**CROSSED["block"], "attention_checks": 1, "viewing": {"replays": 1, "choice_limit_s": 20}, **SAID}},
     {"break": {"text": "pause.md", "at_least_s": 20}},
     {"appointment": {"text": "come_back.md"}},
     {"instruction": {"text": "instruction.md"}},
@@ -57,6 +58,10 @@ def test_every_stage_is_told_in_words_and_versions_stand_apart(lab: TestClient, 
         assert "New participants go through different stages" in page
         assert "Comprehension check" in page
         assert "View: from above, first person, immersive" in page
+        assert re.findall(r"May also be answered</dt>\s*<dd>([^<]*)", page) == [
+            "no difference",
+            "how much better: a little, clearly",
+        ]
         assert "lab.protocol." not in page
     assert ">order</span>" in first
     assert ">order</span>" not in newest
