@@ -137,57 +137,58 @@ def _from_to(seeds: Sequence[int]) -> str:
     return f"{min(seeds)} to {max(seeds)}"
 
 
+AT_ONCE, BEHIND = "study_room/people_at_once", "study_room/people"
+"""Runs with people: of what is there at once; of a policy trained behind it, which takes longer to measure."""
+
+
 def _people_predicted() -> Result:
-    stored = _read("study_room/people.json")
-    rows = _rows("study_room/people.persons.csv.gz")
+    stored = _read(f"{AT_ONCE}.json")
+    rows = _rows(f"{AT_ONCE}.persons.csv.gz")
     answers = max(stored["config"]["answers"])
     units = {f"{row['person']}": [float(row[f"predicted.{answers}"])] for row in rows}
-    told = _rows("study_room/people.predicted.csv")
+    told = _rows(f"{AT_ONCE}.predicted.csv")
     of_all = next(row for row in told if (row["family"], row["answers"]) == ("all", str(answers)))
     what = (
         f"Answers to fresh pairs predicted after {answers} right ones; calibration error "
         f"{percent_exactly(float(of_all['calibration_error']))}"
     )
-    return _median(what, units, percent, _over_people(), stored)
+    return _median(what, units, percent, _over_people(AT_ONCE), stored)
 
 
-def _people_shown() -> Result:
-    stored = _read("study_room/people.json")
-    of = _of_way("each_scene_trained")
+def _people_shown(run: str, way: str, what: str) -> Result:
+    of = _of_way(run, way)
     gain, better = of["all"]["gain_of_shown"], of["all"]["better_of_shown"]
     what = (
-        f"People who prefer, in at least five of up to six blind pairs, a policy that is chosen per scene after 15 "
-        f"right answers and half a minute of training, and are shown it. Their gain, in typical differences of a pair: "
+        f"{what}. Their gain, in typical differences of a pair: "
         f"median {gain[0]:.2f}, {_between(f'{gain[1]:.2f}', f'{gain[2]:.2f}')}; truly better off: "
         f"{percent_exactly(better[0])}, {_between(percent_exactly(better[1]), percent_exactly(better[2]))}"
     )
-    return _rate_of_way(what, "shown", of, stored)
+    return _rate_of_way(run, what, "shown", of)
 
 
-def _people_harmed(way: str, what: str) -> Result:
-    stored = _read("study_room/people.json")
-    return _rate_of_way(what, "harmed", _of_way(way), stored)
+def _people_harmed(run: str, way: str, what: str) -> Result:
+    return _rate_of_way(run, what, "harmed", _of_way(run, way))
 
 
-def _of_way(way: str) -> dict[str, dict[str, Any]]:
+def _of_way(run: str, way: str) -> dict[str, dict[str, Any]]:
     """Its rows, by family: estimates with their intervals."""
-    rows = [row for row in _rows("study_room/people.ways.csv") if row["way"] == way]
+    rows = [row for row in _rows(f"{run}.ways.csv") if row["way"] == way]
     return {
         row["family"]: {key: json.loads(row[key] or "null") for key in row.keys() - {"family", "way"}} for row in rows
     }
 
 
-def _rate_of_way(what: str, rate: str, of: Mapping[str, dict[str, Any]], stored: Stored) -> Result:
+def _rate_of_way(run: str, what: str, rate: str, of: Mapping[str, dict[str, Any]]) -> Result:
     everybody = of["all"]
     families = {name: row[rate][0] for name, row in of.items() if name != "all"}
     worst = max(families, key=lambda name: families[name] * (1 if rate == "harmed" else -1))
     told = f"{percent_exactly(families[worst])} ({worst})"
     n = everybody["people"]
-    return _share(what, round(everybody[rate][0] * n), n, told, _over_people(), stored)
+    return _share(what, round(everybody[rate][0] * n), n, told, _over_people(run), _read(f"{run}.json"))
 
 
-def _over_people() -> str:
-    rows = _rows("study_room/people.predicted.csv")
+def _over_people(run: str) -> str:
+    rows = _rows(f"{run}.predicted.csv")
     families = len({row["family"] for row in rows}) - 1
     return f"{rows[0]['people']} people of {families} families; nothing was tuned on these people"
 
@@ -326,12 +327,21 @@ ALL: tuple[Callable[[], Result], ...] = (
     lambda: _headline("study_room", "study room"),
     lambda: _headline("crowd_hall", "hall with walking people"),
     _people_predicted,
-    _people_shown,
-    lambda: _people_harmed(
-        "each_scene_trained", "People who are shown that policy to their harm (truly worse by more than 0.01)"
+    lambda: _people_shown(
+        AT_ONCE,
+        "each_scene",
+        "People who prefer, in at least five of up to six blind pairs, a policy that is chosen per scene after 15 "
+        "right answers, and are shown it",
     ),
     lambda: _people_harmed(
-        "instant", "The same of one policy for all scenes that is there at once, shown where the posterior is sure"
+        AT_ONCE, "each_scene", "People who are shown that policy to their harm (truly worse by more than 0.01)"
+    ),
+    lambda: _people_shown(
+        BEHIND, "each_scene_trained", "The same with one policy more to choose from, trained on the answers behind it"
+    ),
+    lambda: _people_harmed(BEHIND, "each_scene_trained", "Shown that one to their harm"),
+    lambda: _people_harmed(
+        AT_ONCE, "instant", "Shown to their harm: one policy for all scenes, there at once, where the posterior is sure"
     ),
     _words,
     _training,
