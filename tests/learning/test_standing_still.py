@@ -70,14 +70,3 @@ def test_settings_without_a_guide_are_stored_as_before_there_was_one():
     assert "guided_share" not in BaseConfig("open_field").as_dict()
     assert base_config("open_field").as_dict()["guided_share"] == base.GUIDED_SHARE
     assert np.isclose(base_config("adaptable").guided_share, base.GUIDED_SHARE)
-
-
-def test_a_clone_that_arrives_often_enough_is_kept_and_its_critic_alone_learns(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(base, "CRITIC_OF_CLONE", 60)
-    quick = {"n_envs": 64, "random_transitions": 3_200, "buffer_size": 20_000, "selection_scenes": 50}
-    config = replace(base_config("open_field", seed=1), **quick, enough=0.02)
-    made = train_base(config)
-    assert [entry["updates"] for entry in made.history] == [60, 60]  # instead of 72,000
-    assert made.selection_success >= 0.02
-    untrained = base.BaseTraining(config).policy()
-    assert any(not np.array_equal(a, b) for a, b in zip(untrained.critic, made.policy.critic, strict=True))

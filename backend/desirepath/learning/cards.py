@@ -19,13 +19,12 @@ SOCIAL = tuple(COLUMNS)
 DEPARTURES = {
     "progress": "Base training adds +1 per metre of progress towards the goal; the thesis does not. It enters no "
     "alignment reward, no ensemble training and no evaluation.",
-    "smoothness": "In the last updates of base training, where the actor learns in them, its loss also holds a weight "
-    "times the mean squared turn rate (in [-1, 1]), which keeps policies from wobbling; the thesis has no such term. "
-    "It enters no reward, no ensemble training and no alignment.",
+    "smoothness": "In the last updates of base training the actor's loss also holds a weight times the mean squared "
+    "turn rate (in [-1, 1]), which keeps policies from wobbling; the thesis has no such term. It enters no reward, no "
+    "ensemble training and no alignment.",
     "guide": "While nothing is learned yet, a planner that knows the scene drives in part of the environments instead "
     "of chance. The actor imitates it before a critic judges, where the card's settings have `cloned`, and is drawn to "
-    "what it does in the updates after that; one that arrives as often as the settings' `enough` says stays as it is, "
-    "and only its critic learns. Nothing else has the guide.",
+    "what it does in the updates after that; nothing else has the guide.",
     "randomised": "Robots get wrong in training what real ones do: lidar noise, delay, slip and slow wheels, up to "
     "`RANDOMISED` in simulation/disturbed.py, drawn anew in every episode; the thesis trains without.",
     "heads": "Actor and critic heads are 128, 128 instead of 400, 300, for speed; the wider ones were not trained "

@@ -29,22 +29,19 @@ from desirepath.learning.td3.td3 import ActorTerm, Td3Agent, Td3Config
 from desirepath.learning.td3.way_guide import WayGuide
 from desirepath.simulation.disturbed import randomised_engine
 from desirepath.simulation.fast import evaluate, make_engine
-from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 
 TURNING = 1  # which of the two actions is the turn rate
 GUIDED_SHARE = 0.5
 GUIDANCE = 4.0
 CLONED, CLONED_TRANSITIONS = 16, 192_000
-ENOUGH = 0.985
-GUIDES = frozenset({"guided_share", "guidance", "guided_updates", "last_guidance", "cloned", "enough"})
+GUIDES = frozenset({"guided_share", "guidance", "guided_updates", "last_guidance", "cloned"})
 MOST_RESTARTS = 3
 LOOKING_SCENES = 100
 CLONING_RATES, CLONING_BATCH, CLONING_DECAY = (1e-3, 3e-5), 256, 0.997
 CHANCE_FIRST = 0.02  # of the phase in which the guide is cloned, until the policy drives
 GUIDED_LATER = 0.1  # of the environments, in which the guide drives for the rest of it
 CRITIC_ALONE = 600  # updates after it, in which the critic learns what that policy is worth
-CRITIC_OF_CLONE = 6_000  # the same, where nothing else is left to learn
 
 OnProgress = Callable[[float, dict[str, float]], None]
 """(fraction done in [0, 1], metrics by name); called from the training loop, must return quickly."""
@@ -108,7 +105,6 @@ class BaseConfig:
     guided_updates: int = 10_000  # ours: over which that weight falls
     last_guidance: float = 0.0  # ours: to which it falls
     cloned: int = 0  # ours: updates that clone the guide, for every step of the environments before the first of TD3
-    enough: float = 0.0  # ours: success on the selection scenes at which the clone is kept, and its critic alone learns
     randomise: bool = False  # whether robots get wrong what real ones do, up to `RANDOMISED`
 
     def as_dict(self) -> dict[str, Any]:
@@ -127,7 +123,7 @@ def base_config(setup: str, seed: int = 0) -> BaseConfig:
     if not of.solids:
         usual = replace(usual, guided_share=GUIDED_SHARE, guidance=GUIDANCE)
     if not of.solids and not of.crowded:
-        usual = replace(usual, cloned=CLONED, random_transitions=CLONED_TRANSITIONS, enough=ENOUGH)
+        usual = replace(usual, cloned=CLONED, random_transitions=CLONED_TRANSITIONS)
     if of.crowded:  # half as long: a step among pedestrians takes five times as long
         return replace(usual, updates=40_000, smoothing_updates=8_000, selection_scenes=500)
     return usual
@@ -279,13 +275,6 @@ class BaseTraining:
         """Write it down, to go on with."""
         file.keep(self.agent, self._average, self.transitions)
 
-    def keep_actor(self, updates: int, *, averaged: bool) -> None:
-        """Let the critic alone learn until then, of the actor as it is, or of its running average."""
-        if averaged:
-            self.agent.actor.flat.copy_(self._average)
-            self.agent.synchronise_targets()
-        self.agent.actor_waits = updates
-
     def learning_rate(self) -> float:
         config = self.config
         smoothing = self.agent.updates - config.updates
@@ -370,39 +359,19 @@ def _look(training: BaseTraining, looks: list[Look]) -> None:
         raise _StandsStill({"seed": training.config.seed, **found})
 
 
-def _clone_is_enough(training: BaseTraining, config: BaseConfig, scenes: list[Scene]) -> bool:
-    """Whether what has cloned the guide arrives so often that it is kept; then its better weights are."""
-    if not training.cloning_steps or not config.enough:
-        return False
-    tables = [
-        evaluate(training.policy(averaged=averaged).act, training.setup, scenes, training.make_engine)
-        for averaged in (False, True)
-    ]
-    last, averaged = (success_rate(table.outcome) for table in tables)
-    if max(last, averaged) < config.enough:
-        return False
-    training.keep_actor(CRITIC_OF_CLONE, averaged=averaged > last)
-    return True
-
-
 def _train(
     training: BaseTraining, config: BaseConfig, on_progress: OnProgress, watched: bool, file: TrainingFile | None
 ) -> BaseResult:
     """Raises _StandsStill where `watched`."""
     scenes = scene_set(config.setup, config.selection_scenes, purpose=Purpose.SELECT, seed=config.seed)
     cloning = training.cloning_steps * config.cloned
+    total = config.updates + config.smoothing_updates
     while training.agent.updates == 0 and training.transitions < training.cloning_steps * config.n_envs:
         training.vector_step()
         if training.transitions % (100 * config.n_envs) == 0:
-            share = training.cloning_updates / (cloning + config.updates + config.smoothing_updates)
-            on_progress(share, {"transitions": training.transitions})
-    total = config.updates + config.smoothing_updates
-    if _clone_is_enough(training, config, scenes):
-        total = min(total, CRITIC_OF_CLONE)
-        marks = [total]
-    else:
-        apart = config.smoothing_updates / 2 / config.checkpoints
-        marks = [round(total - k * apart) for k in reversed(range(config.checkpoints))]
+            on_progress(training.cloning_updates / (cloning + total), {"transitions": training.transitions})
+    apart = config.smoothing_updates / 2 / config.checkpoints
+    marks = [round(total - k * apart) for k in reversed(range(config.checkpoints))]
     history: list[dict[str, float]] = []
     best = (-1.0, training.policy())
     begun = training.agent.updates
