@@ -36,8 +36,7 @@ from desirepath.npz import from_npz, to_npz
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
-from desirepath_experiments.shipping.library_measures import measure_against
-from desirepath_experiments.shipping.policy_libraries import draw_directions, library_settings
+from desirepath_experiments.shipping.policy_libraries import draw_directions, library_settings, measure_against
 
 SETUPS = ("study_room", "open_field")
 

@@ -147,7 +147,7 @@ def test_what_a_plan_declares_beside_the_tests_has_a_power_of_its_own() -> None:
     planned = PlannedDesign(CONDITIONS, ("fun",), (), 1, 3, opponents=("base", "other"))
     plan = AnalysisPlan(equivalence=Equivalence(rating=1.0, share=0.2), bayes_factors=True, models=True)
     assumed = Assumed("immersive", "fun", "", effect=2.0, own=0.8, own_against_other=0.5)
-    few, many = power(planned, assumed, (6, 60), cohorts=8, plan=plan)
+    few, many = power(planned, assumed, (6, 60), cohorts=4, plan=plan)
     assert [one.test for one in many.rates][-5:] == [
         "Bayes factor of at least 3, fun, first person against immersive",
         "Equivalence, fun, first person against top down",

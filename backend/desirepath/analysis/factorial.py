@@ -6,7 +6,7 @@ analysis of variance of aligned ranks. What is compared, and with what names, is
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 
@@ -46,9 +46,13 @@ class Factorial:
 
     @property
     def effects(self) -> list[tuple[str, ...]]:
-        """Every main effect, then every interaction, factors within first."""
-        names = [*self.within, *self.between]
-        return [effect for size in range(1, len(names) + 1) for effect in combinations(names, size)]
+        return effects_of(self.within, self.between)
+
+
+def effects_of(within: Iterable[str], between: Iterable[str]) -> list[tuple[str, ...]]:
+    """Every main effect, then every interaction, factors within first."""
+    names = [*within, *between]
+    return [effect for size in range(1, len(names) + 1) for effect in combinations(names, size)]
 
 
 def factorial_tests(design: Factorial, *, about: str, intervals: bool = True) -> list[Tested]:

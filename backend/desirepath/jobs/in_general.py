@@ -23,7 +23,7 @@ from desirepath.learning.cards import DEPARTURES
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.policy import DrivingPolicy, Policy, PolicyError
 from desirepath.store.artefacts import ArtefactError
-from desirepath.store.erasure import IN_GENERAL
+from desirepath.store.erasure import SEVERAL_PEOPLE
 from desirepath.store.models import Artefact
 
 log = structlog.get_logger("desirepath.jobs")
@@ -59,7 +59,7 @@ def policy_in_general(
             setup=policy.setup,
             content=replace(policy, made_for=own.id).to_bytes(),
             params=params,
-            config={"recipe": params.algorithm, IN_GENERAL: len(people), "policies": len(policy.policies)},
+            config={"recipe": params.algorithm, SEVERAL_PEOPLE: len(people), "policies": len(policy.policies)},
             results={"gate": gate.as_dict(), "left_out": asdict(common)},
             parents=[
                 (base[1], "base"),

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desirepath.analysis.between_groups import group_pairs, kruskal_wallis
-from desirepath.analysis.factorial import Factorial, factorial_tests
+from desirepath.analysis.factorial import Factorial, effects_of, factorial_tests
 from desirepath.analysis.intervals import end_at_scale
 from desirepath.analysis.repeated_measures import friedman, pairs_of
 from desirepath.analysis.tested import Mean, Tested, correct_pairs, correct_tests, mean_of
@@ -66,7 +65,7 @@ def _of_design(rated: Sequence[Measure], design: StudyDesign, plan: AnalysisPlan
     raw = [_tests(item, table, design, intervals) for item, table in tables]
     flat = iter(correct_tests([test for tests in raw for test in tests], plan.correction))
     tests = [[next(flat) for _ in family] for family in raw]
-    over = sum(_has_pairs(design, effect) for effect in _effects(design)) * len(tables)
+    over = sum(_has_pairs(design, effect) for effect in effects_of(design.within, design.between)) * len(tables)
     return [
         ItemResult(
             item=item,
@@ -75,7 +74,7 @@ def _of_design(rated: Sequence[Measure], design: StudyDesign, plan: AnalysisPlan
             tests=corrected,
             pairs=[
                 pair
-                for effect, test in zip(_effects(design), corrected, strict=True)
+                for effect, test in zip(effects_of(design.within, design.between), corrected, strict=True)
                 if _has_pairs(design, effect) and (plan.pairs == "always" or test.significant(plan.alpha))
                 for pair in correct_pairs(
                     _pairs(table, design, effect[0], about=test.about, intervals=intervals),
@@ -100,11 +99,6 @@ def _table(measure: Measure, design: StudyDesign) -> Factorial | None:
         return Factorial(np.array(rows, dtype=float), groups, within_people, between_people) if len(rows) > 1 else None
     except ValueError:  # a group of fewer than two
         return None
-
-
-def _effects(design: StudyDesign) -> list[tuple[str, ...]]:
-    names = [*design.within, *design.between]
-    return [effect for size in range(1, len(names) + 1) for effect in combinations(names, size)]
 
 
 def _has_pairs(design: StudyDesign, effect: tuple[str, ...]) -> bool:

@@ -56,7 +56,7 @@ from desirepath.store.robot_recordings import delete_runs, recordings_of
 from desirepath.store.snapshots import SnapshotError, retake_snapshot
 
 ORPHAN_AGE_S = 3600.0  # ours: a file without a row this old was left by a crash, not by a save that is still running
-IN_GENERAL = "in_general"  # in the configuration of a policy that holds several people's answers
+SEVERAL_PEOPLE = "in_general"  # in the configuration of a policy that holds several people's answers
 EARLIER = ("earlier", "people")  # parameters of jobs that list the snapshots of who was there before, with commas
 HASHES = re.compile(r"[0-9a-f]{64}")
 
@@ -229,7 +229,7 @@ def _quarantine(s: Session, doomed: _Doomed) -> dict[str, list[str]]:
             others[artefact.id] = list(s.scalars(answers))
         artefact.quarantined_at = artefact.quarantined_at or utc_now()
         artefact.card = _without(artefact.card, {*doomed.ids, doomed.code})
-        holds = IN_GENERAL in (artefact.card.get("config") or {})
+        holds = SEVERAL_PEOPLE in (artefact.card.get("config") or {})
         if holds or artefact.kind in ("snapshot", "demonstrations", "evaluation"):
             doomed.opened.add(artefact.id)
     return others

@@ -6,20 +6,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import process_time
+from typing import ClassVar, Never
 
 import numpy as np
 
 from desirepath.learning.alignment.own_reward import UPDATES_A_SECOND, OwnRewardConfig, tune_to_reward
-from desirepath.learning.measures.step_basis import Doubles
+from desirepath.learning.measures.step_basis import Doubles, seen_steps
 from desirepath.learning.people.families.base import FamilyMember, StepFamilyMember
 from desirepath.learning.policies.choosing import ChoosingPolicy
 from desirepath.learning.policies.deciding import Chooser, DecidesAgain, Gains
 from desirepath.learning.policies.policy import Policy
+from desirepath.learning.rewards.reward_model import Floats, Reduction, RewardModel
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Trajectory
-from desirepath_experiments.training.true_reward import TrueReward
 
 
 @dataclass(frozen=True)
@@ -68,3 +69,25 @@ def train_on_true_score(person: FamilyMember, base: Policy, seconds: float, seed
         return None
     config = OwnRewardConfig.of(round(seconds * UPDATES_A_SECOND), seed)
     return tune_to_reward(base, TrueReward(base.setup, person), config).policy
+
+
+@dataclass(frozen=True)
+class TrueReward(RewardModel):
+    """A simulated person's own reward of every step; stored nowhere."""
+
+    kind: ClassVar[str] = "true"
+
+    setup: str
+    person: StepFamilyMember
+    reduction: Reduction = "mean"
+
+    def rewards(self, observations: Floats, actions: Floats, next_observations: Floats) -> Floats:
+        steps = seen_steps(get_setup(self.setup), observations, actions, next_observations)
+        return self.person.step_scores(steps).astype(np.float32)
+
+    def to_arrays(self) -> Never:
+        raise NotImplementedError("a simulated person is not stored")
+
+    @classmethod
+    def from_arrays(cls, meta: object, arrays: object) -> Never:
+        raise NotImplementedError("a simulated person is not stored")

@@ -3,31 +3,32 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from desirepath.learning.alignment.own_reward import OwnRewardConfig, tune_to_reward
-from desirepath.learning.alignment.policy_library import SLOWEST, PolicyLibrary, mix_policies
+from desirepath.learning.alignment.policy_library import SLOWEST, LibraryMeasures, PolicyLibrary, mix_policies
 from desirepath.learning.cards import Card, file_sha256
 from desirepath.learning.errors import LearningError
+from desirepath.learning.measures.pairs import PairDifferences, measured
 from desirepath.learning.measures.step_basis import Doubles, Floats, StepBasis
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_step_basis
 from desirepath.learning.preferences.objectives import NAMES, preference_weights
 from desirepath.learning.queries.varied_queries import draw_weights
-from desirepath.learning.rewards.step_weights import StepWeightsRewardModel
+from desirepath.learning.rewards.step_weights import StepWeightsRewardModel, step_differences
 from desirepath.learning.scene_sets import Purpose, describe, scene_set
 from desirepath.learning.shipped_files import resolve
 from desirepath.learning.shipping.storing import Request
 from desirepath.learning.td3.base import OnProgress
-from desirepath.simulation.fast import evaluate
+from desirepath.simulation.fast import evaluate, rollout
+from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
-from desirepath.simulation.trajectory import Outcome
-from desirepath_experiments.shipping.library_measures import measure_against
+from desirepath.simulation.trajectory import Outcome, arrived
 
 SCENES_SEED = 7_100  # of no other card and no benchmark
 ARRIVING_SEED = 7_150
@@ -195,3 +196,38 @@ def _train(base: Policy, basis: StepBasis, weights: Floats, place: int, updates:
         tuned.policy.save(stored)
         stored.with_suffix(".json").write_text(json.dumps({"gained": tuned.gained, "history": tuned.history}))
     return tuned.policy
+
+
+def measure_against(
+    base: Policy, policies: Iterable[Policy], basis: StepBasis, scenes: Sequence[Scene]
+) -> LibraryMeasures:
+    """All of them in the same scenes; means over those in which both arrive."""
+    setup = get_setup(base.setup)
+    usual = list(rollout(setup, base.rollout_policy, list(scenes)))
+    known = {symmetry: measured(setup.name, usual, left_right_symmetry=symmetry) for symmetry in (False, True)}
+    parts: dict[str, list[Doubles]] = {}
+    for policy in policies:
+        own = list(rollout(setup, policy.rollout_policy, list(scenes)))
+        arrives = arrived(own)
+        both = np.flatnonzero(arrives & arrived(usual))
+        if not len(both):  # what never arrives gains nothing
+            own, both = usual, np.arange(1)
+        firsts, pairs = [own[k] for k in both], [(own[k], usual[k]) for k in both]
+        measured_parts = {"steps": step_differences(basis, pairs).mean(0), "success": np.array(arrives.mean())}
+        for symmetry, prefix in ((False, ""), (True, "mirrored_")):
+            of_own = measured(setup.name, firsts, left_right_symmetry=symmetry)
+            differences = PairDifferences.between(setup.name, of_own, known[symmetry][both])
+            measured_parts |= {
+                f"{prefix}seen": differences.seen.mean(0),
+                f"{prefix}named": differences.named.mean(0),
+                f"{prefix}embedding": differences.embedding.mean(0),
+            }
+        for key, value in measured_parts.items():
+            parts.setdefault(key, []).append(value)
+    of = {key: np.stack(values) for key, values in parts.items()}
+    return LibraryMeasures(
+        PairDifferences(setup.name, of["seen"], of["named"], of["embedding"]),
+        PairDifferences(setup.name, of["seen"], of["mirrored_named"], of["mirrored_embedding"]),
+        of["steps"],
+        of["success"],
+    )

@@ -25,7 +25,7 @@ from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
-from desirepath_experiments.training.true_reward import TrueReward
+from desirepath_experiments.benchmarks.own_senses import TrueReward
 
 Pairs = list[tuple[Trajectory, Trajectory]]
 

@@ -62,8 +62,8 @@ def choose(
     from desirepath.learning.policies.choosing import Before
     from desirepath.learning.policies.shipped import load_policy
     from desirepath.learning.preferences.people_in_general import people_in_general
-    from desirepath.learning.preferences.population_prior import IN_GENERAL as PEOPLE
-    from desirepath.store.erasure import IN_GENERAL
+    from desirepath.learning.preferences.population_prior import IN_GENERAL
+    from desirepath.store.erasure import SEVERAL_PEOPLE
 
     shipped = load_policy(f"{base.setup}/base")
     if base.without_critic().digest() != shipped.without_critic().digest():
@@ -77,7 +77,7 @@ def choose(
     (preferences,) = of_participant.values()
     answers = answers_of(preferences, left_right_symmetry=params.symmetry == "left_right")
     people, snapshots = earlier_answers(context, params.earlier, params.symmetry, base.setup)
-    before = Before(people_in_general(base.setup)) if params.prior == PEOPLE else what_they_weigh(people)
+    before = Before(people_in_general(base.setup)) if params.prior == IN_GENERAL else what_they_weigh(people)
     answers = replace(answers, before=before)
     trained = train(answers) if train is not None else None
     beside = [trained.policy.without_critic()] if trained is not None else []
@@ -92,7 +92,7 @@ def choose(
             "policies": len(policy.policies),
             "answers": len(answers.chosen),
             "judged": "directly",
-            **({IN_GENERAL: len(people)} if people else {}),
+            **({SEVERAL_PEOPLE: len(people)} if people else {}),
             **({"trained": trained.as_dict()} if trained is not None else {}),
         },
         parents=[(snapshot, f"answers {number}") for number, snapshot in enumerate(snapshots, 1)],

@@ -4,7 +4,6 @@ person's answers speak for most. Codes and numbers; the words are the catalogues
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import lru_cache
 
@@ -16,7 +15,7 @@ from desirepath.learning.measures.steps import reference
 from desirepath.learning.policies.choosing import Answers, ChoosingPolicy
 from desirepath.learning.policies.reason_codes import MORE_OR_LESS, TOLD, Did, Reason
 from desirepath.learning.preferences.free_posterior import SOMETHING_ELSE
-from desirepath.learning.preferences.measures import MEASURES, TABLE, measures, typical_differences
+from desirepath.learning.preferences.measures import MEASURES, TABLE, beside_person, measures, typical_differences
 from desirepath.learning.preferences.objectives import OBJECTIVES
 from desirepath.learning.preferences.step_terms import SIDE_RANGE_M
 from desirepath.simulation.setups import get_setup
@@ -51,10 +50,8 @@ def visible(trajectories: Sequence[Trajectory]) -> Doubles:
 
 
 def _ahead(trajectory: Trajectory) -> float:
-    people = trajectory.scene.person_poses(trajectory.times)
-    offsets = trajectory.poses[:, :2].astype(np.float64) - people[:, :2]
-    nearest = int(np.linalg.norm(offsets, axis=1).argmin())
-    return math.cos(math.atan2(offsets[nearest, 1], offsets[nearest, 0]) - people[nearest, 2])
+    apart, ahead = beside_person(trajectory)
+    return float(ahead[apart.argmin()])
 
 
 def _told(which: int, own: Doubles, usual: Doubles) -> Reason | None:

@@ -126,6 +126,14 @@ def _beside_the_person(trajectories: Sequence[Trajectory], poses: Doubles) -> tu
     return least, np.sin(bearings), (speeds * near).sum(axis=1) / near.sum(axis=1)
 
 
+def beside_person(trajectory: Trajectory) -> tuple[Doubles, Doubles]:
+    """(n,) how far the robot was from the person at every moment, m; (n,) the cosine of where it was for them: 1
+    straight in front of them, -1 behind."""
+    people = trajectory.scene.person_poses(trajectory.times)
+    x, y = (trajectory.poses[:, :2].astype(np.float64) - people[:, :2]).T
+    return np.hypot(x, y), np.cos(np.arctan2(y, x) - people[:, 2])
+
+
 def near_person_m(nearest_m: NDArray[np.float64]) -> Doubles:
     """How far from the person a robot counts as near them, by how near it ever comes: speed_near_person is of there."""
     return np.maximum(NEAR_PERSON_M, nearest_m + NEAREST_BAND_M)

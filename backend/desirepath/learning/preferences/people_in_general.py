@@ -19,6 +19,7 @@ from desirepath.learning.measures.embedding import SIZE
 from desirepath.learning.measures.pairs import reference_differences
 from desirepath.learning.measures.steps import reference
 from desirepath.learning.preferences.features import obstacle_clearance_m
+from desirepath.learning.preferences.measures import beside_person
 from desirepath.learning.preferences.population_prior import IN_GENERAL, WeightPrior
 from desirepath.npz import from_npz, to_npz
 from desirepath.simulation.setups import get_setup
@@ -54,11 +55,9 @@ def comfort(weights: Doubles, trajectories: Sequence[Trajectory]) -> Doubles:
 
 def _columns(trajectory: Trajectory) -> Doubles:
     setup = get_setup(trajectory.scene.setup)
-    people = trajectory.scene.person_poses(trajectory.times[1:])
-    x, y = (trajectory.poses[1:, :2].astype(np.float64) - people[:, :2]).T
-    ahead = np.cos(np.arctan2(y, x) - people[:, 2])
+    apart, ahead = beside_person(trajectory)
     thing = obstacle_clearance_m(trajectory.next_observations, setup).astype(np.float64) + setup.robot.radius_m
-    return moment_columns(np.hypot(x, y), ahead, thing)
+    return moment_columns(apart[1:], ahead[1:], thing)
 
 
 def to_bytes(raters: Sequence[str], weights: Doubles) -> bytes:

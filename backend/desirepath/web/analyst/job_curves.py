@@ -70,7 +70,7 @@ def curve_csv(job_id: str, name: str, database: Db) -> Response:
 def tensorboard(job_id: str, database: Db) -> Response:
     """All curves as a log folder: unpack it and run `tensorboard --logdir FOLDER`."""
     with database.session() as s:
-        job = _job(s, job_id)
+        job = find_job(s, job_id)
         files = event_files(curves_of(s, job.id), job=job.id[:8], at=(job.started_at or utc_now()).timestamp())
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -80,7 +80,7 @@ def tensorboard(job_id: str, database: Db) -> Response:
     return Response(packed.getvalue(), media_type="application/zip", headers=headers)
 
 
-def _job(s: DatabaseSession, job_id: str) -> Job:
+def find_job(s: DatabaseSession, job_id: str) -> Job:
     job = s.get(Job, job_id)
     if job is None:
         raise LabRefusal(404, "no_job")
@@ -88,7 +88,7 @@ def _job(s: DatabaseSession, job_id: str) -> Job:
 
 
 def _found(s: DatabaseSession, job_id: str, name: str) -> tuple[Job, dict[str, Points]]:
-    job = _job(s, job_id)
+    job = find_job(s, job_id)
     lines = curves_of(s, job.id).get(name)
     if lines is None:
         raise LabRefusal(404, "no_figure")

@@ -26,7 +26,7 @@ from desirepath.store.job_results import JobResult
 from desirepath.store.models import Artefact, Job, JobAttempt, Study, utc_now
 from desirepath.store.outbox import cancel_job, enqueue_job
 from desirepath.store.shipped_policies import find_artefact as find_by_name
-from desirepath.web.analyst.job_curves import draw_curves, seconds_to_go
+from desirepath.web.analyst.job_curves import draw_curves, find_job, seconds_to_go
 from desirepath.web.analyst.job_forms import form_fields, read_values
 from desirepath.web.analyst.job_rows import line_of, of_participant, order_jobs, params_of
 from desirepath.web.core.auditing import audit_details
@@ -136,7 +136,7 @@ def launch(
 @router.get("/lab/jobs/{job_id}")
 def job_page(request: Request, job_id: str, database: Db) -> Response:
     with database.session() as s:
-        job = _job(s, job_id)
+        job = find_job(s, job_id)
         return lab_page(
             request,
             "analyst/job.html",
@@ -149,14 +149,14 @@ def job_page(request: Request, job_id: str, database: Db) -> Response:
 def job_live(request: Request, job_id: str, database: Db) -> Response:
     """The part of a job's page that changes while it runs."""
     with database.session() as s:
-        return lab_page(request, "analyst/job_live.html", **_live(request, s, _job(s, job_id)))
+        return lab_page(request, "analyst/job_live.html", **_live(request, s, find_job(s, job_id)))
 
 
 @router.get("/api/lab/jobs/{job_id}", response_model=JobData)
 def job_state(job_id: str, database: Db) -> Response:
     """The job as data, its curves included."""
     with database.session() as s:
-        job = _job(s, job_id)
+        job = find_job(s, job_id)
         now = {
             "job": job.id,
             "kind": job.kind,
@@ -177,7 +177,7 @@ def job_state(job_id: str, database: Db) -> Response:
 @router.post("/lab/jobs/{job_id}/cancel")
 def cancel(job_id: str, database: Db, user: CheckedCsrf) -> Response:
     with database.transaction() as s:
-        _job(s, job_id)
+        find_job(s, job_id)
         try:
             cancel_job(s, job_id, by=user.name)
         except ValueError:
@@ -190,7 +190,7 @@ def retry(request: Request, job_id: str, database: Db, user: CheckedCsrf) -> Res
     """The same job once more, as a new one that names the old one. A session that waited for the old one goes on
     without it, so the new one belongs to the study only."""
     with database.transaction() as s:
-        old = _job(s, job_id)
+        old = find_job(s, job_id)
         if old.state not in FINAL_STATES:
             raise LabRefusal(409, "job_not_ended")
         _require_right(request, old.kind)
@@ -202,7 +202,7 @@ def retry(request: Request, job_id: str, database: Db, user: CheckedCsrf) -> Res
 @router.get("/lab/jobs/{job_id}/log.txt")
 def log(job_id: str, database: Db, services: TheServices) -> Response:
     with database.session() as s:
-        _job(s, job_id)
+        find_job(s, job_id)
         kept = kept_log(attempts_at(s, job_id))
     return PlainTextResponse(read_log(services.settings, job_id, last_bytes=5_000_000) or kept)
 
@@ -258,13 +258,6 @@ def _require_right(request: Request, kind: str) -> None:
 def _may(rights: Rights, kind: str) -> bool:
     """Whether jobs of that kind may be started by who may start jobs: setups are the installation's."""
     return kind != "train_setup" or rights.may(Right.EQUIP)
-
-
-def _job(s: DatabaseSession, job_id: str) -> Job:
-    job = s.get(Job, job_id)
-    if job is None:
-        raise LabRefusal(404, "no_job")
-    return job
 
 
 def _seen(s: DatabaseSession, rights: Rights, job_id: str) -> Job:
