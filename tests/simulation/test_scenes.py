@@ -64,6 +64,8 @@ def test_seeds_setups_and_pools_differ() -> None:
     assert (seeds >= 2**32).all()
     again, _ = ScenePool("open_field", 5).take(600)
     assert (rows == again).all()
+    one_by_one = ScenePool("open_field", 5)
+    assert all((one_by_one.take(1)[0] == row).all() for row in rows)
     assert not (rows == ScenePool("open_field", 6).take(600)[0]).all()
 
 

@@ -261,10 +261,11 @@ class ScenePool:
     def take(self, count: int) -> tuple[k.Rows, NDArray[np.int64]]:
         """The next scenes: rows (count, columns) and their seeds (count,)."""
         chosen = np.fromiter(self._order, dtype=np.int64, count=count)
-        while self._drawn < self._size and chosen.max(initial=-1) >= self._drawn:
-            block = slice(self._drawn, self._drawn + self._block)
-            self._rows[block] = draw_rows(self.setup, self._seeds[block])
-            self._drawn += self._block
+        needed = int(chosen.max(initial=-1)) + 1
+        while self._drawn < min(needed, self._size):  # few for whoever asks for one scene, blocks for trainings
+            end = self._drawn + min(self._block, max(needed - self._drawn, self._drawn))
+            self._rows[self._drawn : end] = draw_rows(self.setup, self._seeds[self._drawn : end])
+            self._drawn = min(end, self._size)
         return self._rows[chosen], self._seeds[chosen]
 
 
