@@ -18,9 +18,8 @@ from desirepath.explain.attribution import attribute, baseline, explain
 from desirepath.explain.methods import METHODS, AttributionError
 from desirepath.explain.sight import Sight, sight_of
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.policies.sb3 import sb3_model_of
 from desirepath.learning.policies.shipped import load_policy
-from desirepath.learning.policies.torch_actor import actor_of, actor_of_sb3
+from desirepath.learning.policies.torch_actor import actor_of
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene
@@ -137,13 +136,6 @@ def test_smooth_grad_has_a_seed(policy: Policy, sights: list[Sight]) -> None:
     assert (first == again).all()
     assert (first != other).any()
     assert (torch.random.get_rng_state() == before).all()
-
-
-def test_a_stable_baselines_model_is_explained_alike(policy: Policy, sights: list[Sight]) -> None:
-    ours, theirs = actor_of(policy), actor_of_sb3(sb3_model_of(policy))
-    for method in METHODS:
-        first, second = (explain(actor, sights[0], method=method) for actor in (ours, theirs))
-        np.testing.assert_allclose(first.scores, second.scores, atol=1e-3)
 
 
 def test_the_true_explanation_beats_chance_and_the_reversed_one_loses(sights: list[Sight]) -> None:

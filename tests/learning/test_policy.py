@@ -19,7 +19,6 @@ from stable_baselines3 import TD3
 
 from desirepath.learning.policies.export import policy_to_onnx, policy_to_sb3_zip
 from desirepath.learning.policies.policy import Policy, PolicyError
-from desirepath.learning.policies.sb3 import policy_of_sb3
 from desirepath.learning.policies.shape import EXPLAINED_HEADS, THESIS_HEADS, NetworkShape
 from desirepath.learning.policies.shipped import load_policy
 from desirepath.learning.td3.base import BaseResult
@@ -28,6 +27,7 @@ from desirepath.learning.td3.td3 import Td3Config
 from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.scenes import draw_scenes
 from desirepath.simulation.setups import SetupError, get_setup
+from desirepath_experiments.benchmarks.training_arms import policy_of_sb3
 
 EXPLAINED_ROOM = get_setup("explained_room")
 OPEN_FIELD = get_setup("open_field")

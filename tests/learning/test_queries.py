@@ -18,11 +18,11 @@ from desirepath.learning.queries.queries import (
     generate_queries,
     look_alike,
     path_gap_m,
-    segment_queries,
 )
 from desirepath.simulation.scenes import check_scene
 from desirepath.simulation.setups import SetupError
 from desirepath.simulation.trajectory import Outcome, Trajectory
+from desirepath_experiments.reproduction.enquery.computing import segment_queries
 
 
 @pytest.fixture(scope="module")

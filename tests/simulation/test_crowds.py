@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool, record
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine, record
 from desirepath.simulation.crowds.crowd_kernels import nearest_wall
 from desirepath.simulation.crowds.crowd_maps import boxes_of, map_of, path_from_anywhere
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED, UNSEEN_HOMES, draw_crowd_scene, robot_path
@@ -18,6 +18,7 @@ from desirepath.simulation.scene import Person, Pose, Room, Scene, SceneError
 from desirepath.simulation.scenes import draw_scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome
+from desirepath_experiments.training.pedestrians.crowd_training import CrowdPool
 from tests.simulation.reference_crowd import CrowdReference
 
 CROWD_CORRIDOR = get_setup("crowd_corridor")

@@ -14,8 +14,6 @@ from desirepath.simulation.depth_camera import (
     CameraNoise,
     DepthCamera,
     Sights,
-    depth_frame,
-    person_of,
 )
 from desirepath.simulation.depth_shapes import UprightBox, parts_of
 from desirepath.simulation.scene import Obstacle, Person, Pose, Room, Scene
@@ -32,6 +30,19 @@ EMPTY = Scene(
     room=Room(10.0, 8.0),
 )
 AXIS_ROW, AXIS_COLUMN = 39, 64  # just above, just right of the camera's axis
+
+
+def person_of(scene: Scene) -> np.ndarray:
+    """(4,) where the scene's person stands at first, and how tall they are."""
+    pose = scene.person.pose
+    return np.array([pose.x, pose.y, pose.yaw, scene.person.height])
+
+
+def depth_frame(scene: Scene, pose: tuple[float, ...], camera: DepthCamera = DEPTH_CAMERA) -> np.ndarray:
+    """(rows, columns) what the camera sees of the scene from a robot's pose x, y (m), yaw (rad)."""
+    taken = Sights([scene]).pictures(camera, np.asarray(pose, dtype=np.float64)[None], person_of(scene)[None])
+    first: np.ndarray = taken[0]
+    return first
 
 
 def at_origin(scene: Scene, camera: DepthCamera = DEPTH_CAMERA) -> np.ndarray:

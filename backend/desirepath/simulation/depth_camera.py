@@ -126,16 +126,3 @@ class Sights:
             out,
         )
         return out
-
-
-def person_of(scene: Scene) -> Doubles:
-    """(4,) where the scene's person stands at first, and how tall they are."""
-    pose = scene.person.pose
-    return np.array([pose.x, pose.y, pose.yaw, scene.person.height])
-
-
-def depth_frame(scene: Scene, pose: Sequence[float] | Doubles, camera: DepthCamera = DEPTH_CAMERA) -> Frames:
-    """(rows, columns) what the camera sees of the scene from a robot's pose x, y (m), yaw (rad)."""
-    taken = Sights([scene]).pictures(camera, np.asarray(pose, dtype=np.float64)[None], person_of(scene)[None])
-    first: Frames = taken[0]
-    return first

@@ -6,7 +6,6 @@ Which seed gives which numbers, and what a scene is, stands in `scenes.py`. All 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -307,20 +306,3 @@ def draw_home(uniforms: NDArray[np.float64], row: k.Row, spacing: k.Spacing) -> 
                 return True
     except _NoNumbersLeft:
         return False
-
-
-def rooms_of(row: Sequence[float] | k.Row) -> list[Rectangle]:
-    """The four rooms of a home's row: free floor between its walls, metres."""
-    values = np.asarray(row, dtype=np.float64)
-    half_x, half_y = float(values[k.ROOM_HALF_X]), float(values[k.ROOM_HALF_Y])
-
-    def wall(number: int) -> tuple[float, float]:
-        o = k.FIRST_BOX + k.BOX_COLUMNS * number
-        return float(values[o + k.BOX_X]), float(values[o + k.BOX_Y])
-
-    t, x, ends = WALL_M / 2, wall(0)[0], (wall(3)[1], wall(5)[1])
-    return [
-        rectangle
-        for y, (begin, end) in zip(ends, ((-half_x, x - t), (x + t, half_x)), strict=True)
-        for rectangle in ((begin, -half_y, end, y - t), (begin, y + t, end, half_y))
-    ]

@@ -14,12 +14,14 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args
 import numpy as np
 import pydantic
 from pydantic import Field
+from stable_baselines3 import TD3
 from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
 
 from desirepath.analysis.metrics import success_rate
 from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.policies.policy import Policy
-from desirepath.learning.policies.sb3 import policy_of_sb3, sb3_td3
+from desirepath.learning.policies.sb3 import actor_layers, critic_layers, read_layers, sb3_td3
+from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import BaseConfig, BaseTraining
 from desirepath.learning.td3.td3 import Td3Config
@@ -236,3 +238,10 @@ def train_sb3(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Train
         return Progress(policies, model._n_updates, model.num_timesteps, *learning.spent, updating.spent.seconds)
 
     return train_until_target(arm, setup, base.seed, chunk, config)
+
+
+def policy_of_sb3(model: TD3, setup: Setup, heads: tuple[int, ...]) -> Policy:
+    """The policy that an SB3 model trained by `sb3_td3` has reached."""
+    return Policy(
+        setup.name, NetworkShape.of(setup, heads), read_layers(actor_layers(model)), read_layers(critic_layers(model))
+    )

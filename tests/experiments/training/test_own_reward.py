@@ -20,7 +20,7 @@ from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.preferences.step_posterior import StepPosterior
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.learning.rewards.reward_model import RewardModel
-from desirepath.learning.rewards.step_weights import StepWeightsRewardModel, fit_step_weights, step_differences
+from desirepath.learning.rewards.step_weights import StepWeightsRewardModel, step_differences, step_posterior_of
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
@@ -74,7 +74,8 @@ def test_a_learned_reward_is_the_same_from_its_file(
 ) -> None:
     chosen = answered("network:5", pairs[:12])
     preferences = [Preference(*(pair if first else pair[::-1])) for pair, first in zip(pairs, chosen, strict=False)]
-    model = fit_step_weights(preferences, basis)
+    believed = step_posterior_of(preferences, basis)
+    model = StepWeightsRewardModel("study_room", basis, believed.mean.astype(np.float32))
     again = RewardModel.from_bytes(model.to_bytes())
     assert isinstance(again, StepWeightsRewardModel)
     trajectories = [pair[0] for pair in pairs[:5]]

@@ -10,7 +10,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.learning.policies.mirroring import Mirror
 from desirepath.simulation.crowds.crowd_engine import COARSE_RANGES, GROUPS, CrowdEngine
 
 Floats = NDArray[np.float32]
@@ -24,25 +23,6 @@ SIZES: dict[str, int] = {
     "coarse": COARSE_RANGES + 2 + 2 * PATH_POINTS,
     "ranges": SECTORS + 2 * PATH_POINTS,
 }
-
-
-def mirror_of_state(given: Given) -> Mirror:
-    """How such states are mirrored, in the order of `states`: all is exact but scans, which look one beam beside."""
-    point, ray = np.array([1.0, -1.0]), np.ones(1)
-    scan, groups = np.arange(SECTORS)[::-1], -np.arange(GROUPS) % GROUPS
-    layouts: dict[Given, list[tuple[NDArray[np.int64], NDArray[np.float64]]]] = {
-        "points_and_groups": [(scan, point), (groups, np.tile(point, 2))],
-        "points": [(scan, point)],
-        "two_scans": [(scan, point)] * 2,
-        "three_scans": [(scan, ray)] * 3,
-        "coarse": [(np.arange(COARSE_RANGES)[::-1], ray), (np.zeros(1, np.int64), point)],
-        "ranges": [(scan, ray)],
-    }
-    order, signs = np.zeros(0, np.int64), np.zeros(0)
-    for rows, sign in (*layouts[given], (np.arange(PATH_POINTS), point)):
-        order = np.append(order, len(order) + rows[:, None] * len(sign) + np.arange(len(sign)))
-        signs = np.append(signs, np.tile(sign, len(rows)))
-    return Mirror(order, signs.astype(np.float32))
 
 
 def states(engine: CrowdEngine, given: Given) -> Floats:

@@ -119,10 +119,3 @@ def sb3_model_of(policy: Policy) -> TD3:
         if policy.critic:
             write_layers(critic_layers(model, target=target), policy.critic)
     return model
-
-
-def policy_of_sb3(model: TD3, setup: Setup, heads: tuple[int, ...]) -> Policy:
-    """The policy that an SB3 model trained by `sb3_td3` has reached."""
-    return Policy(
-        setup.name, NetworkShape.of(setup, heads), read_layers(actor_layers(model)), read_layers(critic_layers(model))
-    )

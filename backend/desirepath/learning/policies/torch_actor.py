@@ -1,8 +1,7 @@
-"""A policy as a differentiable function, for who asks what moved it (`explain`): ours, Stable-Baselines3's."""
+"""A policy as a differentiable function, for who asks what moved it (`explain`)."""
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
@@ -14,7 +13,7 @@ from torch import Tensor
 
 from desirepath.learning.policies.foreign import ForeignPolicy
 from desirepath.learning.policies.networks import actor_forward
-from desirepath.learning.policies.policy import Policy, PolicyError
+from desirepath.learning.policies.policy import Policy
 from desirepath.simulation.acting import ActFunction
 
 Actor = Callable[[Tensor], Tensor]
@@ -65,31 +64,3 @@ class _Asked(torch.autograd.Function):
             weights = grads[0][first : first + at_once].numpy().astype(np.float64)
             found[first : first + at_once] = np.einsum("nka,na->nk", (actions[0] - actions[1]) / (2 * STEP), weights)
         return None, torch.from_numpy(found).to(observations.dtype)
-
-
-def actor_of_sb3(model: object) -> Actor:
-    """The deterministic actor of a Stable-Baselines3 model (TD3, SAC, PPO, ...) that reads a setup's observations.
-
-    Of TD3 and DDPG it computes in the precision of what it is given, of others in single.
-
-    Raises PolicyError for anything else.
-    """
-    policy = getattr(model, "policy", None)
-    if not isinstance(policy, torch.nn.Module):
-        raise PolicyError(f"model = {type(model).__name__}: needs a Stable-Baselines3 model, which has a policy")
-
-    actor = getattr(policy, "actor", None)
-    whole = None
-    if isinstance(actor, torch.nn.Module) and not hasattr(actor, "latent_pi"):  # TD3, DDPG
-        whole = copy.deepcopy(actor).double()
-
-    def act(observations: Tensor) -> Tensor:
-        if observations.dtype == torch.float64 and whole is not None:
-            features = whole.get_submodule("features_extractor")(observations)
-            exact: Tensor = whole.get_submodule("mu")(features)
-            return exact
-        actions = policy(observations, deterministic=True)
-        first: Tensor = actions[0] if isinstance(actions, tuple) else actions
-        return first
-
-    return act

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from desirepath.learning.cards import stored_config
 from desirepath.learning.errors import LearningError
-from desirepath.learning.policies.policy import DrivingPolicy, Policy
+from desirepath.learning.policies.policy import DrivingPolicy
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.npz import Arrays
 from desirepath.simulation.fast import rollout
@@ -275,39 +275,3 @@ def _queries_in_scene(
             ]
     filtered["look_alike"] += 1
     return []
-
-
-def segment_queries(
-    base: Policy, count: int, *, seed: int, segment_steps: int = 20, pool_scenes: int = 400
-) -> list[tuple[Trajectory, Trajectory]]:
-    """The baseline (6.4.3): uniform pairs of 20-step segments of base-policy trajectories in different scenes."""
-    setup = get_setup(base.setup)
-    pool = rollout(setup, base.rollout_policy, scene_set(setup.name, pool_scenes, purpose=Purpose.QUERIES, seed=seed))
-    long_enough = [trajectory for trajectory in pool if len(trajectory.actions) >= segment_steps]
-    if len(long_enough) < 2:
-        raise LearningError(
-            f"segment_steps = {segment_steps}: fewer than two of {pool_scenes} trajectories are that long"
-        )
-    random = np.random.default_rng([seed, 20])
-    pairs = []
-    for _ in range(count):
-        chosen = random.choice(len(long_enough), 2, replace=False)
-        segments = [_segment(long_enough[int(k)], segment_steps, random) for k in chosen]
-        pairs.append((segments[0], segments[1]))
-    return pairs
-
-
-def _segment(trajectory: Trajectory, steps: int, random: np.random.Generator) -> Trajectory:
-    first = int(random.integers(0, len(trajectory.actions) - steps + 1))
-    rows = slice(first, first + steps)
-    return replace(
-        trajectory,
-        outcome=trajectory.outcome if trajectory.dones[rows].any() else Outcome.RUNNING,
-        poses=trajectory.poses[first : first + steps + 1],
-        observations=trajectory.observations[rows],
-        actions=trajectory.actions[rows],
-        rewards=trajectory.rewards[rows],
-        next_observations=trajectory.next_observations[rows],
-        dones=trajectory.dones[rows],
-        self_intersections=0,
-    )

@@ -64,11 +64,4 @@ def step_posterior_of(preferences: Sequence[Preference], basis: StepBasis) -> St
     return step_posterior(basis, [(one.chosen, one.rejected) for one in kept], [True] * len(kept))
 
 
-def fit_step_weights(preferences: Sequence[Preference], basis: StepBasis) -> StepWeightsRewardModel:
-    """The posterior mean. Raises LearningError without answers about two different trajectories of one setup."""
-    setup, _ = usable(preferences)
-    mean = step_posterior_of(preferences, basis).mean
-    return StepWeightsRewardModel(setup.name, basis, mean.astype(np.float32))
-
-
 MODEL = StepWeightsRewardModel

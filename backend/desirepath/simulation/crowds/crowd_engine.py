@@ -19,9 +19,8 @@ from desirepath.simulation.crowds import avoidance_kernels as avoid
 from desirepath.simulation.crowds import crowd_kernels as k
 from desirepath.simulation.crowds import crowd_setups as settings
 from desirepath.simulation.crowds.crowd_maps import boxes_of, path_from_anywhere
-from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
 from desirepath.simulation.crowds.descriptor_kernels import describe_all
-from desirepath.simulation.pedestrians import MOST_KNOTS, MOST_PEDESTRIANS, CrowdConditions, Pedestrian
+from desirepath.simulation.pedestrians import MOST_KNOTS, MOST_PEDESTRIANS, Pedestrian
 from desirepath.simulation.scene import Scene, SceneError
 from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup
 from desirepath.simulation.trajectory import Outcome
@@ -45,26 +44,6 @@ class ScenesInTurn(Protocol):
     def take(self) -> Scene:
         """The next scene."""
         ...
-
-
-class CrowdPool:
-    """Training scenes of some setups in turn, drawn when needed; once full, any of them at random.
-
-    Their seeds lie above 2^32, so no evaluation scene is among them.
-    """
-
-    def __init__(self, setups: Sequence[str], seed: int, conditions: CrowdConditions, size: int = 2_048) -> None:
-        self._random = np.random.Generator(np.random.PCG64([seed, 0x9004, *conditions.moving]))
-        self._setups, self._conditions, self._size = tuple(setups), conditions, size
-        self._scenes: list[Scene] = []
-
-    def take(self) -> Scene:
-        if len(self._scenes) == self._size:
-            return self._scenes[int(self._random.integers(self._size))]
-        setup = self._setups[len(self._scenes) % len(self._setups)]
-        scene = draw_crowd_scene(setup, int(self._random.integers(2**32, 2**53 - 1)), self._conditions)
-        self._scenes.append(scene)
-        return scene
 
 
 def crowd_rules(setup: Setup, reward: settings.CrowdReward, noise_m: float) -> k.CrowdRules:

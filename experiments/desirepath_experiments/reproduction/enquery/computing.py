@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,13 @@ from desirepath.learning.alignment.conditioning_search import ConditioningSearch
 from desirepath.learning.alignment.relabelling import align
 from desirepath.learning.alignment.thesis import ThesisConfig
 from desirepath.learning.cards import read_config
+from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.evaluate import episodes
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shipped import load_conditioned, load_ensemble, load_policy
 from desirepath.learning.preferences.oracles import make_oracle
 from desirepath.learning.preferences.preferences import Preference
-from desirepath.learning.queries.queries import Query, QueryConfig, generate_queries, segment_queries
+from desirepath.learning.queries.queries import Query, QueryConfig, generate_queries
 from desirepath.learning.rewards.held_out import accuracy
 from desirepath.learning.rewards.linear import fit_linear
 from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
@@ -28,8 +30,10 @@ from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.learning.td3.base import BaseConfig, train_base
 from desirepath.learning.td3.ensemble import PolicyEnsembleConfig, train_ensemble
 from desirepath.learning.td3.replay import collect
+from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
-from desirepath.simulation.trajectory import Outcome
+from desirepath.simulation.setups import get_setup
+from desirepath.simulation.trajectory import Outcome, Trajectory
 from desirepath_experiments.reproduction.enquery.plan import MODELS, ORACLE, SETUP, SOURCES, Source, read_alignment
 from desirepath_experiments.reproduction.tasks import Function, TaskResult
 
@@ -225,3 +229,39 @@ FUNCTIONS: dict[str, Function] = {
     "instant": instant_task,
     "refined": search_task,
 }
+
+
+def segment_queries(
+    base: Policy, count: int, *, seed: int, segment_steps: int = 20, pool_scenes: int = 400
+) -> list[tuple[Trajectory, Trajectory]]:
+    """The baseline (6.4.3): uniform pairs of 20-step segments of base-policy trajectories in different scenes."""
+    setup = get_setup(base.setup)
+    pool = rollout(setup, base.rollout_policy, scene_set(setup.name, pool_scenes, purpose=Purpose.QUERIES, seed=seed))
+    long_enough = [trajectory for trajectory in pool if len(trajectory.actions) >= segment_steps]
+    if len(long_enough) < 2:
+        raise LearningError(
+            f"segment_steps = {segment_steps}: fewer than two of {pool_scenes} trajectories are that long"
+        )
+    random = np.random.default_rng([seed, 20])
+    pairs = []
+    for _ in range(count):
+        chosen = random.choice(len(long_enough), 2, replace=False)
+        segments = [_segment(long_enough[int(k)], segment_steps, random) for k in chosen]
+        pairs.append((segments[0], segments[1]))
+    return pairs
+
+
+def _segment(trajectory: Trajectory, steps: int, random: np.random.Generator) -> Trajectory:
+    first = int(random.integers(0, len(trajectory.actions) - steps + 1))
+    rows = slice(first, first + steps)
+    return replace(
+        trajectory,
+        outcome=trajectory.outcome if trajectory.dones[rows].any() else Outcome.RUNNING,
+        poses=trajectory.poses[first : first + steps + 1],
+        observations=trajectory.observations[rows],
+        actions=trajectory.actions[rows],
+        rewards=trajectory.rewards[rows],
+        next_observations=trajectory.next_observations[rows],
+        dones=trajectory.dones[rows],
+        self_intersections=0,
+    )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import io
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -20,9 +21,11 @@ from torch import Tensor
 from desirepath.learning.pedestrians.crowd_evaluation import CrowdTable, evaluate_crowds, selection_scenes
 from desirepath.learning.pedestrians.crowd_networks import VARIANTS, Actor, Critic
 from desirepath.learning.pedestrians.crowd_states import SIZES, Given, states
-from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
+from desirepath.simulation.crowds.crowd_engine import CrowdEngine
+from desirepath.simulation.crowds.crowd_scenes import draw_crowd_scene
 from desirepath.simulation.crowds.crowd_setups import CURRICULUM, CURRICULUM_SUCCESS, TRAINED_SETUPS
 from desirepath.simulation.pedestrians import CrowdConditions
+from desirepath.simulation.scene import Scene
 from desirepath_experiments.training.pedestrians.crowd_planners import follow
 
 Floats = NDArray[np.float32]
@@ -267,3 +270,23 @@ def _load(state: bytes, learner: CrowdLearner) -> dict[str, Any]:
     learner.updates = stored["updates"]
     record: dict[str, Any] = stored["kept"]
     return record
+
+
+class CrowdPool:
+    """Training scenes of some setups in turn, drawn when needed; once full, any of them at random.
+
+    Their seeds lie above 2^32, so no evaluation scene is among them.
+    """
+
+    def __init__(self, setups: Sequence[str], seed: int, conditions: CrowdConditions, size: int = 2_048) -> None:
+        self._random = np.random.Generator(np.random.PCG64([seed, 0x9004, *conditions.moving]))
+        self._setups, self._conditions, self._size = tuple(setups), conditions, size
+        self._scenes: list[Scene] = []
+
+    def take(self) -> Scene:
+        if len(self._scenes) == self._size:
+            return self._scenes[int(self._random.integers(self._size))]
+        setup = self._setups[len(self._scenes) % len(self._setups)]
+        scene = draw_crowd_scene(setup, int(self._random.integers(2**32, 2**53 - 1)), self._conditions)
+        self._scenes.append(scene)
+        return scene

@@ -19,14 +19,15 @@ from torch import Tensor
 
 from desirepath.learning.pedestrians.crowd_evaluation import crowd_scene_set, evaluate_crowds
 from desirepath.learning.pedestrians.crowd_networks import COMMANDS, VARIANTS, Chooser, actor_acts
-from desirepath.learning.pedestrians.crowd_states import SIZES, mirror_of_state, states
+from desirepath.learning.pedestrians.crowd_states import PATH_POINTS, SECTORS, SIZES, Given, states
 from desirepath.learning.policies.mirroring import Mirror
 from desirepath.learning.scene_sets import Purpose
 from desirepath.learning.td3.base import OnProgress, no_progress
-from desirepath.simulation.crowds.crowd_engine import CrowdEngine, CrowdPool
+from desirepath.simulation.crowds.crowd_engine import COARSE_RANGES, GROUPS, CrowdEngine
 from desirepath.simulation.crowds.crowd_scenes import PUBLISHED
 from desirepath.simulation.crowds.crowd_setups import TRAINED_SETUPS
 from desirepath.simulation.pedestrians import CrowdConditions
+from desirepath_experiments.training.pedestrians.crowd_training import CrowdPool
 from desirepath_experiments.training.pedestrians.foresight import MIRRORED, MOST_M, costs_by_velocity
 
 Floats = NDArray[np.float32]
@@ -155,3 +156,22 @@ def learn_from(
     adam.zero_grad()
     torch.autograd.backward(loss)
     adam.step()
+
+
+def mirror_of_state(given: Given) -> Mirror:
+    """How such states are mirrored, in the order of `states`: all is exact but scans, which look one beam beside."""
+    point, ray = np.array([1.0, -1.0]), np.ones(1)
+    scan, groups = np.arange(SECTORS)[::-1], -np.arange(GROUPS) % GROUPS
+    layouts: dict[Given, list[tuple[NDArray[np.int64], NDArray[np.float64]]]] = {
+        "points_and_groups": [(scan, point), (groups, np.tile(point, 2))],
+        "points": [(scan, point)],
+        "two_scans": [(scan, point)] * 2,
+        "three_scans": [(scan, ray)] * 3,
+        "coarse": [(np.arange(COARSE_RANGES)[::-1], ray), (np.zeros(1, np.int64), point)],
+        "ranges": [(scan, ray)],
+    }
+    order, signs = np.zeros(0, np.int64), np.zeros(0)
+    for rows, sign in (*layouts[given], (np.arange(PATH_POINTS), point)):
+        order = np.append(order, len(order) + rows[:, None] * len(sign) + np.arange(len(sign)))
+        signs = np.append(signs, np.tile(sign, len(rows)))
+    return Mirror(order, signs.astype(np.float32))

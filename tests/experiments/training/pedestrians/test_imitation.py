@@ -13,7 +13,7 @@ from desirepath.learning.pedestrians.crowd_networks import (
     actor_to_arrays,
     attention_weights,
 )
-from desirepath.learning.pedestrians.crowd_states import SIZES, mirror_of_state, states
+from desirepath.learning.pedestrians.crowd_states import SIZES, states
 from desirepath.learning.policies.mirroring import ACTION_SIGNS
 from desirepath.learning.scene_sets import Purpose
 from desirepath.simulation.crowds.crowd_engine import CrowdEngine
@@ -30,7 +30,13 @@ from desirepath_experiments.training.pedestrians.foresight import (
     ground_of,
 )
 from desirepath_experiments.training.pedestrians.foresight_kernels import Ground
-from desirepath_experiments.training.pedestrians.imitation import ImitationConfig, imitate, learn_from, mirror_batch
+from desirepath_experiments.training.pedestrians.imitation import (
+    ImitationConfig,
+    imitate,
+    learn_from,
+    mirror_batch,
+    mirror_of_state,
+)
 
 
 def begun(n: int, **settings: float) -> CrowdEngine:
