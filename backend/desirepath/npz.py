@@ -60,10 +60,10 @@ def from_npz(content: bytes, bounds: Bounds = BOUNDS) -> tuple[dict[str, Any], A
         return _header(archive, bounds), arrays
 
 
-def npz_header(content: bytes, bounds: Bounds = BOUNDS) -> dict[str, Any]:
+def npz_header(content: bytes) -> dict[str, Any]:
     """The header alone. Raises NpzError."""
-    with _opened(content, bounds) as archive:
-        return _header(archive, bounds)
+    with _opened(content, BOUNDS) as archive:
+        return _header(archive, BOUNDS)
 
 
 @contextmanager

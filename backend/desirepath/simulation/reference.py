@@ -373,8 +373,6 @@ def rollout_reference(
     return trajectories
 
 
-def evaluate_reference(
-    act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[Scene], *, drive_mode: DriveMode = "velocity"
-) -> EpisodeTable:
+def evaluate_reference(act: ActFunction | EpisodicPolicy, setup: Setup, scenes: Sequence[Scene]) -> EpisodeTable:
     """As `fast.evaluate`, in PyBullet. Raises ValueError for no scenes."""
-    return table_of(rollout_reference(setup, act, scenes, drive_mode=drive_mode))
+    return table_of(rollout_reference(setup, act, scenes))

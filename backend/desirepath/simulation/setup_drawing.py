@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 SCENES = 12
 
 
-def draw_setup(setup: Setup, scenes: int = SCENES) -> Figure:
+def draw_setup(setup: Setup) -> Figure:
     """Metres, in the building's frame. Raises SceneError."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Circle, Polygon
@@ -25,7 +25,7 @@ def draw_setup(setup: Setup, scenes: int = SCENES) -> Figure:
         shades = 1.0 - 0.85 * here.occupied - 0.25 * (here.unknown & ~here.occupied)
         (x, y), (width, height) = here.origin, here.size_m
         ax.imshow(shades.T, origin="lower", extent=(x, x + width, y, y + height), cmap="gray", vmin=0, vmax=1)
-    drawn = draw_scenes(setup, range(scenes))
+    drawn = draw_scenes(setup, range(SCENES))
     for obstacle in drawn[0].obstacles if setup.plan else ():
         ax.add_patch(Polygon(obstacle.corners(), facecolor="#444" if obstacle.kind == "wall" else "#a08c6a"))
     for scene in drawn:

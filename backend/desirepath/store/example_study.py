@@ -117,9 +117,9 @@ def _read(source: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
     return about, trajectories
 
 
-def packed_policies(source: Path = FILE) -> dict[str, bytes]:
+def packed_policies() -> dict[str, bytes]:
     """The policies in the file by their ids, which are the same wherever they arrive."""
-    about, _ = _read(source)
+    about, _ = _read(FILE)
     ids = [row["id"] for row in about["rows"]["artefact"] if row["kind"] == "policy"]
     return {sha: _rebuilt(sha, about["files"][sha]) for sha in ids}
 

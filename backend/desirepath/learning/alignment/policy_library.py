@@ -177,17 +177,13 @@ def expected_gains(measures: LibraryMeasures, believed: Believed, steps: Believe
     return total
 
 
-def gains_by_posterior(
-    measures: LibraryMeasures, believed: Believed, steps: BelievedOfSteps, among: LibraryMeasures | None = None
-) -> Doubles:
+def gains_by_posterior(measures: LibraryMeasures, believed: Believed, steps: BelievedOfSteps) -> Doubles:
     """(2, n) what each is expected to gain over the base policy by the free-form and by the step posterior, each in the
-    largest gain among these (or among those given), less doubt."""
-    gains = []
-    of_largest = expected_by_posterior(measures if among is None else among, believed, steps)
-    for (mean, deviation), (others, _) in zip(
-        expected_by_posterior(measures, believed, steps), of_largest, strict=True
-    ):
-        gains.append((mean - DOUBT * deviation) / max(float(np.abs(others).max()), 1e-9))
+    largest gain among these, less doubt."""
+    gains = [
+        (mean - DOUBT * deviation) / max(float(np.abs(mean).max()), 1e-9)
+        for mean, deviation in expected_by_posterior(measures, believed, steps)
+    ]
     return np.stack(gains)
 
 

@@ -48,7 +48,6 @@ def choose_reward_model(
     folds: int = 3,
     seed: int = 0,
     networks: RewardEnsembleConfig | None = None,
-    fewest: int = FEWEST_FOR_FREE_FORM,
     left_right_symmetry: bool = False,
 ) -> ChosenModel:
     """The kind of model that predicts held-out answers better, fitted to all of them.
@@ -69,7 +68,9 @@ def choose_reward_model(
         return lambda given: fit_mlp_ensemble(given, config, left_right_symmetry=left_right_symmetry)
 
     fits: dict[str, Fit] = {"weights": lambda given: fit_weights(given, posterior)}
-    if len(kept) < fewest or not all(one.recorded_steps for pair in kept for one in (pair.chosen, pair.rejected)):
+    if len(kept) < FEWEST_FOR_FREE_FORM or not all(
+        one.recorded_steps for pair in kept for one in (pair.chosen, pair.rejected)
+    ):
         return ChosenModel("weights", fits["weights"](preferences), {}, len(kept))
     fits |= {"mlp_ensemble_sum": of_networks("sum"), "mlp_ensemble_mean": of_networks("mean")}
     likelihoods = {name: held_out_log_likelihood(kept, fit, folds=folds, seed=seed) for name, fit in fits.items()}

@@ -234,16 +234,19 @@ class PanelRow:
     hollow: bool = False
 
 
-def small_multiples(rows: Sequence[PanelRow], panels: Sequence[Panel], *, title: str, across: int = 6) -> str:
+ACROSS = 6
+
+
+def small_multiples(rows: Sequence[PanelRow], panels: Sequence[Panel], *, title: str) -> str:
     """Values with their intervals, a row across all panels, so that one thing is followed from measure to measure;
-    `across` panels beside each other, then further ones below."""
+    ACROSS panels beside each other, then further ones below."""
     left, wide, gap, row_height, foot = 220, 92, 18, 26, 28
-    bands = [range(first, min(first + across, len(panels))) for first in range(0, len(panels), across)]
+    bands = [range(first, min(first + ACROSS, len(panels))) for first in range(0, len(panels), ACROSS)]
     named = [wrap(panel.name, 12, break_long_words=False) for panel in panels]
     heads = [14 * max(len(named[k]) for k in band) + 8 for band in bands]
     height = sum(head + row_height * len(rows) + foot for head in heads)
     linked = any(panel.link for panel in panels) or any(row.link for row in rows)
-    drawing = _Drawing(left + (wide + gap) * min(across, len(panels)), height, title, group=linked)
+    drawing = _Drawing(left + (wide + gap) * min(ACROSS, len(panels)), height, title, group=linked)
     top = 0.0
     for band, head in zip(bands, heads, strict=True):
         lows = [min(row.values[k][1] for row in rows) for k in band]

@@ -152,14 +152,13 @@ def remove_second_factor(
     return RedirectResponse("/lab/account?done=second_factor_removed", status_code=303)
 
 
-def _account_page(request: Request, database: Database, user: User, *, status: int = 200) -> Response:
+def _account_page(request: Request, database: Database, user: User) -> Response:
     with database.session() as s:
         linked = list(s.scalars(select(Identity).where(Identity.user_id == user.id).order_by(Identity.linked_at)))
         factor, left = second_factor.has_second_factor(s, user.id), second_factor.recovery_codes_left(s, user.id)
     return lab_page(
         request,
         "lab/account.html",
-        status=status,
         sign_ins=list_sign_ins(database, user.id, request.cookies[COOKIE]),
         has_factor=factor,
         codes_left=left,
