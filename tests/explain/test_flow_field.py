@@ -213,7 +213,7 @@ def rows_of(content: bytes) -> list[dict[str, str]]:
 def test_figure_of_two_policies_has_its_numbers_beside_it():
     scene = draw_scene("open_field", 3_500_000_000)
     pair = [("one <&>", load_policy("open_field/base").act), ("two", load_policy("open_field/ensemble/1").act)]
-    made, again = (flow_files(pair, OPEN_FIELD, scene, cell_m=1.0) for _ in range(2))
+    made, again = (flow_files(pair, OPEN_FIELD, scene, cell_m=0.5) for _ in range(2))
     assert made == again
     assert set(made.files) == {
         *("flow_field.png", "flow_field.svg", "flow_field_a.csv", "flow_field_b.csv", "difference.csv")
