@@ -119,7 +119,7 @@ def test_repository_is_lean():
     # people whom the nine objectives do not describe (4 MB), what sentences and pictures are read with (3 MB).
     heavy = [f"{file.relative_to(ROOT)}" for file in tracked_files() if file.stat().st_size > 4_000_000]
     assert not heavy
-    assert sum(file.stat().st_size for file in tracked_files()) < 35_000_000
+    assert sum(file.stat().st_size for file in tracked_files()) < 36_000_000
 
 
 def test_lock_pins_every_package_by_hash_and_leaves_torch_out():
