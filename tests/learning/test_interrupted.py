@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from desirepath.learning.td3.base import BaseConfig, BaseTraining, train_base
+from desirepath.learning.td3.base import BaseConfig, BaseTraining, base_config, train_base
 from desirepath.learning.td3.interrupted import TrainingFile
 
 CONFIG = BaseConfig(
@@ -40,6 +40,19 @@ def test_it_goes_on_with_the_same_weights_and_optimisers(begun):
     made = train_base(CONFIG, lambda fraction, _: told.append(fraction), file)
     assert made.transitions > training.transitions
     assert told[0] > 96 / 180
+
+
+def test_what_it_goes_on_with_has_the_guides_actions_while_it_is_drawn_to_them(tmp_path):
+    guided = replace(base_config("open_field", seed=3), n_envs=32, random_transitions=512, buffer_size=20_000, cloned=2)
+    training, file = BaseTraining(guided), TrainingFile(tmp_path / "base.npz", guided.as_dict())
+    while training.agent.updates < 24:
+        training.vector_step()
+    file.keep(training.agent, training._average, training.transitions, every_s=0)
+    again = BaseTraining(guided)
+    again.go_on(file.find())
+    assert again.guidance() > 0
+    assert np.abs(again._guides).any(axis=1).mean() > 0.9
+    assert again.cloning_updates == training.cloning_updates == 32
 
 
 def test_it_is_written_down_now_and_then_not_at_every_step(begun):

@@ -185,10 +185,7 @@ class BaseTraining:
         """
         config = self.config
         warm = self.transitions >= config.random_transitions
-        if self._guide is None:
-            self.collector.step(self.agent.act if warm else None, self.buffer)
-        else:
-            self._guided_step(self._guide, warm)
+        self._step(warm)
         self.transitions += config.n_envs
         if not warm:
             self._clone()
@@ -202,6 +199,12 @@ class BaseTraining:
             self.agent.update(self.buffer.transitions(rows), self._term(rows, penalty, guidance))
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
         return self.agent.updates
+
+    def _step(self, warm: bool) -> None:
+        if self._guide is None:
+            self.collector.step(self.agent.act if warm else None, self.buffer)
+        else:
+            self._guided_step(self._guide, warm)
 
     def _guided_step(self, guide: WayGuide, warm: bool) -> None:
         """At first the guide drives in some of the environments and chance in the others, so that the buffer holds
@@ -267,8 +270,9 @@ class BaseTraining:
         self.agent.go_back(kept.memory)
         self.agent.updates = kept.updates
         self._average.copy_(kept.average)
+        self.cloning_updates = self.cloning_steps * self._cloned
         for _ in range(REFILLED // self.config.n_envs):
-            self.collector.step(self.agent.act, self.buffer)
+            self._step(warm=True)
         self.transitions = max(kept.transitions, self.config.random_transitions)
 
     def keep(self, file: TrainingFile) -> None:
