@@ -207,7 +207,10 @@ export class Trial extends StageBar {
     const changed = phase !== this.shown;
     this.shown = phase;
     if (changed) this.sawB = false;
-    if (phase === "ready" || phase === "playing_a") this.picked = null;
+    if (phase === "ready" || phase === "playing_a") {
+      if (this.picked) delete this.picked.dataset.chosen;
+      this.picked = null;
+    }
     this.rest(!this.mayChoose);
     if (phase === "ready") {
       this.part("ready");
@@ -238,12 +241,12 @@ export class Trial extends StageBar {
       }
     } else if (phase === "choosing") {
       this.part(this.picked ? "degree" : "choosing");
+      if (changed && this.rules.limitS) this.limitChoice();
       if (changed && !this.picked) {
         // also takes the keyboard back from the stage, in which the participant may have looked around
         window.focus();
         /** @type {HTMLElement | null} */ (this.root.querySelector("#question"))?.focus({ preventScroll: true });
         announce(say("choose"));
-        if (this.rules.limitS) this.limitChoice();
       }
       if (this.again) this.again.hidden = (this.state.replays ?? 0) >= this.rules.replays;
     } else {
