@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from sqlalchemy import select
 
+from desirepath.jobs import answers as of_jobs
 from desirepath.jobs.answers import preferences_of
 from desirepath.jobs.context import JobContext
 from desirepath.learning.preferences.objectives import NAMES
@@ -75,7 +77,7 @@ def test_nothing_else_is_an_answer(walk, answers, said, field):
 
 
 def test_simulated_people_answer_and_one_posterior_data_set_and_models_have_it(
-    database, files, tmp_path, twenty_queries
+    database, files, tmp_path, twenty_queries, monkeypatch
 ):
     frozen = small_protocol(tmp_path, [block(BOTH, count=12, choose="information")], query_set=str(twenty_queries))
     with database.transaction() as s:
@@ -119,3 +121,9 @@ def test_simulated_people_answer_and_one_posterior_data_set_and_models_have_it(
     assert accuracy(fit_linear(preferences), preferences) > 0.8
     shares = fit_weights(preferences).shares
     assert NAMES[int(np.argmax(shares))] == "shorter"
+
+    tied = snapshot.ties[0].participant
+    undecided = replace(snapshot, answers=tuple(one for one in snapshot.answers if one.participant != tied))
+    monkeypatch.setattr(of_jobs, "snapshot_of", lambda *_: (artefact, undecided))
+    earlier = of_jobs.earlier_people(context, "it", snapshot.setup)
+    assert len(earlier) == 2, "who only saw no difference tells nothing of what people weigh"

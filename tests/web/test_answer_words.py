@@ -64,4 +64,5 @@ def test_an_answer_of_a_plug_in_or_to_items_that_no_version_has_is_left_to_its_s
     words = AnswerWords(Texts(FRONTEND / "locales").get("en"), [freeze(QUICK)])
     assert words.lines("of_a_plug_in", "one", {"how": 3}) == []
     assert words.lines("questionnaire", "demographics", {"shoe_size": 44}) == []
+    assert words.lines("questionnaire", "demographics", {"degree": "master"}) == []
     assert words.item_answer("shoe_size", {"shoe_size": 44}) == "44"

@@ -464,6 +464,32 @@ def test_rankings_and_items_asked_in_several_conditions_count_and_lead_to_their_
     assert {p["answers"] for p in people} == {rows_shown(lab.get(f"{here}/answers?given=1&participant=S001").text)}
 
 
+def test_pairs_without_difference_are_no_choices_of_the_first_one(lab, lab_services, tmp_path):
+    asked = {"count": 8, "probes": {"repeat": 6}}
+    block = {"view": "top_down", "answers": {"no_difference": True}, "trials": [{"queries": asked}]}
+    frozen = small_protocol(tmp_path, [{"block": block}])
+    with lab_services.database.transaction() as s:
+        study = create_study(s, lab_services.files, frozen, name="Alike", created_by=None)
+    walk_in_process(lab_services.database, lab_services.files, study, 3)
+    with lab_services.database.session() as s:
+        said = select(Response.value, Trial).join(Trial, Response.trial_id == Trial.id).join(Session)
+        rows = [(value, trial) for value, trial in s.execute(said.where(Session.study_id == study.id))]
+    chosen = [value for value, trial in rows if trial.role == "regular" and "choice" in value]
+    assert 0 < len(chosen) < 24
+    choices = {trial.id: value["choice"] for value, trial in rows if "choice" in value}
+    twice = [trial for _, trial in rows if trial.role == "repeat" and {trial.id, trial.probe_of} <= choices.keys()]
+    assert 0 < len(twice) < 18
+    report = lab.get(f"/api/lab/studies/{study.id}/report?who=simulated").json()
+    assert (report["preferences"], report["second_chosen"]["n"]) == (24, len(chosen))
+    assert report["repeats_agree"]["n"] == len(twice)
+    assert report["repeats_agree"]["hits"] == sum(choices[one.id] == choices[one.probe_of] for one in twice)
+    here = f"/lab/studies/{study.id}/report?who=simulated"
+    links = [one for one in LINKED_NUMBER.findall(lab.get(here).text) if "kind=preference" in one[0]]
+    assert len(links) == 5
+    for href, number in links:
+        assert rows_shown(lab.get(urljoin(here, html.unescape(href))).text) == int(number), href
+
+
 def test_a_missing_text_is_added_where_it_is_missed_and_refused_edits_stay_in_the_form(lab, lab_services):
     text = QUICK.read_text().replace("texts/instruction.md", "texts/my_instruction.md")
     draft = draft_of(lab, source="paste", yaml=text)

@@ -156,6 +156,8 @@ def earlier_people(context: JobContext, snapshots: str, setup: str, symmetry: st
             continue
         for preferences in preferences_of(context, snapshot, independent=True).values():
             pairs = [(preference.chosen, preference.rejected) for preference in preferences if not preference.is_tie]
+            if not pairs:
+                continue
             differences = PairDifferences.of(setup, pairs, left_right_symmetry=mirrored)
             people.append(EarlierPerson(differences, np.ones(len(pairs), dtype=np.bool_)))
     return people

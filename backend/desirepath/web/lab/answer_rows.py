@@ -15,6 +15,7 @@ from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.models import Participant, Response, Session, Trial
+from desirepath.store.sides import SIDES, is_side
 from desirepath.store.who_counts import GROUPS, in_group, not_left_out
 from desirepath.web.lab import monitoring
 from desirepath.web.lab.study_rows import ROWS_PER_PAGE, Page, page_of
@@ -82,11 +83,11 @@ class Answer:
 class AnswerFilter:
     """Which answers; a field that is None means any.
 
-    who: people (of the live study), pilot or simulated. usable: what analyses use. sign: those behind a flag of
-    `monitoring.py`. own: of comparisons with the base policy and guesses `asked` all, `chosen` or `not_chosen`. item:
-    questionnaires in which this item was answered. under: steps whose key begins so, as those of one condition. again:
-    of repeated queries `asked` all whose first answer is there, `same` or `other`. given: without pages that were only
-    read.
+    choice: a, b or `either` of them. who: people (of the live study), pilot or simulated. usable: what analyses use.
+    sign: those behind a flag of `monitoring.py`. own: of comparisons with the base policy and guesses `asked` all,
+    `chosen` or `not_chosen`. item: questionnaires in which this item was answered. under: steps whose key begins so, as
+    those of one condition. again: of repeated queries `asked` all whose first answer is there, `same` or `other`.
+    given: without pages that were only read.
     """
 
     kind: str | None = None
@@ -124,14 +125,18 @@ def answers_page(s: DatabaseSession, study_id: str, where: AnswerFilter, page: i
 
 def agreement(regular: Sequence[Answer], repeats: Sequence[Answer]) -> dict[str, bool]:
     """Id of a repeated query's answer -> whether it is the one that was given first, in the same view; those of which
-    the first answer is not among the regular ones are left out."""
-    first = {
-        (a.code, a.trial.view, a.trial.query_id): a.response.value.get("choice") for a in regular if a.trial is not None
-    }
+    the first answer is not among the regular ones, or where one of the two was no choice, are left out."""
+    first = _choices(regular)
+    given = ((a.response.id, key, choice) for a in repeats for key, choice in _choices([a]).items())
+    return {response: first[key] == choice for response, key, choice in given if key in first}
+
+
+def _choices(given: Sequence[Answer]) -> dict[tuple[str, str, str | None], str]:
+    """(whose, view, query) -> what was chosen, where something was."""
     return {
-        a.response.id: first[key] == a.response.value.get("choice")
-        for a in repeats
-        if a.trial is not None and (key := (a.code, a.trial.view, a.trial.query_id)) in first
+        (a.code, a.trial.view, a.trial.query_id): choice
+        for a in given
+        if a.trial is not None and is_side(choice := a.response.value.get("choice"))
     }
 
 
@@ -162,7 +167,8 @@ def _query(s: DatabaseSession, study_id: str, where: AnswerFilter) -> Select[*tu
     if where.under:
         query = query.where(Response.step_key.startswith(f"{where.under}.", autoescape=True))
     if where.choice:
-        query = query.where(Response.value["choice"].as_string() == where.choice)
+        wanted = SIDES if where.choice == "either" else (where.choice,)
+        query = query.where(Response.value["choice"].as_string().in_(wanted))
     if where.item:
         known = where.item if _NAME.fullmatch(where.item) else "-"
         query = query.where(Response.kind == "questionnaire", Response.value[known].as_string() != "")

@@ -63,7 +63,7 @@ class AnswerWords:
         }.get(kind)
         if tell is not None:
             return tell(value)
-        if "degree" in value:
+        if kind == "preference" and "degree" in value:
             return [self._degree(value)]
         if RATING in value:
             return self._rating(step_key, value)

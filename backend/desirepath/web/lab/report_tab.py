@@ -17,6 +17,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.analysis.estimates import wilson
 from desirepath.store.models import Study
+from desirepath.store.sides import is_side
 from desirepath.study.kinds.rating import RATING, RatingStage
 from desirepath.study.protocol.freezing import thaw
 from desirepath.web.lab import people_rows
@@ -108,6 +109,7 @@ def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> R
         return answers(s, study.id, AnswerFilter(who=who, usable=True, **where))
 
     regular = pick(kind="preference", role="regular")
+    chosen = [choice for a in regular if is_side(choice := a.response.value.get("choice"))]
     compared = [a for a in pick(kind="comparison") if a.own_chosen is not None]
     guesses = [a for a in pick(kind="guess") if a.own_chosen is not None]
     own = sum(bool(a.own_chosen) for a in compared)
@@ -117,7 +119,7 @@ def study_report(s: DatabaseSession, study: Study, who: str, now: datetime) -> R
         completed=sum(p.presence == "completed" for p in kept),
         excluded=sum(p.excluded_at is not None for p in everyone),
         preferences=len(regular),
-        second_chosen=Share(sum(a.response.value.get("choice") == "b" for a in regular), len(regular)),
+        second_chosen=Share(chosen.count("b"), len(chosen)),
         repeats_agree=_repeats(regular, pick(kind="preference", role="repeat")),
         decision_s=_spread([a.response.decision_s for a in regular if a.response.decision_s is not None]),
         session_min=_spread([minutes for p in kept if (minutes := _minutes(p)) is not None]),
