@@ -70,6 +70,20 @@ def test_who_chooses_too_fast_is_seen_early_with_the_count(walk, pairs, flags):
     assert (seen.flags, seen.hasty) == (flags, (len(flags) * pairs, pairs))
 
 
+def test_no_difference_in_no_time_is_no_comparing_either(walk):
+    eight = {"block": {**EIGHT["block"], "answers": {"no_difference": True}}}
+    walker = walk(eight, TRAIN, COMPARISON, MEET)
+    for number in range(8):
+        key = walker.view.key
+        walker.watch(key)
+        walker.later(0.2)
+        walker.submit(key, {"degree": "no_difference"} if number % 4 else {"choice": "ab"[number % 2]})
+    assert session_row(walker).personalisation == "too_fast"
+    with walker.database.session() as s:
+        (seen,) = monitoring.signs(s, walker.session.study_id).values()
+    assert (seen.flags, seen.hasty) == (("too_fast",), (8, 8))
+
+
 def test_nobody_guesses_about_a_comparison_that_was_not_shown(walk):
     """Where further pairs might have been asked, too."""
     asking_on = {"train": {**TRAIN["train"], "ask_on": {"at_most": 4, "each": 2}}}

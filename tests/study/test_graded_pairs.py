@@ -23,6 +23,7 @@ from desirepath.report.findings import analyse
 from desirepath.report.tidy_tables import read_study
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.models import Response, Session
+from desirepath.store.sides import is_answer_to_pair
 from desirepath.store.snapshots import Snapshot, load_snapshot, take_snapshot
 from desirepath.study.personalising import next_query
 from desirepath.study.personalising.learnt import find_learnt
@@ -57,6 +58,24 @@ def test_what_is_asked_is_what_may_be_answered_and_is_stored(walk, answers, said
     with walker.database.session() as s:
         value = s.scalars(select(Response.value).where(Response.step_key == "block.01")).one()
     assert value == said | stored
+    assert is_answer_to_pair(value)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        {"choice": "c"},
+        {"choice": "a", "degree": "clear"},
+        {"choice": "a", "degree": "very", "possible": 5},
+        {"degree": "no_difference", "possible": 4},
+        {"choice": "a", "possible": 5},
+        {"choice": "a", "possible": "5"},
+        {"choice": "a", "possible": 9},
+        {"timed_out": True},
+    ],
+)
+def test_what_was_imported_and_could_not_be_answered_teaches_nothing(value):
+    assert not is_answer_to_pair(value)
 
 
 @pytest.mark.parametrize(

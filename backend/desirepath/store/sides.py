@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal, TypeGuard
+from collections.abc import Mapping
+from typing import Any, Literal, TypeGuard
 
 Side = Literal["a", "b"]
 """a is shown first, b second."""
@@ -25,3 +26,20 @@ def shown_on(side: Side, trajectory_a: str, trajectory_b: str) -> str:
 def chosen_and_rejected(choice: Side, trajectory_a: str, trajectory_b: str) -> tuple[str, str]:
     """The trajectories of a pair, the one that a choice names first."""
     return shown_on(choice, trajectory_a, trajectory_b), shown_on(other_side(choice), trajectory_a, trajectory_b)
+
+
+def is_tie(value: Mapping[str, Any]) -> bool:
+    """Whether a stored answer to a pair says that the two do not differ."""
+    return value.get("degree") == "no_difference" and not is_side(value.get("choice"))
+
+
+def is_answer_to_pair(value: Mapping[str, Any]) -> bool:
+    """Whether a stored answer says which of two, or that neither, in one of the ways that it says were possible; what
+    was imported may say anything."""
+    possible = value.get("possible", 2)
+    if possible not in (2, 3, 4, 5):
+        return False
+    if is_tie(value):
+        return bool(possible % 2)
+    graded = value.get("degree") in ("slight", "clear") if possible >= 4 else value.get("degree") is None
+    return is_side(value.get("choice")) and graded

@@ -29,7 +29,7 @@ from desirepath.store.models import (
     utc_now,
 )
 from desirepath.store.models import Session as SessionRow
-from desirepath.store.sides import Side, chosen_and_rejected, is_side
+from desirepath.store.sides import Side, chosen_and_rejected, is_answer_to_pair
 from desirepath.store.who_counts import PROBE_ROLES, Whose, is_practice, reason_not_to_learn
 
 FORMAT = "desirepath-snapshot-2"
@@ -407,5 +407,5 @@ def _reason_to_leave_out(
     if reason is None and is_practice(trial.role):
         return "learning"
     said = response.value
-    answered = "rating" in said or is_side(said.get("choice")) or said.get("degree") == "no_difference"
+    answered = "rating" in said or is_answer_to_pair(said)
     return reason or (None if answered else "no_choice")

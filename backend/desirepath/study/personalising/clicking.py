@@ -15,7 +15,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.store.models import Response, Session, Trial
-from desirepath.store.sides import is_side
+from desirepath.store.sides import is_side, is_tie
 from desirepath.store.who_counts import TEACHING_ROLES
 
 ONE_SIDED_P = 0.01
@@ -60,23 +60,24 @@ def is_too_fast(decision_s: Sequence[float], at_least: int = FAST_FROM) -> bool:
 
 def find_letters(s: DatabaseSession, session: Session) -> list[str]:
     """The letters of the session's choices that would teach."""
-    return [letter for letter, _ in _choices(s, session)]
+    return [letter for letter, _ in _choices(s, session) if letter is not None]
 
 
 def without_comparing(s: DatabaseSession, session: Session) -> str | None:
     """Why nothing can be learned from the session's choices: `one_sided`, `too_fast`, or None. Simulated participants
     decide in no time."""
     choices = _choices(s, session)
-    if position_bias([letter for letter, _ in choices]).is_found:
+    if position_bias([letter for letter, _ in choices if letter is not None]).is_found:
         return "one_sided"
     seconds = [took for _, took in choices if took is not None]
     return "too_fast" if not session.simulated and is_too_fast(seconds) else None
 
 
-def _choices(s: DatabaseSession, session: Session) -> list[tuple[str, float | None]]:
+def _choices(s: DatabaseSession, session: Session) -> list[tuple[str | None, float | None]]:
+    """Letter and seconds of each; no letter: no difference."""
     rows = s.execute(
         select(Response.value, Response.decision_s)
         .join(Trial, Response.trial_id == Trial.id)
         .where(Trial.session_id == session.id, Trial.kind == "query", Trial.role.in_(TEACHING_ROLES))
     )
-    return [(value["choice"], seconds) for value, seconds in rows if is_side(value.get("choice"))]
+    return [(value.get("choice"), took) for value, took in rows if is_side(value.get("choice")) or is_tie(value)]

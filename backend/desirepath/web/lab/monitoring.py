@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.analysis.triads import CHANCE_CIRCULAR, is_circular, whole_triads
 from desirepath.report.study_data import TRIAD
 from desirepath.store.models import Event, Response, Session, Trial
-from desirepath.store.sides import is_side, shown_on
+from desirepath.store.sides import is_side, is_tie, shown_on
 from desirepath.store.who_counts import is_practice
 from desirepath.study.personalising.clicking import (
     FAST_FROM,
@@ -137,8 +137,8 @@ def _behind(sign: str, given: Sequence[_Given]) -> list[_Given]:
 
 
 def _timed(given: Sequence[_Given]) -> list[tuple[_Given, float]]:
-    """The choices with how long each took, s."""
-    return [(a, a.decision_s) for a in given if a.chosen is not None and a.decision_s is not None]
+    """The choices, of no difference too, with how long each took, s."""
+    return [(a, a.decision_s) for a in given if (a.chosen is not None or is_tie(a.value)) and a.decision_s is not None]
 
 
 def _preferences(given: Sequence[_Given]) -> list[_Given]:
