@@ -66,7 +66,7 @@ BENCHMARKS = {
     ),
     "feedback": (
         "benchmarks.feedback",
-        "Simulated: what each way of answering tells in a participant's time, and how well it then predicts them.",
+        "Simulated: what each way of answering tells in a participant's time, and what that predicts.",
     ),
     "raters": (
         "benchmarks.raters",
