@@ -8,7 +8,7 @@ TEST_PROCESSES ?= $(shell nproc)
 EXTRAS := postgres s3 reference openid recordings docs dev
 # Tests start hundreds of Pythons, each of which would compile the product's modules anew.
 unexport PYTHONDONTWRITEBYTECODE
-SIDE_BY_SIDE = -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder
+SIDE_BY_SIDE = -n $(TEST_PROCESSES) --dist loadfile
 
 .PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test compiled lint lock secrets docs results clean
 
@@ -24,7 +24,7 @@ test-fast: setup $(VENV)/.tools-ready
 
 test: setup node_modules/.ready
 	$(MAKE) -j 2 --output-sync=target setup-test lint compiled
-	$(BIN)/python -m pytest $(SIDE_BY_SIDE) --durations=50
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) --no-loadscope-reorder --durations=50
 
 # What Numba compiles once and keeps on disk, else every process of the tests would compile it at the same time.
 compiled: setup

@@ -66,7 +66,7 @@ def test_twenty_equal_steps_end_where_the_circle_says(v: float, w: float, yaw: f
         y = speed / turn * (math.cos(yaw) - math.cos(yaw + turn * t))
     assert engine.poses[0, :2] == pytest.approx([1.0 + x, -2.0 + y], abs=2e-5)
     assert math.cos(engine.poses[0, 2] - yaw - turn * t) == pytest.approx(1.0, abs=1e-9)
-    assert -math.pi <= engine.poses[0, 2] < math.pi
+    assert -math.pi < engine.poses[0, 2] <= math.pi
 
 
 def test_actions_beyond_one_are_clipped_and_the_robot_never_backs_up() -> None:
