@@ -303,14 +303,21 @@ def test_how_clearly_one_is_better_is_said_by_keyboard_or_that_there_is_no_diffe
     ]
 
 
-def test_who_chose_early_and_does_not_say_how_clearly_in_time_goes_on(studies: Studies, page: Page) -> None:
-    asked = "viewing: {early_choice: true, choice_limit_s: 3}\n      answers: {degree: strength}"
+def choose_a_while_b_plays(studies: Studies, page: Page, asked: str) -> str:
+    """In the first pair. asked: lines of its block; returns the playback of B."""
     to_the_first_pair(page, studies.link((VIEWING, asked)))
     begin(page)
     watch(page, "A")
     expect(page.locator("#playing-letter")).to_have_text("B")
-    room_says(page, "playing", playback_id=trial_of(page)["playback_id"])
+    playback = trial_of(page)["playback_id"]
+    room_says(page, "playing", playback_id=playback)
     page.keyboard.press("a")
+    return playback
+
+
+def test_who_chose_early_and_does_not_say_how_clearly_in_time_goes_on(studies: Studies, page: Page) -> None:
+    asked = "viewing: {early_choice: true, choice_limit_s: 3}\n      answers: {degree: strength}"
+    choose_a_while_b_plays(studies, page, asked)
     expect(page.locator("#degree-question")).to_be_visible()
     watch(page, "B")
     expect(page.locator(".step-body[data-kind=trial]")).to_have_count(0, timeout=10_000)
@@ -319,13 +326,7 @@ def test_who_chose_early_and_does_not_say_how_clearly_in_time_goes_on(studies: S
 
 def test_a_choice_that_was_interrupted_is_not_marked_any_more(studies: Studies, page: Page) -> None:
     asked = "viewing: {early_choice: true}\n      answers: {degree: strength}"
-    to_the_first_pair(page, studies.link((VIEWING, asked)))
-    begin(page)
-    watch(page, "A")
-    expect(page.locator("#playing-letter")).to_have_text("B")
-    playback = trial_of(page)["playback_id"]
-    room_says(page, "playing", playback_id=playback)
-    page.keyboard.press("a")
+    playback = choose_a_while_b_plays(studies, page, asked)
     expect(page.locator(".pick[data-chosen]")).to_have_count(1)
     room_says(page, "interrupted", playback_id=playback, reason="focus")
     expect(page.locator(".pick[data-chosen]")).to_have_count(0)

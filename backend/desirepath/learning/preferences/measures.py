@@ -85,7 +85,7 @@ def measures(trajectories: Sequence[Trajectory]) -> Doubles:
     require_people(trajectories)
     poses = metrics.stack_poses(trajectories)
     clearances = metrics.min_obstacle_distance(poses, [trajectory.scene for trajectory in trajectories])
-    least, sides, speeds = _beside_the_person(trajectories, poses)
+    least, sides, speeds = _near_person(trajectories, poses)
     return in_order(
         {
             "min_human_distance_m": least,
@@ -99,7 +99,7 @@ def measures(trajectories: Sequence[Trajectory]) -> Doubles:
     )
 
 
-def _beside_the_person(trajectories: Sequence[Trajectory], poses: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+def _near_person(trajectories: Sequence[Trajectory], poses: Doubles) -> tuple[Doubles, Doubles, Doubles]:
     """(n,) each: the smallest distance to anybody, passing_side and speed_near_person. poses: of all, stacked."""
     stacked = np.empty((*poses.shape[:2], 2))
     for row, trajectory in zip(stacked, trajectories, strict=True):

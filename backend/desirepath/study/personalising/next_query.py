@@ -151,7 +151,6 @@ class Remembered:
         from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 
         config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
-
         places = measured.index()
 
         def believe(posterior: Posterior, given: Given | GivenRating) -> Posterior:

@@ -20,7 +20,7 @@ from desirepath.explain.shown_explanation import ShownExplanation
 from desirepath.store.artefacts import ArtefactError, ArtefactStore, load_trajectory
 from desirepath.store.models import Artefact, Event, Participant, Session, StrokeRow, Trial
 from desirepath.store.models import Response as Answered
-from desirepath.store.sides import Side
+from desirepath.store.sides import Side, is_tie
 from desirepath.study.drawing import paths, walks
 from desirepath.study.kind import Moment, Page, kind_of, read_plan
 from desirepath.study.kinds.demonstration import DemonstrationStep
@@ -253,7 +253,7 @@ def _bar(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[str
         sentence = t("lab.replay.guessed", code=code, choice=choice, right=right)
     elif choice:
         sentence = t("lab.replay.chose", code=code, choice=choice)
-    elif value.get("degree") == "no_difference":
+    elif is_tie(value):
         sentence = t("lab.replay.saw_no_difference", code=code)
     elif given.kind == "importance_ranking":
         sentence = t("lab.replay.ranked", code=code, tau=_agreement(t, value))
