@@ -3,12 +3,13 @@ SHELL := /bin/bash
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
-# Whole files go to a process, long ones first: a browser draws in software, so that more processes than cores hinder each other.
-TEST_PROCESSES ?= $(shell nproc)
+# Whole files go to a process, long ones first. Of all tests, browsers, servers and films let a core rest for a third of their
+# time: a process more than there are cores fills it. The fast ones compute all the time.
+TEST_PROCESSES ?= $(shell echo $$(($$(nproc) + 1)))
 EXTRAS := postgres s3 reference openid recordings docs dev
 # Tests start hundreds of Pythons, each of which would compile the product's modules anew.
 unexport PYTHONDONTWRITEBYTECODE
-SIDE_BY_SIDE = -n $(TEST_PROCESSES) --dist loadfile
+SIDE_BY_SIDE = --dist loadfile -n
 
 .PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test compiled lint lock secrets docs results clean
 
@@ -20,11 +21,11 @@ check: setup $(VENV)/.tools-ready node_modules/.ready
 	$(MAKE) -j 2 --output-sync=target lint test-fast
 
 test-fast: setup $(VENV)/.tools-ready
-	$(BIN)/python -m pytest -q -m fast $(SIDE_BY_SIDE)
+	$(BIN)/python -m pytest -q -m fast $(SIDE_BY_SIDE) $(shell nproc)
 
 test: setup node_modules/.ready
 	$(MAKE) -j 2 --output-sync=target setup-test lint compiled
-	$(BIN)/python -m pytest $(SIDE_BY_SIDE) --no-loadscope-reorder --durations=50
+	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(TEST_PROCESSES) --no-loadscope-reorder --durations=50
 
 # What Numba compiles once and keeps on disk, else every process of the tests would compile it at the same time.
 compiled: setup

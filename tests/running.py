@@ -16,6 +16,7 @@ PATIENCE_S = 200.0  # a busy machine is slow, not wrong
 @contextmanager
 def served(application: Any, *, port: int = 0, **options: Any) -> Iterator[str]:
     """Address at which an application is served for real, on that port of loopback or any that is free."""
+    options = {"timeout_graceful_shutdown": 1, **options}  # a page that still listens is not waited for
     server = uvicorn.Server(uvicorn.Config(application, port=port, log_level="critical", **options))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()

@@ -45,7 +45,7 @@ from tests.fences import fences_of, install
 from tests.study.small_protocol import small_protocol
 
 SECTIONS = ("A robot and its setup", "A world")
-TINY = "updates=100 --set n_envs=32 --set selection_scenes=50"
+TINY = "updates=100 --set n_envs=512 --set selection_scenes=50"  # many environments: few steps that imitate
 CACHES = (
     *(setups._find, setups._read, measures._typical_differences, setup_settings.scene_bounds),
     *(getattr(setup_settings, name) for name in ("far_enough_m", "closeness", "middle", "longest_shown_s")),

@@ -114,7 +114,7 @@ def test_job_runs_to_an_artefact_with_card_and_lineage(rig):
 
 def test_trained_policy_is_measured_afterwards(rig):
     trained = rig.ended(
-        rig.enqueue("train_base", setup="open_field", updates=240, n_envs=64, batch_size=8, selection_scenes=50)
+        rig.enqueue("train_base", setup="open_field", updates=240, n_envs=512, batch_size=8, selection_scenes=50)
     )
     assert trained.state == "succeeded", trained.error
     with rig.database.session() as s:
@@ -214,7 +214,7 @@ def test_who_waits_goes_first_while_a_completed_sessions_search_pauses_and_goes_
         rig.begun(search)
         rig.wait(lambda: rig.job(search).progress > 0.03, lambda: read_log(rig.settings, search))
         with rig.database.transaction() as s:
-            few = {"setup": "open_field", "updates": 2_400, "n_envs": 64, "batch_size": 8, "selection_scenes": 50}
+            few = {"setup": "open_field", "updates": 2_400, "n_envs": 256, "batch_size": 8, "selection_scenes": 50}
             training = enqueue_job(s, "train_base", few, priority=PARTICIPANT_WAITS, session_id=waits).id
         rig.begun(training)
         rig.wait(lambda: PAUSED in read_log(rig.settings, search), lambda: read_log(rig.settings, search))
