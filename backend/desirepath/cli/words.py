@@ -45,3 +45,27 @@ def read(
         typer.echo(f"not understood: {text[start:end]!r}")
     if not understood["understood"] and not got.questions and not got.not_understood:
         typer.echo("nothing is said about driving")
+
+
+@commands.command()
+@in_data_folder
+def rule(
+    text: Annotated[str, typer.Argument(help=f"The rule, at most {LONGEST} characters.")],
+    language: LanguageFlag = LANGUAGES[0],
+    as_json: JsonFlag = False,
+) -> None:
+    """Say what is understood of a rule that lasts: when it holds, what is then wished, where not to drive."""
+    from desirepath.learning.rules.reading import read_rule
+
+    got = read_rule(text, language)
+    asked = [
+        {"about": one.about, "words": text[one.start : one.end], "offered": list(one.offered)} for one in got.asked
+    ]
+    if as_json:
+        found = {"context": sorted(got.rule.context), "change": sorted(got.rule.changes), "asked": asked}
+        typer.echo(json.dumps(found, ensure_ascii=False))
+        return
+    typer.echo(f"when: {', '.join(sorted(got.rule.context))}")
+    typer.echo(f"then: {', '.join(sorted(got.rule.changes)) or 'nothing is said about driving'}")
+    for one in asked:
+        typer.echo(f"asked back ({one['about']}): {one['words']!r} {' or '.join(one['offered'])}".rstrip())

@@ -41,11 +41,12 @@ class Pose:
 
 @dataclass(frozen=True)
 class Person:
-    """A standing person: a vertical cylinder for the robot, a mannequin for people; yaw is where they face."""
+    """A person: a vertical cylinder for the robot, a mannequin for people; yaw is where they face. sits: on a stool."""
 
     pose: Pose
     radius: float = 0.3
     height: float = 1.7
+    sits: bool = False
 
     @property
     def eye_height_m(self) -> float:
@@ -63,6 +64,7 @@ class UnrecordedPerson(Person):
         raise SceneError("person", None, "was not recorded; what needs a person cannot be measured or shown here")
 
     pose = radius = height = property(_missing)
+    sits = False
 
     def __repr__(self) -> str:
         return "UnrecordedPerson()"
@@ -165,6 +167,8 @@ class Scene:
         data = asdict(self if self.has_person else replace(self, person=Person(self.start)))
         if not self.has_person:
             data["person"] = None
+        elif not self.person.sits:
+            del data["person"]["sits"]  # likewise
         if self.walk is None:
             del data["walk"]  # a standing person's scene keeps the digest it always had
         if self.crowd is None:
@@ -189,6 +193,7 @@ class Scene:
                     Pose(**data["person"]["pose"]),
                     radius=data["person"]["radius"],
                     height=data["person"]["height"],
+                    sits=bool(data["person"].get("sits", False)),
                 ),
                 obstacles=tuple(Obstacle(**{**o, "pose": Pose(**o["pose"])}) for o in data["obstacles"]),
                 room=Room(**data["room"]) if data.get("room") else None,

@@ -84,6 +84,10 @@ BENCHMARKS = {
         "benchmarks.words",
         "How well wishes in plain English and German become preference weights, case by case.",
     ),
+    "rules": (
+        "benchmarks.rules",
+        "Rules in plain words: read as they were meant? Obeyed in fresh homes, against no rules?",
+    ),
     "null-cohorts": (
         "cohorts.interface_cohorts",
         "Simulated: how often the interface study finds something where there is nothing.",

@@ -300,13 +300,13 @@ def _expanded(entry: str, language: Language) -> Iterator[str]:
                     yield said.replace(word, whole, 1).replace("*", "")
 
 
-@lru_cache(maxsize=2)
-def lexicon(language: Language) -> Lexicon:
-    """The shipped lexicon. Raises ValueError for a line that is no `sense: entries`."""
+@lru_cache(maxsize=4)
+def lexicon(language: Language, name: str = "lexicon") -> Lexicon:
+    """The shipped lexicon of that name. Raises ValueError for a line that is no `sense: entries`."""
     entries: dict[tuple[str, ...], set[str]] = {}
     apart: dict[str, dict[str, frozenset[str]]] = {}
     compared = lru_cache(maxsize=None)(form_of)  # many phrases have the same words
-    file = FOLDER / f"lexicon_{language}.txt"
+    file = FOLDER / f"{name}_{language}.txt"
     for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
         if not line.strip() or line.startswith("#"):
             continue

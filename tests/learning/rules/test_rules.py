@@ -1,0 +1,132 @@
+"""A rule that lasts: read of a sentence, asked back where it is not clear, and obeyed while driving."""
+
+from __future__ import annotations
+
+import pytest
+
+from desirepath.learning.errors import LearningError
+from desirepath.learning.policies.shipped import load_conditioned
+from desirepath.learning.rules.homes import rooms_of, rule_scene, unavailable
+from desirepath.learning.rules.obedience import obeyed_steps
+from desirepath.learning.rules.obeying import ObeyingPolicy, Situation
+from desirepath.learning.rules.reading import read_rule
+from desirepath.learning.rules.rule import Rectangle, Rule, Wish, Zone, collisions, weights_by
+from desirepath.simulation.fast import rollout
+from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import get_setup
+from desirepath_experiments.benchmarks.rules import LabelledRule, judge_change, judge_context
+
+HOMES = 24
+
+
+@pytest.fixture(scope="module")
+def homes() -> list[Scene]:
+    return [rule_scene(7_000_000 + number) for number in range(HOMES)]
+
+
+@pytest.mark.parametrize(
+    ("language", "sentence", "context", "change"),
+    [
+        ("en", "When I sit, keep behind me", "sitting", "zone:front"),
+        ("en", "when i sit keep behind me", "sitting", "zone:front"),
+        ("en", "in the corridor go slower", "room:corridor", "faster:-"),
+        ("en", "Never between me and the sofa", "always", "zone:between:sofa"),
+        ("en", "Take your time unless I'm in a hurry", "no_hurry", "faster:-"),
+        ("en", "If we have guests in the living room, keep your distance", "others+room:living_room", "farther:+"),
+        ("en", "Slow down near the sofa", "near:sofa", "faster:-"),
+        ("en", "Don't go into the kitchen", "always", "zone:room:kitchen"),
+        ("de", "Wenn ich sitze, bleib hinter mir", "sitting", "zone:front"),
+        ("de", "Außer in der Küche bitte langsam fahren", "not:room:kitchen", "faster:-"),
+        ("de", "Halt dich von der Lampe fern", "always", "zone:lamp"),
+        ("de", "Fahr langsamer am Sofa vorbei", "near:sofa", "faster:-"),
+        ("de", "Wenn ich gehe, halt mich auf deiner linken Seite", "walking", "person_on_left:+"),
+    ],
+)
+def test_a_sentence_becomes_a_situation_and_a_change(language, sentence, context, change) -> None:
+    got = read_rule(sentence, language)
+    assert (got.rule.context, got.rule.changes) == (frozenset(context.split("+")), frozenset(change.split(";")))
+    assert not got.asked
+
+
+@pytest.mark.parametrize(
+    ("sentence", "about"),
+    [
+        ("Go slower when it is raining", "context"),
+        ("Bring me tea when I sit", "nothing"),
+        ("Not here", "place"),
+    ],
+)
+def test_what_is_not_clear_is_asked_back(sentence, about) -> None:
+    assert about in [one.about for one in read_rule(sentence, "en").asked]
+
+
+def test_two_rules_that_ask_for_opposites_collide_unless_they_never_hold_at_once() -> None:
+    rules = [
+        read_rule(sentence, "en").rule
+        for sentence in (
+            "When I sit, come closer",
+            "When I walk, keep away from me",
+            "In the kitchen, keep your distance",
+        )
+    ]
+    assert list(collisions(rules)) == [(0, 2, "closer")]
+    off = [rules[0], rules[1], rules[2].model_copy(update={"on": False})]
+    assert list(collisions(off)) == []
+
+
+def test_of_opposites_that_hold_at_once_the_first_rule_counts() -> None:
+    near, far = Rule(wishes=(Wish(objective="closer"),)), Rule(wishes=(Wish(objective="farther"),))
+    assert weights_by({}, [near, far])[0] == {"closer": 1.0}
+    assert weights_by({"closer": 0.5}, [far, near])[0] == {"farther": 1.0}
+    assert weights_by({"smoother": 0.4}, [Rule(wishes=(Wish(objective="faster", more=False),))])[1] < 1
+
+
+def test_a_home_says_which_rooms_it_has_and_what_nobody_can_tell_there(homes) -> None:
+    assert {area.name for area in rooms_of(homes[0])} == {"kitchen", "living_room", "bedroom", "study"}
+    scene = homes[0]
+    sofa = next(one for one in scene.obstacles if one.kind == "sofa")
+    assert any(area.name == "living_room" and area.holds(sofa.pose.x, sofa.pose.y) for area in rooms_of(scene))
+    unknown = read_rule("When guests are here, keep your distance in the bathroom", "en").rule
+    assert {one.label for one in unavailable(unknown, tuple(homes))} == {"others", "room:bathroom"}
+    assert Scene.from_dict(scene.as_dict()) == scene
+
+
+@pytest.mark.parametrize(
+    ("sentence", "least_gain"),
+    [("In the kitchen go slower", 0.3), ("Not in front of me", 0.1), ("When I sit, keep behind me", 0.05)],
+)
+def test_a_robot_obeys_more_than_without_the_rule(homes, sentence, least_gain) -> None:
+    rule = read_rule(sentence, "en").rule
+    shares = []
+    for rules in ([rule], []):
+        policy = ObeyingPolicy(load_conditioned("study_room/conditioned"), {}, rules)
+        driven = rollout(get_setup("study_room"), policy.rollout_policy, homes)
+        counted = [obeyed_steps(rule, one) for one in driven]
+        shares.append(sum(did for _, did in counted) / sum(held for held, _ in counted))
+    assert shares[0] > shares[1] + least_gain
+
+
+def test_a_drawn_zone_counts_in_its_place_alone(homes) -> None:
+    drawn = Rectangle(x=0.5, y=1.0, length=1.0, width=2.0, place=1)
+    rule = Rule(zones=(Zone(kind="here", drawn=drawn),))
+    here, there = (Situation.at(homes[0], (0, 0, 0), 0.0, place) for place in (1, 0))
+    assert [area.length for area in here.areas(rule.zones[0])] == [1.0]
+    assert there.areas(rule.zones[0]) == []
+    assert not Rule(zones=(Zone(kind="here"),)).complete
+
+
+def test_more_rules_than_anybody_keeps_are_refused() -> None:
+    with pytest.raises(LearningError, match="at most"):
+        ObeyingPolicy(load_conditioned("study_room/conditioned"), {}, [Rule()] * 13)
+
+
+def test_labelled_sentences_are_judged_by_situation_and_by_change() -> None:
+    def judged(context: str, change: str, sentence: str) -> tuple[str, str]:
+        labelled = LabelledRule("short", frozenset(context.split("+")), frozenset(change.split(";")), sentence)
+        got = read_rule(sentence, "en")
+        return judge_context(labelled, got), judge_change(labelled, got)
+
+    assert judged("near:person", "faster:-", "Slow down when you are near me") == ("right", "right")
+    assert judged("unknown", "faster:-", "Go slower when it is raining") == ("right", "right")
+    assert judged("sitting", "closer:+", "When I sit, keep your distance") == ("right", "wrong_direction")
+    assert judged("walking", "ask", "When I sit, bring me tea") == ("wrong", "right")
