@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from desirepath.cli.output import JsonFlag, in_data_folder
 from desirepath.learning.words.lexicon import LANGUAGES, LONGEST, Language
+
+if TYPE_CHECKING:
+    from desirepath.learning.rules.obedience import Obedience
+    from desirepath.learning.rules.rule import Rule
 
 commands = typer.Typer(help="Wishes in plain words.", no_args_is_help=True)
 LanguageFlag = Annotated[Language, typer.Option(help="In which it is expected to be written.")]
@@ -52,6 +57,7 @@ def read(
 def rule(
     text: Annotated[str, typer.Argument(help=f"The rule, at most {LONGEST} characters.")],
     language: LanguageFlag = LANGUAGES[0],
+    homes: Annotated[int, typer.Option(min=0, max=2_000, help="Measure in so many homes whether it is obeyed.")] = 0,
     as_json: JsonFlag = False,
 ) -> None:
     """Say what is understood of a rule that lasts: when it holds, what is then wished, where not to drive."""
@@ -61,11 +67,26 @@ def rule(
     asked = [
         {"about": one.about, "words": text[one.start : one.end], "offered": list(one.offered)} for one in got.asked
     ]
+    found = {"context": sorted(got.rule.context), "change": sorted(got.rule.changes), "asked": asked}
+    measured = _measure(got.rule, homes) if homes and got.rule.complete else None
     if as_json:
-        found = {"context": sorted(got.rule.context), "change": sorted(got.rule.changes), "asked": asked}
-        typer.echo(json.dumps(found, ensure_ascii=False))
+        typer.echo(json.dumps(found | ({"measured": asdict(measured)} if measured else {}), ensure_ascii=False))
         return
     typer.echo(f"when: {', '.join(sorted(got.rule.context))}")
     typer.echo(f"then: {', '.join(sorted(got.rule.changes)) or 'nothing is said about driving'}")
     for one in asked:
         typer.echo(f"asked back ({one['about']}): {one['words']!r} {' or '.join(one['offered'])}".rstrip())
+    if measured:
+        share, before = measured.obeyed, measured.without
+        typer.echo(
+            f"obeyed in {share.value:.0%} of the steps in which it holds ({share.low:.0%} to {share.high:.0%}), without "
+            f"the rule in {before.value:.0%}; {measured.homes} homes, simulated"
+        )
+
+
+def _measure(rule: Rule, homes: int) -> Obedience:
+    from desirepath.learning.rules.homes import rule_scene
+    from desirepath.learning.rules.obedience import measure_obedience
+    from desirepath.learning.scene_sets import Purpose, first_seed
+
+    return measure_obedience(rule, [rule_scene(first_seed(Purpose.REPORT, 0) + number) for number in range(homes)])

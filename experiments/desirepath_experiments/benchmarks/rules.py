@@ -12,21 +12,15 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
-import numpy as np
 import pydantic
 from pydantic import Field
 
-from desirepath.analysis.estimates import mean_estimate, wilson
-from desirepath.learning.policies.shipped import load_conditioned
-from desirepath.learning.rules.homes import SETUP, rule_scene
-from desirepath.learning.rules.obedience import obeyed_steps
-from desirepath.learning.rules.obeying import ObeyingPolicy
+from desirepath.analysis.estimates import wilson
+from desirepath.learning.rules.homes import rule_scene
+from desirepath.learning.rules.obedience import drive_by, measure_obedience
 from desirepath.learning.rules.reading import RuleRead, read_rule
 from desirepath.learning.scene_sets import Purpose, first_seed
 from desirepath.learning.words.lexicon import FOLDER, LANGUAGES, Language
-from desirepath.simulation.fast import rollout
-from desirepath.simulation.setups import get_setup
-from desirepath.simulation.trajectory import Outcome
 from desirepath_experiments.benchmarks.results import Progress
 
 TOLD = (
@@ -145,28 +139,13 @@ def benchmark_rules(config: RulesConfig, progress: Progress | None = None) -> di
     read = {language: _summarise(read_labelled(language), language) for language in LANGUAGES}
     first = first_seed(Purpose.REPORT, config.seed)
     scenes = [rule_scene(first + number) for number in range(config.scenes)]
-    conditioned, setup = load_conditioned(f"{SETUP}/conditioned"), get_setup(SETUP)
-    usual = rollout(setup, ObeyingPolicy(conditioned, {}, []).rollout_policy, scenes)
+    usual = drive_by([], scenes)
     obeyed: dict[str, Any] = {}
     for sentence in TOLD:
-        rule = read_rule(sentence, "en").rule
-        told = rollout(setup, ObeyingPolicy(conditioned, {}, [rule]).rollout_policy, scenes)
-        shares = []
-        for own, other in zip(told, usual, strict=True):
-            (held, did), (held_before, did_before) = obeyed_steps(rule, own), obeyed_steps(rule, other)
-            if held and held_before:
-                shares.append((did / held, did_before / held_before))
-        columns = np.array(shares).T
-        obeyed[sentence] = {
-            "homes": len(shares),
-            "obeyed": asdict(mean_estimate(columns[0])),
-            "without": asdict(mean_estimate(columns[1])),
-            "difference": asdict(mean_estimate(columns[0] - columns[1])),
-            "success": sum(one.outcome == Outcome.SUCCESS for one in told) / len(told),
-        }
-        progress.tell(f"{sentence}: {columns[0].mean():.2f}, without {columns[1].mean():.2f}")
-    success = sum(one.outcome == Outcome.SUCCESS for one in usual) / len(usual)
-    return {"sentences": read, "obeyed": obeyed, "success_without_rules": success}
+        found = measure_obedience(read_rule(sentence, "en").rule, scenes, usual)
+        obeyed[sentence] = asdict(found)
+        progress.tell(f"{sentence}: {found.obeyed.value:.2f}, without {found.without.value:.2f}")
+    return {"sentences": read, "obeyed": obeyed}
 
 
 def _summarise(labelled: Sequence[LabelledRule], language: Language) -> dict[str, Any]:

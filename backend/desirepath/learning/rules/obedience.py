@@ -7,15 +7,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from desirepath.learning.rules.obeying import Situation
+from desirepath.analysis.estimates import Estimate, mean_estimates
+from desirepath.learning.policies.shipped import load_conditioned
+from desirepath.learning.rules.homes import SETUP
+from desirepath.learning.rules.obeying import ObeyingPolicy, Situation
 from desirepath.learning.rules.rule import Rule, Wish
-from desirepath.simulation.fast import clearance_m
+from desirepath.simulation.fast import clearance_m, rollout
+from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
-from desirepath.simulation.trajectory import Trajectory
+from desirepath.simulation.trajectory import Trajectory, arrived
 
 BESIDE_M = 2.0  # in which sides and slowness near the person are judged
 
@@ -82,8 +87,33 @@ def obeyed_steps(rule: Rule, trajectory: Trajectory, place: int = 0) -> tuple[in
     return held, obeyed
 
 
-def obeyed_share(rules: Sequence[Rule], trajectory: Trajectory, place: int = 0) -> float | None:
-    """Mean over the rules that held at some time; None where none did."""
-    counted = [obeyed_steps(rule, trajectory, place) for rule in rules]
-    shares = [obeyed / held for held, obeyed in counted if held]
-    return sum(shares) / len(shares) if shares else None
+@dataclass(frozen=True)
+class Obedience:
+    """Of one rule: homes in which it held; the share obeyed, without the rule, and by how much that differs; the
+    share of all homes in which the robot arrived, with and without."""
+
+    homes: int
+    obeyed: Estimate
+    without: Estimate
+    difference: Estimate
+    arrived: float
+    arrived_without: float
+
+
+def measure_obedience(rule: Rule, scenes: Sequence[Scene], usual: Sequence[Trajectory] | None = None) -> Obedience:
+    """The rule in those homes, against the same policy without rules (`usual`: its rollouts, where they are there)."""
+    usual = usual if usual is not None else drive_by([], scenes)
+    told = drive_by([rule], scenes)
+    pairs = []
+    for own, other in zip(told, usual, strict=True):
+        (held, did), (held_before, did_before) = obeyed_steps(rule, own), obeyed_steps(rule, other)
+        if held and held_before:
+            pairs.append((did / held, did_before / held_before))
+    with_it, without = np.array(pairs).reshape(-1, 2).T
+    columns = mean_estimates({"with": with_it, "without": without, "difference": with_it - without})
+    return Obedience(len(pairs), *columns.values(), float(arrived(told).mean()), float(arrived(usual).mean()))
+
+
+def drive_by(rules: Sequence[Rule], scenes: Sequence[Scene]) -> list[Trajectory]:
+    """Rollouts in homes, each the first of its places."""
+    return rollout(get_setup(SETUP), ObeyingPolicy(load_conditioned(f"{SETUP}/conditioned"), {}, rules), list(scenes))
