@@ -79,8 +79,8 @@ def rule(
     if measured:
         share, before = measured.obeyed, measured.without
         typer.echo(
-            f"obeyed in {share.value:.0%} of the steps in which it holds ({share.low:.0%} to {share.high:.0%}), without "
-            f"the rule in {before.value:.0%}; {measured.homes} homes, simulated"
+            f"obeyed in {share.value:.0%} of the steps in which it holds ({share.low:.0%} to {share.high:.0%}), "
+            f"without the rule in {before.value:.0%}; {measured.homes} homes, simulated"
         )
 
 

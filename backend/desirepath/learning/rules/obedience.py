@@ -111,7 +111,14 @@ def measure_obedience(rule: Rule, scenes: Sequence[Scene], usual: Sequence[Traje
             pairs.append((did / held, did_before / held_before))
     with_it, without = np.array(pairs).reshape(-1, 2).T
     columns = mean_estimates({"with": with_it, "without": without, "difference": with_it - without})
-    return Obedience(len(pairs), *columns.values(), float(arrived(told).mean()), float(arrived(usual).mean()))
+    return Obedience(
+        len(pairs),
+        columns["with"],
+        columns["without"],
+        columns["difference"],
+        float(arrived(told).mean()),
+        float(arrived(usual).mean()),
+    )
 
 
 def drive_by(rules: Sequence[Rule], scenes: Sequence[Scene]) -> list[Trajectory]:
