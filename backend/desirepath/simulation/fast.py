@@ -29,7 +29,7 @@ from desirepath.simulation.scenes import (
     scene_to_row,
     scenes_to_rows,
 )
-from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup, require_same
+from desirepath.simulation.setups import CONTROL_DT_S, SETUPS, Setup, get_setup, require_same
 from desirepath.simulation.social_metrics import SocialMetrics, social_metrics
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
@@ -260,9 +260,10 @@ class FastEngine:
         """Raise ValueError unless there is one for every environment, SceneError or SetupError as `reset` says."""
         if len(scenes) != self.n_envs:
             raise ValueError(f"scenes: {len(scenes)} given for {self.n_envs} environments")
+        known = SETUPS.get(self.setup.name)  # asked for once: looking for a setup asks the disk
         for scene in {id(scene): scene for scene in scenes}.values():
             require_same(engine=self.setup.name, scene=scene.setup)
-            check_scene(scene)
+            check_scene(scene, known)
 
     def start_at(self, poses: NDArray[np.float64]) -> Floats:
         """Start every environment anew in the scene it is in, from its own pose (n_envs, 3): x, y (m), yaw (rad).

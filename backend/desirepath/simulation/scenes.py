@@ -36,9 +36,10 @@ def spacing_of(setup: Setup) -> k.Spacing:
 def _setup(setup: str | Setup) -> Setup:
     if isinstance(setup, Setup):
         return setup
-    if setup not in SETUPS:
+    found = SETUPS.get(setup)
+    if found is None:
         raise SceneError("setup", setup, f"unknown; known: {', '.join(SETUPS)}")
-    return SETUPS[setup]
+    return found
 
 
 def map_of(setup: str | Setup) -> GroundMap | None:
@@ -333,7 +334,7 @@ def _check_walk(scene: Scene) -> None:
 
 def check_scene(scene: Scene, setup: Setup | None = None) -> None:
     """Raise SceneError naming field and value for a scene that cannot be run; return quietly otherwise. setup: the
-    scene's, where it is not among the known ones."""
+    scene's, for whoever has it: it may be none of the known ones, and looking for one asks the disk."""
     setup = setup or _setup(scene.setup)
     if scene.crowd is not None and not setup.crowded:
         raise SceneError("crowd", len(scene.crowd.pedestrians), f"no pedestrians walk in setup {setup.name}")
