@@ -152,6 +152,16 @@ STEPS: dict[str, dict[str, Any]] = {
         "question": None,
         "longest": 300,
     },
+    "rules": {
+        "setup": "study_room",
+        "view": "top_down",
+        "scenes": 3,
+        "controls": [],
+        "question": None,
+        "longest": 300,
+        "least": 1,
+        "most": 12,
+    },
     "feedback": {
         "setup": "study_room",
         "view": "top_down",

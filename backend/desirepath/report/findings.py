@@ -43,6 +43,7 @@ from desirepath.report.rating_findings import (
 )
 from desirepath.report.study_data import Choice, Load, ParticipantRow, StudyData
 from desirepath.report.study_design import StudyDesign, designs_of
+from desirepath.report.told_rules import OfRules, summarise_rules
 from desirepath.store.who_counts import FINISHED, is_asked_for, left_out
 
 Who = Literal["people", "simulated", "all"]
@@ -106,6 +107,7 @@ class Findings:
     explained: Explained | None
     devices: Mapping[tuple[str, str], OfDevice]
     degrees: Mapping[str, OfDegrees]
+    ruled: OfRules | None
 
     @property
     def tests(self) -> list[Tested]:
@@ -194,6 +196,7 @@ def analyse(
         devices=_devices(own.choices, {row.code: row for row in analysed}, used)
         if (intervals if beside is None else beside)
         else {},
+        ruled=summarise_rules(own.told_rules),
         degrees={name: said for name in conditions if (said := describe_degrees(own.degrees, name)) is not None},
     )
 

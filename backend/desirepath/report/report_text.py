@@ -30,6 +30,7 @@ from desirepath.report.report_cells import (
     table_section,
     test_row,
 )
+from desirepath.report.told_rules import rules_section
 
 if TYPE_CHECKING:
     from desirepath.explain.pictures import Picture
@@ -64,6 +65,7 @@ def sections(findings: Findings, drawn: Sequence[Picture], folder: Path) -> list
         personalised_section(findings),
         methods_section(findings),
         meeting_section(findings.met),
+        rules_section(findings.ruled),
         *further_sections(findings),
         _devices(findings),
     ]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from desirepath.analysis.scales import Scale
+from desirepath.learning.rules.rule import Rule
 from desirepath.simulation.trajectory import Trajectory
 
 PROBES = ("repeat", "swap")  # roles of queries that are asked again
@@ -163,6 +164,20 @@ class Taught:
 
 
 @dataclass(frozen=True)
+class ToldRules:
+    """The rules that one person told. read: which stand as their sentence was read; picked: of those shown obeyed and
+    broken which was picked as meant (obeyed, broken, neither); places: in how many homes; edits: changes after telling.
+    """
+
+    person: str
+    rules: tuple[Rule, ...]
+    read: Sequence[bool]
+    picked: Sequence[str]
+    edits: int
+    places: int
+
+
+@dataclass(frozen=True)
 class ImportanceRanking:
     """One trial of chapter 8. ranking: the scene's objects, or people, the most important first. scores: of each, how
     much it moved the robot, or was attended to, where it stood, 0 to 1. outline, lidar, attention: what of that was
@@ -200,7 +215,8 @@ class ItemText:
 
 
 OF_PEOPLE = [
-    "choices", "degrees", "ratings", "comparisons", "guesses", "meetings", "importance", "method_choices", "taught"
+    "choices", "degrees", "ratings", "comparisons", "guesses", "meetings", "importance", "method_choices", "taught",
+    "told_rules",
 ]  # fmt: skip
 """What of a study's data are rows of somebody's."""
 
@@ -228,6 +244,7 @@ class StudyData:
     method_choices: Sequence[MethodChoice] = ()
     taught: Sequence[Taught] = ()
     degrees: Sequence[Degree] = ()
+    told_rules: Sequence[ToldRules] = ()
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""

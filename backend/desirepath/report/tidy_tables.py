@@ -17,6 +17,7 @@ from sqlalchemy.orm import Session
 from desirepath.analysis.scales import Scale, frozen_items, frozen_scale
 from desirepath.grammar.questionnaires import MARKS, Item, ItemBlock, frozen_questionnaire
 from desirepath.grammar.texts import local
+from desirepath.learning.rules.rule import Rule
 from desirepath.report.study_data import (
     Choice,
     Comparison,
@@ -31,6 +32,7 @@ from desirepath.report.study_data import (
     Rating,
     StudyData,
     Taught,
+    ToldRules,
 )
 from desirepath.store.artefacts import ArtefactStore, load_trajectory
 from desirepath.store.dataset.reading import read_dataset
@@ -144,7 +146,23 @@ def tidy(
         ],
         taught=list(_taught(tables["responses"], plans)),
         degrees=list(_degrees(tables)),
+        told_rules=list(_told_rules(tables["responses"], plans)),
     )
+
+
+def _told_rules(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> Iterator[ToldRules]:
+    for row in responses:
+        if row["kind"] == "rules":
+            value = row["value"]
+            step = next((one for one in plans.get(row["session"], ()) if one["key"] == row["step"]), {})
+            yield ToldRules(
+                row["participant"],
+                tuple(Rule.model_validate(rule) for rule in value["rules"]),
+                value["read"],
+                [one["shown"] for one in value["picked"]],
+                value["edits"],
+                int(step.get("scenes", 1)),
+            )
 
 
 def _degrees(tables: Tables) -> Iterator[Degree]:

@@ -211,6 +211,9 @@ class BrowserSessionClient:
             self._say(value)
             self._picture(f"{kind}_corrected")
             self._page.locator("[data-done][aria-disabled=false]").click()
+        elif kind == "rules":
+            self._tell_rules(value)
+            self._page.locator("[data-done][aria-disabled=false]").click()
         elif kind == "importance_ranking":
             self._rank(key, value["ranking"])
         else:
@@ -242,6 +245,22 @@ class BrowserSessionClient:
             page.locator(f"[name=meant-{number}][data-meant={meaning['objective'] or 'none'}]").check()
         self._picture("words_read")
         self._tune(value["weights"])
+
+    def _tell_rules(self, value: Mapping[str, Any]) -> None:
+        """Write each sentence, have it read, look at two paths and choose one."""
+        page = self._page
+        page.locator("[data-drive][aria-disabled=false]").wait_for()
+        for number, rule in enumerate(value["rules"]):
+            page.locator("#rules-sentence").fill(rule["words"])
+            page.locator("[data-tell][aria-disabled=false]").click()
+            page.locator(f"[data-card='{number}'] .floor-picture").wait_for()
+            page.locator(f"[data-does=look-{number}]").click()
+            chosen = page.locator(f"[data-does=pick-a-{number}]")
+            nothing = page.locator(f"[data-card='{number}'] .rule-pair > p")
+            chosen.or_(nothing).first.wait_for()
+            if chosen.count():
+                chosen.click()
+        self._picture("rules_told")
 
     def _tune(self, weights: Mapping[str, float]) -> None:
         """Put every slider where these weights have it, with the keys, and see the robot's way drawn."""

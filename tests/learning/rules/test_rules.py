@@ -100,7 +100,7 @@ def test_a_robot_obeys_more_than_without_the_rule(homes, sentence, least_gain) -
     shares = []
     for rules in ([rule], []):
         policy = ObeyingPolicy(load_conditioned("study_room/conditioned"), {}, rules)
-        driven = rollout(get_setup("study_room"), policy.rollout_policy, homes)
+        driven = rollout(get_setup("study_room"), policy, homes)
         counted = [obeyed_steps(rule, one) for one in driven]
         shares.append(sum(did for _, did in counted) / sum(held for held, _ in counted))
     assert shares[0] > shares[1] + least_gain

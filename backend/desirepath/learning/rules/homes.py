@@ -128,3 +128,13 @@ def unavailable(rule: Rule, scenes: tuple[Scene, ...]) -> list[Condition]:
             or (one.kind == "near" and one.of in things)
         )
     ]
+
+
+PLACES = (7_200_102, 7_200_034, 7_200_320, 7_200_126, 7_200_068, 7_200_011)
+"""Seeds of the homes that people tell rules in: in the first three somebody sits, walks, stands."""
+
+
+@lru_cache(maxsize=1)
+def rule_places() -> tuple[Scene, ...]:
+    """The homes of a step of kind `rules`, the same for everybody."""
+    return tuple(rule_scene(seed) for seed in PLACES)

@@ -8,11 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from desirepath.analysis.estimates import Estimate, mean_estimates
+from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.shipped import load_conditioned
 from desirepath.learning.rules.homes import SETUP
 from desirepath.learning.rules.obeying import ObeyingPolicy, Situation
@@ -121,6 +123,12 @@ def measure_obedience(rule: Rule, scenes: Sequence[Scene], usual: Sequence[Traje
     )
 
 
-def drive_by(rules: Sequence[Rule], scenes: Sequence[Scene]) -> list[Trajectory]:
-    """Rollouts in homes, each the first of its places."""
-    return rollout(get_setup(SETUP), ObeyingPolicy(load_conditioned(f"{SETUP}/conditioned"), {}, rules), list(scenes))
+@lru_cache(maxsize=1)
+def _conditioned() -> ConditionedPolicy:
+    return load_conditioned(f"{SETUP}/conditioned")
+
+
+def drive_by(rules: Sequence[Rule], scenes: Sequence[Scene], places: Sequence[int] | None = None) -> list[Trajectory]:
+    """Rollouts in homes. places: which place each is, for zones drawn there; None: each the first."""
+    policy = ObeyingPolicy(_conditioned(), {}, rules, places)
+    return rollout(get_setup(SETUP), policy, list(scenes))

@@ -77,6 +77,16 @@ class Situation:
                 return any(float(one.distance_m(x, y)) <= NEAR_THING_M for one in _things(scene, str(condition.of)))
         return False  # nobody tells of time pressure yet
 
+    def where(self, condition: Condition) -> list[Obstacle]:
+        """The part of the floor in which the robot is while a condition of a place holds; none of another."""
+        if condition.kind == "room" and condition.holds:
+            return self.areas(Zone(kind="room", of=condition.of))
+        if condition.kind == "near" and condition.holds and condition.of not in ("person", "wall", "furniture"):
+            wider = 2 * NEAR_THING_M
+            things = _things(self.scene, str(condition.of))
+            return [_box(one.pose, one.length + wider, one.width + wider) for one in things]
+        return []
+
     def in_force(self, rules: Sequence[Rule]) -> list[Rule]:
         """Those that are on, complete, and hold now, in their order."""
         return [rule for rule in rules if rule.on and rule.complete and all(self.holds(one) for one in rule.when)]
@@ -146,10 +156,6 @@ class ObeyingPolicy(SensingPolicy):
         self._weights, self._rules = dict(weights), list(rules)
         self._places = places
         self._known: dict[tuple[tuple[str, float], ...], Policy] = {}
-
-    @property
-    def rollout_policy(self) -> ObeyingPolicy:
-        return self
 
     def begin_in(self, engine: Any) -> EpisodeActs:
         n, setup = engine.n_envs, engine.setup

@@ -291,6 +291,8 @@ class Content:
         if answer.kind == "words":
             typed = {name: self._scrub_all(answer.value[name]) for name in WRITTEN if name in answer.value}
             return {**answer.value, **typed}
+        if answer.kind == "rules":
+            return {**answer.value, **{name: self._scrub_all(answer.value[name]) for name in ("rules", "history")}}
         if answer.kind != "questionnaire":
             return answer.value
         return {

@@ -23,7 +23,7 @@ from desirepath.study.plan.counterbalancing import design_of
 from desirepath.study.protocol.schema import Protocol
 from desirepath.study.protocol.stages import STAGES, stage_keys
 
-NOT_IN_HEADSETS = ("words",)
+NOT_IN_HEADSETS = ("words", "rules")
 """Stages that are seen from inside and answered by what no headset has: a keyboard."""
 
 

@@ -82,7 +82,7 @@ def _answers(protocol: Protocol, kinds: Sequence[str]) -> dict[str, str]:
     """What a protocol is, for the three questions."""
     if "importance_ranking" in kinds:
         does = "rank"
-    elif {"words", "tuning", "methods"} & set(kinds):
+    elif {"words", "rules", "tuning", "methods"} & set(kinds):
         does = "tell"
     else:
         does = "draw" if "demonstrations" in kinds else "choose"

@@ -16,13 +16,14 @@ from desirepath.store.models import utc_now
 from desirepath.study.kind import Moment, kind_of
 from desirepath.study.kinds.live import LiveKind, LiveStep, clean_weights
 from desirepath.study.kinds.robot_drive import RobotDriveStep
+from desirepath.study.kinds.rules import RulesStep, obeyed_side
 from desirepath.study.kinds.words import MEANT, MOST_QUESTIONS, WordsStep, language_of, mark_stretches, understand
 from desirepath.study.session.versions import protocol_of
 from desirepath.study.wire import BadValue
 from desirepath.web.core.contract import reply_of
 from desirepath.web.core.dependencies import TheServices, services_of
-from desirepath.web.participant.replies import LivePaths, PlaceShown, WordsUnderstood
-from desirepath.web.participant.sent import LiveAsked, PlaceChosen, WordsRead
+from desirepath.web.participant.replies import LivePaths, PlaceShown, RulesReply, WordsUnderstood
+from desirepath.web.participant.sent import LiveAsked, PlaceChosen, RulesAsked, WordsRead
 from desirepath.web.participant.session_view import current_step, looking
 
 router = APIRouter()  # included in participant.router, which keeps guessers out
@@ -87,6 +88,31 @@ def words(token: str, key: str, services: TheServices, body: WordsRead) -> Respo
         if not isinstance(step, WordsStep | RobotDriveStep):
             raise BadValue("key", key[:80], "must be a step at which a wish is written down")
     return read_wish(body.sentence, language)  # outside the transaction: it computes
+
+
+@router.post("/api/session/{token}/live/{key}/rules", response_model=RulesReply)
+def rules(token: str, key: str, services: TheServices, body: RulesAsked) -> Response:
+    """What the robot does by these rules in one of the step's places, where they apply, and which collide. Nothing of
+    it is stored or logged here."""
+    from desirepath.study.personalising import rule_pictures
+
+    with looking(services, token) as (_, session):
+        step = current_step(session, key, LiveStep)
+        if not isinstance(step, RulesStep):
+            raise BadValue("key", key[:80], "must be a step at which rules are told")
+        language, session_id, place = language_of(session.language), session.id, _place(step, body.place)
+    if body.check is not None and body.check >= len(body.rules):
+        raise BadValue("check", body.check, "must be one of the rules")
+    reply = rule_pictures.picture(body.rules, place)  # outside the transaction: it computes
+    if body.sentence is not None:
+        reply["read"] = rule_pictures.read(body.sentence, language)
+    if body.check is not None:
+        rule = body.rules[body.check]
+        pair = rule_pictures.paths_of(rule, place)
+        if pair is not None:
+            own_first = obeyed_side(session_id, rule, place) == "a"
+            reply["pair"] = [rule_pictures.told(one) for one in (pair if own_first else pair[::-1])]
+    return reply_of(RulesReply, reply)
 
 
 def read_wish(sentence: str, language: Language) -> Response:

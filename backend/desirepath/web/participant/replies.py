@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import ConfigDict, Field
 
 from desirepath.learning.policies.reason_codes import Did
+from desirepath.learning.rules.rule import Rule
 from desirepath.web.core.contract import Reply
 from desirepath.web.participant.steps import StepNow
 
@@ -105,6 +106,64 @@ class WordsUnderstood(Reply):
     questions: list[ReadQuestion]
     meant_weight: float
     language: str | None = None
+
+
+class RuleAsked(Reply):
+    """What is asked back of a rule: the words it is asked of, and for `wish` the objectives that they may mean."""
+
+    about: Literal["context", "wish", "place", "nothing"]
+    text: str
+    offered: list[str]
+
+
+class RuleReply(Reply):
+    """A sentence as a rule, as far as it was understood."""
+
+    rule: Rule
+    asked: list[RuleAsked]
+
+
+class FloorPicture(Reply):
+    """A place from above, metres: its corners; outlines of walls and furniture; person x, y, yaw; start and goal."""
+
+    low: list[float]
+    high: list[float]
+    walls: list[list[list[float]]]
+    things: list[list[list[float]]]
+    person: list[float]
+    does: Literal["sits", "stands", "walks"]
+    start: list[float]
+    goal: list[float]
+
+
+class RuleShown(Reply):
+    """Where a rule applies there as the robot sets out: outlines of where it must not drive, of where the rule holds;
+    what of its situation cannot be told in these homes; whether it holds at some time on the way."""
+
+    zones: list[list[list[float]]]
+    holds_in: list[list[list[float]]]
+    unavailable: list[str]
+    held: bool
+
+
+class Collision(Reply):
+    """Two rules, by their places in the list, that ask for opposites; about: the objective, or `zone`."""
+
+    first: int
+    second: int
+    about: str
+
+
+class RulesReply(Reply):
+    """read: of the sentence that was sent; pair: the paths A and B of the rule to be checked, null: it makes no
+    difference there."""
+
+    floor: FloorPicture
+    shown: list[RuleShown]
+    collisions: list[Collision]
+    path: LiveRollout
+    read: RuleReply | None = None
+    pair: list[LiveRollout] | None = None
 
 
 class PlaceShown(Reply):

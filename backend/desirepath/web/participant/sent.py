@@ -15,6 +15,7 @@ from pydantic import (
     model_validator,
 )
 
+from desirepath.learning.rules.rule import MOST_RULES, Rule
 from desirepath.learning.words.lexicon import LONGEST as LONGEST_SENTENCE
 from desirepath.store.head_poses import FARTHEST_M, MOST_SAMPLES
 from desirepath.study.drawing.strokes import MOST_POINTS
@@ -164,6 +165,16 @@ class LiveAsked(Sent):
     place: int = Field(0, ge=0, le=99)
     poses: list[Pose] | None = Field(None, max_length=2)
     since: list[Annotated[float, Field(ge=0, le=LONGEST_UNDER_WAY_S)]] | None = Field(None, max_length=2)
+
+
+class RulesAsked(Sent):
+    """What would a robot do by these rules there, and where do they apply? sentence: one more, to be read. check: which
+    of them is to be shown obeyed and broken."""
+
+    rules: list[Rule] = Field([], max_length=MOST_RULES)
+    place: int = Field(0, ge=0, le=99)
+    sentence: str | None = Field(None, max_length=LONGEST_SENTENCE)
+    check: int | None = Field(None, ge=0, lt=MOST_RULES)
 
 
 class RobotWeights(Sent):

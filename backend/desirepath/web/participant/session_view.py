@@ -27,7 +27,7 @@ from desirepath.web.core.videos import video_of
 from desirepath.web.stage.admission import stage_token
 
 S = TypeVar("S", bound=Step)
-HELPED = ("words", "tuning", "feedback", "meet_your_robot", "robot_drive")
+HELPED = ("words", "rules", "tuning", "feedback", "meet_your_robot", "robot_drive")
 """Kinds of step with a help of their own."""
 
 
