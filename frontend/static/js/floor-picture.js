@@ -4,6 +4,7 @@
 /** @typedef {import("./contract.js").FloorPicture} Floor */
 /** @typedef {number[][]} Points x, y in metres */
 
+const AROUND_M = 1;
 const SVG = "http://www.w3.org/2000/svg";
 
 /** @param {string} name @param {Record<string, string | number>} attributes @returns {SVGElement} */
@@ -18,13 +19,17 @@ const listed = (points) => points.map(([x, y]) => `${x},${-y}`).join(" ");
 
 /**
  * @param {Floor} floor
- * @param {{zones?: Points[], holds?: Points[], path?: Points, label: string}} shows
+ * @param {{zones?: Points[], holds?: Points[], path?: Points, label: string, near?: boolean}} shows near: only the part around person and path
  * @returns {SVGSVGElement}
  */
-export function floorPicture(floor, { zones = [], holds = [], path = [], label }) {
-  const [x, y] = floor.low;
+export function floorPicture(floor, { zones = [], holds = [], path = [], label, near = false }) {
+  const seen = [...path, floor.person, floor.start, floor.goal];
+  /** @param {number} axis @param {number} sign @param {number} edge */
+  const end = (axis, sign, edge) => (near ? sign * Math.min(Math.max(...seen.map((at) => sign * at[axis])) + AROUND_M, sign * edge) : edge);
+  const [x, y] = [end(0, -1, floor.low[0]), end(1, -1, floor.low[1])];
+  const [right, top] = [end(0, 1, floor.high[0]), end(1, 1, floor.high[1])];
   const svg = /** @type {SVGSVGElement} */ (
-    drawn("svg", { class: "floor-picture", viewBox: `${x} ${-floor.high[1]} ${floor.high[0] - x} ${floor.high[1] - y}`, role: "img", "aria-label": label })
+    drawn("svg", { class: "floor-picture", viewBox: `${x} ${-top} ${right - x} ${top - y}`, role: "img", "aria-label": label })
   );
   /** @param {Points[]} areas @param {string} css */
   const areas = (areas, css) => areas.forEach((area) => svg.append(drawn("polygon", { class: css, points: listed(area) })));

@@ -28,7 +28,7 @@ from desirepath.simulation.scenes import extent_m, ground_of, scene_to_row
 from desirepath.simulation.setups import CONTROL_DT_S, get_setup
 
 NEAR_THING_M, NEAR_PERSON_M = 1.0, 1.8  # that count as near: to its surface, to the person's middle
-BEFORE_M, BESIDE_M = 2.0, 1.8  # how far a zone before or behind somebody reaches, and how wide it is
+BEFORE_M, BESIDE_M = 1.6, 1.4  # how far a zone before or behind somebody reaches, and how wide it is
 BETWEEN_M, AROUND_M = 0.6, 0.5  # width of one between a person and a thing; what one at a thing reaches beyond it
 WALKS_M_S = 0.1
 ZONE_HEIGHT_M = 2.0

@@ -367,7 +367,7 @@ class Telling extends LivePanel {
       const label = this.own("rules.picture_of", { letter: side.toUpperCase() });
       const zones = this.reply.shown[at]?.zones ?? [];
       const here = card.pair.place === this.place;
-      button.replaceChildren(floorPicture(this.floors[card.pair.place] ?? this.reply.floor, { zones: here ? zones : this.zones[at] ?? [], path: card.pair[side], label }), side.toUpperCase());
+      button.replaceChildren(floorPicture(this.floors[card.pair.place] ?? this.reply.floor, { zones: here ? zones : this.zones[at] ?? [], path: card.pair[side], label, near: true }), side.toUpperCase());
       button.setAttribute("aria-pressed", String(card.picked === side));
       box.append(button);
     }
