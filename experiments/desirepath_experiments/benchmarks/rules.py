@@ -1,8 +1,10 @@
 """`desirepath benchmark rules`: are rules in plain words read as they were meant, and does a robot obey them?
 
-Sentences: `datasets/words/rules_test_LANGUAGE.tsv` (columns manner, context, change, sentence; `rules_test.md` beside
-them says what the labels mean), by people who have not seen the grammar. Obedience: TOLD, each in fresh homes, against
-the same policy without rules in the same homes.
+Sentences: `datasets/words/rules_test_LANGUAGE.tsv` (columns manner, context, change, sentence), by somebody who had
+not seen the grammar. context: labels of `Condition`, several that must hold together with `+`, `not:` before one that
+must not; `always`; `unknown`: must be asked back. change: labels of `Wish` and `Zone`, several with `;`; `ask`: must be
+asked back. Of every four in a row the last was never looked at (`held_out`). Obedience: TOLD, each in fresh homes,
+against the same policy without rules in the same homes.
 """
 
 from __future__ import annotations
@@ -71,8 +73,8 @@ def read_labelled(language: Language) -> list[LabelledRule]:
 def _context(label: str) -> str:
     """The same by one name: who is not alone is with others."""
     bare = label.removeprefix("not:")
-    if label == bare:
-        return label
+    if label == bare or bare == "unknown":
+        return bare
     turned = {"others": "alone", "hurry": "no_hurry"} | CONTRARY
     return turned.get(bare, label)
 
@@ -136,7 +138,13 @@ class RulesConfig:
 def benchmark_rules(config: RulesConfig, progress: Progress | None = None) -> dict[str, Any]:
     """Shares with 95 % intervals: Wilson's of sentences, resampled homes of obedience."""
     progress = progress or Progress()
-    read = {language: _summarise(read_labelled(language), language) for language in LANGUAGES}
+    read: dict[str, Any] = {}
+    for language in LANGUAGES:
+        labelled = read_labelled(language)
+        read[language] = {
+            "looked_at": _summarise([one for k, one in enumerate(labelled) if k % 4 != 3], language),
+            "held_out": _summarise(labelled[3::4], language),
+        }
     first = first_seed(Purpose.REPORT, config.seed)
     scenes = [rule_scene(first + number) for number in range(config.scenes)]
     usual = drive_by([], scenes)

@@ -54,13 +54,13 @@ def read_rule(text: str, expected: Language) -> RuleRead:
         raise ValueError(f"a sentence has at most {LONGEST} characters, not {len(text)}")
     language = language_of_text(text, expected)
     tokens = lexicon(language, "rules").tokens(text)
-    spans, rest = _situations(tokens)
+    spans, rest = _situations(tokens, language)
     conditions: list[Condition] = []
     asked: list[Asked] = []
     for span in spans:
         found = _conditions(span)
         conditions += [one for one in found if one not in conditions]
-        if not found and span.tokens:
+        if not found and len(span.tokens) + span.main > 1:
             asked.append(Asked("context", span.tokens[0].words[0].start, span.tokens[-1].words[-1].end))
     zones, placed, used = _zones(rest)
     wish_tokens = [token for token in rest if token not in used]
@@ -70,13 +70,14 @@ def read_rule(text: str, expected: Language) -> RuleRead:
         wish = Wish(objective=mark.objective, more=mark.wanted)
         if not mark.waived and wish not in wishes:
             wishes.append(wish)
-    if zones:  # "keep away from the lamp" is of the lamp, not of me
-        wishes = [one for one in wishes if one.objective not in ("farther", "closer", "clearance")]
+    if zones:
         got = replace(got, questions=())
     elif not wishes and not got.questions:
         zones = _forbidden(rest, placed)
         placed = [] if zones else placed
-    for condition in _placed_conditions([one for one in placed if one in used]):
+    for condition in _placed_conditions(rest, [one for one in placed if one in used]):
+        if condition.kind in ("near",) and any(zone.kind != "thing" and zone.of for zone in zones):
+            continue  # "between me and the sofa"
         if condition not in conditions and all(zone.of != condition.of for zone in zones):
             conditions.append(condition)
     asked += [Asked("wish", one.start, one.end, one.offered) for one in got.questions if one.about != "slowness"]
@@ -106,33 +107,73 @@ def _only(text: str, tokens: Sequence[Token]) -> str:
 # ---- when ------------------------------------------------------------------------------------------------------------
 
 
-def _situations(tokens: Sequence[Token]) -> tuple[list[_Span], list[Token]]:
+def _situations(tokens: Sequence[Token], language: Language) -> tuple[list[_Span], list[Token]]:
     """The stretches that say when, and the tokens that are left."""
     spans: list[_Span] = []
     rest: list[Token] = []
     at = 0
     while at < len(tokens):
         token = tokens[at]
-        if token.any("when", "unless"):
+        if token.any("when", "unless") or _is_turned_round(tokens, at, language):
             end = _end_of_clause(tokens, at)
+            if token.form in _NEAR_WHEN and any(one.any(*ROOMS, *THINGS, "me") for one in tokens[at + 1 : end]):
+                rest.append(token)  # "bei mir", "beim Sofa"
+                at += 1
+                continue
             spans.append(_Span(list(tokens[at:end]), turned="unless" in token))
             at = end
             continue
         if "then" not in token:
             rest.append(token)
         at += 1
-    alone = [token for token in rest if token.any("others", "alone", "hurry", "no_hurry", "elsewhen")]
+    alone = [token for k, token in enumerate(rest) if _stands_alone(rest, k)]
     for token in alone:  # "with guests", "at night": no clause, and still a situation
+        if token not in rest:
+            continue  # of the one before
         place = rest.index(token)
         if token.any("others", "hurry") and _is_object(rest, place):
             continue
         first = place - 1 if place and rest[place - 1].words[0].form in _WITH else place
-        spans.append(_Span(rest[first : place + 1], main=True))
-        del rest[first : place + 1]
+        last = place + (2 if token.form == "beim" else 1)
+        spans.append(_Span(rest[first:last], main=True))
+        del rest[first:last]
     return spans, rest
 
 
+_BEING = known_words("sollte sollten steht kommt bin sind ist haben habe hab hat gibt muss pressierts pressiert eilts")
+_SELVES = ("ich", "wir")
+_NEAR_WHEN = ("bei",)
 _WITH = known_words("with around among amid mit bei unter for in im at on")
+
+
+def _is_turned_round(tokens: Sequence[Token], at: int, language: Language) -> bool:
+    """German without a conjunction: "Sitze ich, ...", "Bin ich allein, dann ...", "Keiner da? Dann ..."."""
+    begins = at == 0 or tokens[at].before in (".", "?")
+    after = tokens[at + 1 :]
+    ends = next((k for k, token in enumerate(after) if token.before), None)
+    if language != "de" or not begins:
+        return False
+    if tokens[at].any(*POSTURES) and after and after[0].words[0].form in _SELVES:
+        return True
+    if ends is None:
+        return False
+    verb = tokens[at].any(*POSTURES) or tokens[at].words[0].form in _BEING
+    asks = after[ends].before == "?" and any(one.any(*SITUATIONS) for one in tokens[at : at + 1 + ends])
+    says = any(one.any(*SITUATIONS) for one in tokens[at : at + 1 + ends])
+    return asks or (verb and says and after[ends].before == ",")
+
+
+def _stands_alone(tokens: Sequence[Token], at: int) -> bool:
+    """ "With guests", "at night", "im Sitzen", "me sitting": no clause, and still a situation."""
+    token = tokens[at]
+    if token.any(*POSTURES):
+        before = tokens[at - 1].words[-1].form if at else ""
+        return before in ("me", "im", "beim") or (len(token.words) > 1 and token.words[0].form in ("im", "beim", "on"))
+    if token.form == "beim" and at + 1 < len(tokens):  # "beim Staubsaugen"
+        return tokens[at + 1].form.endswith("en") and not tokens[at + 1].any(*ROOMS, *THINGS)
+    if "others" in token:
+        return at == 0 or tokens[at - 1].words[0].form in _WITH
+    return token.any("alone", "hurry", "no_hurry", "times")
 
 
 def _is_object(tokens: Sequence[Token], at: int) -> bool:
@@ -146,6 +187,10 @@ def _is_object(tokens: Sequence[Token], at: int) -> bool:
 def _end_of_clause(tokens: Sequence[Token], at: int) -> int:
     """Where the clause that begins there ends: at a comma or a full stop, else behind what it says of a situation."""
     end = at + 1
+    if end < len(tokens) and tokens[at].form in _BEFORE_NOUNS and tokens[end].words[0].form in _ARTICLES:
+        return min(end + 2, len(tokens))  # "during the news"
+    if end < len(tokens) and tokens[end].before == ",":
+        end += 1  # "es sei denn, ich stehe"
     while end < len(tokens) and not tokens[end].before:
         end += 1
     joined = end < len(tokens) and tokens[end].before == "," and tokens[end].words[0].form in _JOINING
@@ -164,6 +209,8 @@ def _end_of_clause(tokens: Sequence[Token], at: int) -> int:
     return end
 
 
+_BEFORE_NOUNS = known_words("waehrend during")
+_ARTICLES = known_words("the my our a der des dem meiner meines unserer")
 _JOINING = known_words("and und or oder")
 
 
@@ -194,8 +241,10 @@ def _conditions(span: _Span) -> list[Condition]:
             found.append(Condition(kind="near", of=cast(Thing, thing), holds=not denied))
         elif "me" in token and any("near" in one for one in tokens) and not postures:
             found.append(Condition(kind="near", of="person", holds=not denied))
-    if any("elsewhen" in token for token in tokens):
-        return []
+    if any(token.any("elsewhen", "times") for token in tokens):
+        found = [one for one in found if one.kind not in ("room", "near")]
+    if any(one.kind == "room" for one in found):
+        found = [one for one in found if one.of != "person"]
     kept: list[Condition] = []
     for one in found:
         if one not in kept and one.kind not in [other.kind for other in kept if other.kind != "room"]:
@@ -212,15 +261,22 @@ def _is_robots(tokens: Sequence[Token], at: int) -> bool:
     return any(form in _ROBOT for form in before[-2:]) and not any(form in ("i", "ich", "we", "wir") for form in before)
 
 
-def _placed_conditions(placed: Sequence[Token]) -> list[Condition]:
+def _placed_conditions(tokens: Sequence[Token], placed: Sequence[Token]) -> list[Condition]:
     found: list[Condition] = []
     for token in placed:
+        own = _segment(tokens, tokens.index(token))
+        says_no_more = all(one.any("not", "only", "in", "through", "filler", *ROOMS) for one in own)
+        spared = (
+            says_no_more and any("not" in one for one in own) and len(own) < len(tokens)
+        )  # ", but not in the bedroom"
         for room in ROOMS:
             if room in token:
-                found.append(Condition(kind="room", of=cast(RoomName, room)))
+                found.append(Condition(kind="room", of=cast(RoomName, room), holds=not spared))
         for thing in PIECES:
             if thing in token and not token.any(*ROOMS):
                 found.append(Condition(kind="near", of=cast(Thing, thing)))
+        if "passing" in token:
+            found.append(Condition(kind="near", of="person"))
     return found
 
 
@@ -238,42 +294,87 @@ def _tidied(conditions: list[Condition], wishes: list[Wish]) -> tuple[list[Condi
 
 def _zones(tokens: Sequence[Token]) -> tuple[list[Zone], list[Token], list[Token]]:
     """Zones that a wish names by itself; tokens of places that may be zones or say where a wish holds; and the tokens
-    that the zones were read of."""
-    denied = any("not" in token for token in tokens)
+    that both were read of."""
+    placed = _placed(tokens)
     between = next((k for k, token in enumerate(tokens) if "between" in token), None)
     if between is not None:
         after = tokens[between + 1 :]
         thing = next((one for token in after for one in PIECES if one in token), None)
-        if thing and denied and any(token.any("andme", "me") for token in after):
-            return [Zone(kind="between", of=cast(Thing, thing))], [], list(tokens)
-        return [], [], []
-    for sense, kept, turned in (
-        ("sight", "front", "front"),
-        ("seen", "behind", "front"),
-        ("behind", "front", "behind"),
-        ("front", "behind", "front"),
-    ):
-        if any(sense in token for token in tokens):
-            if sense == "front" and not denied:
-                continue
-            kind = turned if denied and sense in ("behind", "front") else kept
-            used = [token for token in tokens if token.any(sense, "not", "stay", "away")]
-            return [Zone(kind=kind)], [], used
-    placed = _placed(tokens)
-    things = [token for token in placed if token.any(*PIECES) and not token.any("furniture", "wall")]
-    away = any("away" in token for token in tokens)
-    if things and away:
-        of = cast(Thing, next(one for one in PIECES if one in things[0]))
-        used = [token for token in tokens if token.any("away", "near", "not")] + things
-        return [Zone(kind="thing", of=of)], [one for one in placed if one not in things], used
-    rooms = [token for token in placed if token.any(*ROOMS)]
-    into = denied and any("into" in token for token in tokens)
-    kept_out = any("out" in token for token in tokens) or (away and not any(one.any(*PIECES) for one in placed))
-    if rooms and (kept_out or into):
+        if not (thing and _is_denied(tokens, between) and any(token.any("andme", "me") for token in after)):
+            return [], [], []
+        rooms = [token for token in placed if token.any(*ROOMS) and not token.any(*PIECES)]
+        return [Zone(kind="between", of=cast(Thing, thing))], rooms, [*_segment(tokens, between), *rooms]
+    for sense, kept in (("sight", "front"), ("seen", "behind"), ("behind", "front"), ("front", "behind")):
+        at = next((k for k, token in enumerate(tokens) if sense in token), None)
+        if at is None:
+            continue
+        denied = _is_denied(tokens, at)
+        if not denied and (sense == "front" or not any("stay" in token for token in _segment(tokens, at))):
+            continue  # nothing says that it should be there
+        kind = ("behind" if sense == "behind" else "front") if denied and sense in ("behind", "front") else kept
+        used = [*_where(tokens, placed, away=False), *_segment(tokens, at)]
+        return [Zone(kind=kind)], placed, used
+    target = _kept_from(tokens)
+    if target is not None and target.any(*PIECES) and not target.any("furniture", "wall"):
+        of = cast(Thing, next(one for one in PIECES if one in target))
+        used = _segment(tokens, tokens.index(target))
+        others = [one for one in placed if one is not target]
+        return [Zone(kind="thing", of=of)], others, [*used, *_where(tokens, others, away=False)]
+    rooms = [token for token in placed if token.any(*ROOMS) and not token.any(*PIECES)]
+    into = any(_is_denied(tokens, k) for k, token in enumerate(tokens) if "into" in token)
+    if rooms and (_is_kept_out(tokens, rooms[0]) or into or (target is not None and target in rooms)):
         of_room = cast(RoomName, next(one for one in ROOMS if one in rooms[0]))
-        used = [token for token in tokens if token.any("out", "away", "not", "into")] + rooms
-        return [Zone(kind="room", of=of_room)], [], used
-    return [], placed, _where(tokens, placed, away)
+        return [Zone(kind="room", of=of_room)], [], _segment(tokens, tokens.index(rooms[0]))
+    return (
+        [],
+        placed,
+        _where(
+            tokens, placed, away=target is not None or any(one.any(*ROOMS) or one.form in _NEARER for one in tokens)
+        ),
+    )
+
+
+def _is_kept_out(tokens: Sequence[Token], room: Token) -> bool:
+    """ "Out of the kitchen", "die Küche ist tabu"; not "I beg of you (bitt ich mir aus) that ..."."""
+    at = tokens.index(room)
+    before = tokens[max(0, at - MOST_BETWEEN) : at]
+    own = _segment(tokens, at)
+    return any("out" in token for token in before) or any("out" in one and one.form not in _OUT_OF for one in own)
+
+
+def _segment(tokens: Sequence[Token], at: int) -> list[Token]:
+    """The tokens between the punctuation around one of them."""
+    first = next((k for k in range(at, 0, -1) if tokens[k].before), 0)
+    last = next((k for k in range(at + 1, len(tokens)) if tokens[k].before), len(tokens))
+    return list(tokens[first:last])
+
+
+def _is_denied(tokens: Sequence[Token], at: int) -> bool:
+    """Whether what stands there must not be: by its own part of the sentence, else by another."""
+    own = _segment(tokens, at)
+    if any("not" in token for token in own):
+        return True
+    return not any("stay" in token for token in own) and any("not" in token for token in tokens)
+
+
+def _kept_from(tokens: Sequence[Token]) -> Token | None:
+    """What "keep away from" is said of, where it is a thing or a room: of the person it is a wish."""
+    for at, token in enumerate(tokens):
+        if "away" not in token:
+            continue
+        after = next((one for one in tokens[at + 1 : at + 5] if one.any("me", *PIECES, *ROOMS)), None)
+        if after is not None:
+            return None if "me" in after and not after.any(*PIECES, *ROOMS) else after
+        for k in range(at - 1, max(at - 6, -1), -1):  # "vom Sofa fern"
+            if tokens[k].any(*PIECES, *ROOMS):
+                own = tokens[max(k - 2, 0) : k]
+                return tokens[k] if any(word.form in _FROM for one in own for word in one.words) else None
+    return None
+
+
+_OUT_OF = ("aus", "out", "out of")
+_NEARER = known_words("closer nearer tighter enger knapper naeher dichter weiter farther further")
+_FROM = known_words("von vom zu zur zum from to der dem den")
 
 
 def _where(tokens: Sequence[Token], placed: Sequence[Token], away: bool) -> list[Token]:
@@ -292,22 +393,22 @@ def _where(tokens: Sequence[Token], placed: Sequence[Token], away: bool) -> list
 
 
 def _placed(tokens: Sequence[Token]) -> list[Token]:
-    """Tokens of rooms, and of things, that stand behind a word of place."""
+    """Tokens of rooms, and of things that stand behind a word of place."""
     found: list[Token] = []
-    away = any("away" in token for token in tokens)
     for at, token in enumerate(tokens):
         before = tokens[max(0, at - MOST_BETWEEN) : at]
-        piece = token.any(*PIECES)
-        ways = ("near", "in", "through") if piece else ("in", "through", "into", "near", "out", "away")
-        named = piece or token.any(*ROOMS)
-        if named and ((piece and away) or any(one.any(*ways) for one in before)):
+        if token.any(*PIECES):
+            if any(one.any("near", "in", "through") for one in before) or token is _kept_from(tokens):
+                found.append(token)
+        elif token.any("passing", *ROOMS):
             found.append(token)
     return found
 
 
 def _forbidden(tokens: Sequence[Token], placed: Sequence[Token]) -> list[Zone]:
     """What "not ..." forbids where nothing else is wished: a room, a thing, a place that is pointed at."""
-    if not any(token.any("not", "away", "out") for token in tokens):
+    known = ("not", "away", "out", "stay", "filler", "in", "into", "near", "through", "here", "only", *ROOMS, *PIECES)
+    if not any(token.any("not", "away", "out") for token in tokens) or not all(token.any(*known) for token in tokens):
         return []
     for token in placed:
         for room in ROOMS:
