@@ -241,6 +241,19 @@ class PathsMessage(TypedDict):
     legend: list[LegendEntry]
 
 
+class NumberedPaths(TypedDict):
+    """Several ways of one robot, told apart by number and colour, of which the page says which one it drives (`drive`
+    with `only`, from 0). person: how the scene's person walks meanwhile, None where they stand."""
+
+    type: Literal["steer"]
+    do: Literal["paths"]
+    id: str
+    onward: bool
+    numbered: bool
+    paths: list[LivePath]
+    person: Track | None
+
+
 class MirrorOrder(TypedDict):
     """From the page: where a real robot is (x, y, yaw), what its lidar hit, where it would go, where people stand.
     walls: corners of what its map has; absent: as before."""
@@ -262,7 +275,7 @@ class RobotsMoved(TypedDict):
     over: bool
 
 
-Order = ShowOrder | DrawOrder | PlayOrder | ReplayOrder | PlainOrder
+Order = ShowOrder | DrawOrder | PlayOrder | ReplayOrder | NumberedPaths | PlainOrder
 
 
 class Near(TypedDict):

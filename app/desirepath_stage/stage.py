@@ -116,6 +116,33 @@ class Stage:
         colours = (bodies.NEUTRAL,) if robots == 1 else (bodies.LEFT, bodies.RIGHT)
         self._show(scene, require_view(view), trajectories, colours, goal=True, around_m=around_m)
 
+    def several(self, view: View, trajectories: Sequence[Trajectory], colours: Sequence[bodies.Colour]) -> None:
+        """Show the ways of all of them on the floor, numbered, in the first one's scene; the page says which one the
+        robot drives (`client/steer.js`). Raises ViewError for an unknown view.
+        """
+        scene = trajectories[0].scene
+        with self._lock:
+            self._show(scene, require_view(view), trajectories, (bodies.NEUTRAL,), goal=True, close=True)
+            self._run(
+                {
+                    "type": "steer",
+                    "do": "paths",
+                    "id": "several",
+                    "onward": False,
+                    "numbered": True,
+                    "paths": [
+                        {
+                            "track": pose_track(one.times, one.poses),
+                            "colour": list(colour),
+                            "hollow": False,
+                            "arrives": True,
+                        }
+                        for one, colour in zip(trajectories, colours, strict=False)
+                    ],
+                    "person": walk_track(scene),
+                }
+            )
+
     def play(
         self,
         trajectory: Trajectory,

@@ -17,6 +17,7 @@ from fastapi.templating import Jinja2Templates
 from starlette.responses import Response
 
 from desirepath.study.kinds.live import CONTROLS, CROWD_CONTROLS
+from desirepath.study.kinds.order import COLOURS
 from desirepath.web.core.catalogues import Texts
 from desirepath.web.core.guides import prose
 
@@ -125,6 +126,17 @@ STEPS: dict[str, dict[str, Any]] = {
         "question": "How did you like it?",
         "low": "not at all",
         "high": "very much",
+    },
+    "order": {
+        "view": "top_down",
+        "number": 1,
+        "count": 3,
+        "of": 4,
+        "ask": "order",
+        "piles": None,
+        "question": None,
+        "colours": COLOURS,
+        "durations_s": [4.2, 6.0, 5.4, 8.8],
     },
     "tuning": {
         "setup": "study_room",

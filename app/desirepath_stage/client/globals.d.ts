@@ -10,6 +10,7 @@ type Orders = {
     | import("../../../frontend/static/js/contract.js").DrawOrder
     | import("../../../frontend/static/js/contract.js").PlayOrder
     | import("../../../frontend/static/js/contract.js").ReplayOrder
+    | import("../../../frontend/static/js/contract.js").NumberedPaths
     | import("../../../frontend/static/js/contract.js").PlainOrder;
 };
 type Solid = import("../../../frontend/static/js/contract.js").Solid;

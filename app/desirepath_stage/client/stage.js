@@ -90,6 +90,8 @@
         pictures.use(order.pictures);
         player.replay(order);
       });
+    } else if (order.type === "steer") {
+      onceReady(() => steer.obey(order));
     } else if (order.type === "clear") {
       shown += 1;
       afterReady = [];

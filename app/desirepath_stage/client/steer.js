@@ -10,6 +10,7 @@
   const { bridge, frames } = window.desirePath;
   const RIBBON_M = 0.13;
   const TELL_EVERY_MS = 60;
+  const TAG_PX = 12;
   const AHEAD_S = 1.5; // a path that was asked for so long ago still begins behind the robot
   const CASING = "--paper";
   const BEHIND = "--behind"; // opaque, as pieces that shine through would show where they overlap
@@ -27,6 +28,12 @@
   let since = [];
   let driving = false;
   let inTurn = false;
+  /** Of one robot's ways, told apart by numbers, the one that it drives; null: each robot has its own. @type {number | null} */
+  let only = null;
+  /** Where each of them has its number, x and y. @type {number[][]} */
+  let tags = [];
+  /** @type {Track | null} */
+  let walked = null;
   let lastFrame = 0;
   let toldAt = 0;
   let running = false;
@@ -49,6 +56,12 @@
   /** Where the robots were put, so that the room is not drawn anew for a robot that stands where it stood. */
   let stand = "";
   function place() {
+    if (only !== null) {
+      window.desirePath.player.walkCrowdTo(along[only]);
+      if (walked) window.desirePath.player.walkTo(walked, along[only]);
+      window.desirePath.player.place(0, at(paths[only], along[only]), true);
+      return;
+    }
     const first = along.findIndex((t, i) => t < ends(paths[i]));
     const watched = inTurn ? first : 0;
     const poses = paths.map((path, i) => at(path, along[i]));
@@ -69,6 +82,30 @@
     toldAt = performance.now();
     const poses = paths.map((path, i) => at(path, along[i]));
     bridge.post("moved", { poses, clocks: clocks(), seconds: Math.max(0, ...along), driving, over });
+  }
+
+  /** Where a way is farthest from all others: there stands its number. @param {Track} track @param {Track[]} others */
+  function apart(track, others) {
+    const gap = (/** @type {number[]} */ [, x, y]) => Math.min(...others.flat().map(([, u, v]) => Math.hypot(x - u, y - v)));
+    return track.reduce((best, row) => (gap(row) > gap(best) ? row : best)).slice(1, 3);
+  }
+
+  /** @param {Projector} project @param {number} i */
+  function tag(project, i) {
+    const spot = project(tags[i][0], tags[i][1]);
+    if (!spot) return;
+    pen.fillStyle = `rgb(${paths[i].colour.join(" ")})`;
+    pen.strokeStyle = "white";
+    pen.lineWidth = 2;
+    pen.beginPath();
+    pen.arc(spot[0], spot[1], TAG_PX, 0, 2 * Math.PI);
+    pen.fill();
+    pen.stroke();
+    pen.fillStyle = "white";
+    pen.font = `600 ${1.2 * TAG_PX}px sans-serif`;
+    pen.textAlign = "center";
+    pen.textBaseline = "middle";
+    pen.fillText(String(i + 1), spot[0], spot[1] + 1);
   }
 
   /** @param {Projector} project @param {LivePath} path @param {number} from s: what lies behind the robot is faint */
@@ -118,7 +155,9 @@
     painted = now;
     fit();
     // what lies behind a robot is faint while any drives; then whole ways are to be told apart again
-    for (let i = paths.length - 1; i >= 0; i -= 1) ribbon(project, paths[i], driving ? (along[i] ?? 0) : 0);
+    for (let i = paths.length - 1; i >= 0; i -= 1) if (i !== only) ribbon(project, paths[i], driving ? (only === null ? (along[i] ?? 0) : Infinity) : 0);
+    if (only !== null) ribbon(project, paths[only], driving ? along[only] : 0);
+    for (let i = 0; i < tags.length; i += 1) tag(project, i);
     uncover(project);
     if (fresh !== null) {
       bridge.post("drawn", { id: fresh });
@@ -131,10 +170,10 @@
     const now = performance.now();
     if (driving) {
       const passed = (now - lastFrame) / 1000;
-      const first = along.findIndex((t, i) => t < ends(paths[i]));
-      along = along.map((t, i) => (inTurn && i !== first ? t : Math.min(ends(paths[i]), t + passed)));
+      const alone = only ?? (inTurn ? along.findIndex((t, i) => t < ends(paths[i])) : null);
+      along = along.map((t, i) => (alone !== null && i !== alone ? t : Math.min(ends(paths[i]), t + passed)));
       place();
-      const over = along.every((t, i) => t >= ends(paths[i]));
+      const over = along.every((t, i) => t >= ends(paths[i]) || (only !== null && i !== only));
       if (over) driving = false;
       if (over || now - toldAt > TELL_EVERY_MS) tell(over);
     }
@@ -153,6 +192,9 @@
         along = paths.map((path, i) => (goesOn ? nearest(path, here[i]) : 0));
         since = paths.map((_, i) => (goesOn && message.since?.[i]) || 0);
         fresh = message.id;
+        tags = message.numbered ? paths.map(({ track }, i) => apart(track, paths.filter((_, k) => k !== i).map((other) => other.track))) : [];
+        only = message.numbered ? 0 : null;
+        walked = message.person ?? null;
         if (!goesOn) {
           driving = false;
           place();
@@ -165,7 +207,8 @@
         }
         window.desirePath.sheet.legend(message.legend ?? []);
       } else if (message.do === "drive" && paths.length) {
-        if (along.every((t, i) => t >= ends(paths[i]))) along = paths.map(() => 0);
+        if (only !== null) only = Number(message.only);
+        if (only !== null || along.every((t, i) => t >= ends(paths[i]))) along = paths.map(() => 0);
         lastFrame = performance.now();
         inTurn = Boolean(message.in_turn);
         driving = true;
@@ -177,7 +220,7 @@
     /** Another scene stands there: nothing of this one is left. */
     stop() {
       running = driving = false;
-      [paths, along, since, fresh] = [[], [], [], null];
+      [paths, along, since, fresh, tags, only, walked] = [[], [], [], null, [], null, null];
       stand = painted = "";
       canvas.remove();
     },

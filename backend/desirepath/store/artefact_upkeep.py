@@ -173,8 +173,8 @@ def _only_in(s: Session, query_set: Artefact) -> set[str]:
     own = {query[side] for query in query_set.card["stored_queries"] for side in ("trajectory_a", "trajectory_b")}
     others = select(Artefact.card).where(Artefact.id != query_set.id, Artefact.setup == query_set.setup)
     used = {sha for card in s.scalars(others) for sha in own if mentions(card, {sha})}
-    shown = select(Trial.trajectory_a, Trial.trajectory_b)
-    used |= {sha for row in s.execute(shown) for sha in row if sha in own}
+    shown = select(Trial.trajectory_a, Trial.trajectory_b, Trial.arms)
+    used |= own & {sha for a, b, arms in s.execute(shown) for sha in (a, b, *(arms or {}).get("shown", ()))}
     return own - used
 
 

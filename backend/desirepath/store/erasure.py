@@ -159,10 +159,10 @@ def _find(s: Session, participant: Participant) -> _Doomed:
     jobs = select(Artefact.job_id).where(Artefact.id.in_(doomed.artefacts), Artefact.job_id.is_not(None))
     doomed.jobs = {job_id for job_id in s.scalars(jobs) if job_id}
     doomed.recordings = recordings_of(s, sessions)
-    shown = select(Trial.trajectory_a, Trial.trajectory_b)
-    own = {t for row in s.execute(shown.where(Trial.session_id.in_(sessions))) for t in row}
+    own = {t for trial in s.scalars(select(Trial).where(Trial.session_id.in_(sessions))) for t in trial.shown}
     own |= set(s.scalars(select(TrajectoryRow.id).where(TrajectoryRow.made_by.in_(doomed.artefacts))))
-    used = {t for row in s.execute(shown.where(Trial.session_id.not_in(sessions))) for t in row}
+    others = select(Trial.trajectory_a, Trial.trajectory_b, Trial.arms).where(Trial.session_id.not_in(sessions))
+    used = {t for a, b, arms in s.execute(others) for t in (a, b, *(arms or {}).get("shown", ()))}
     rolled_out: dict[bool, set[str]] = {True: set(), False: set()}
     strokes = select(StrokeRow.session_id, StrokeRow.walk, StrokeRow.trajectory, StrokeRow.demonstration)
     for session_id, walk, trajectory, demonstration in s.execute(strokes):

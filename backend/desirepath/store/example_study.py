@@ -256,7 +256,7 @@ def _delete_rows(s: DatabaseSession, table: Table, doomed: Mapping[str, set[str]
 def _named(s: DatabaseSession, doomed: Mapping[str, set[str]] | None = None) -> set[str]:
     """Every hash that trials, jobs and cards name: those of the doomed, by default all that there are."""
     of = (
-        (select(Trial.trajectory_a, Trial.trajectory_b), Trial.session_id, "session_id"),
+        (select(Trial.trajectory_a, Trial.trajectory_b, Trial.arms), Trial.session_id, "session_id"),
         (select(Job.params, Job.result), Job.id, "job_id"),
         (select(Artefact.card), Artefact.id, "artefact_id"),
     )

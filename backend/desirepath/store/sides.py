@@ -28,6 +28,16 @@ def chosen_and_rejected(choice: Side, trajectory_a: str, trajectory_b: str) -> t
     return shown_on(choice, trajectory_a, trajectory_b), shown_on(other_side(choice), trajectory_a, trajectory_b)
 
 
+def is_answer_to_several(value: Mapping[str, Any], count: int) -> bool:
+    """Whether a stored answer puts so many trajectories, numbered from 1, in order or into piles, or picks the best."""
+    piles = value.get("groups")
+    said = value.get("order") if piles is None else [n for pile in piles for n in pile]
+    wanted = 1 if value.get("ask") == "best" else count
+    if not isinstance(said, list) or not len(said) == len(set(said)) == wanted:
+        return False
+    return set(said) <= set(range(1, count + 1))
+
+
 def is_tie(value: Mapping[str, Any]) -> bool:
     """Whether a stored answer to a pair says that the two do not differ."""
     return value.get("degree") == "no_difference" and not is_side(value.get("choice"))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import random
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
 from typing import Any, Literal, cast, get_args
@@ -29,7 +29,7 @@ from desirepath.store.models import (
     utc_now,
 )
 from desirepath.store.models import Session as SessionRow
-from desirepath.store.sides import Side, chosen_and_rejected, is_answer_to_pair
+from desirepath.store.sides import Side, chosen_and_rejected, is_answer_to_pair, is_answer_to_several
 from desirepath.store.who_counts import PROBE_ROLES, Whose, is_practice, reason_not_to_learn
 
 FORMAT = "desirepath-snapshot-2"
@@ -112,7 +112,9 @@ class NoDifference:
 
 @dataclass(frozen=True)
 class RatedTrajectory:
-    """One usable rating of a trajectory that was shown alone. rating: on the protocol's own scale, more is better."""
+    """One usable rating of a trajectory that was shown alone. rating: on the protocol's own scale, more is better. Or
+    its place among several of one scene, block: the trial; the best one's is the highest, and of those without a place
+    it is 0."""
 
     response: str
     trial: str
@@ -307,7 +309,7 @@ def _answers_of(study_id: str) -> Select[Response, Trial, Participant, str]:
         .join(SessionRow, SessionRow.id == Response.session_id)
         .join(Participant, Participant.id == SessionRow.participant_id)
         .join(TrajectoryRow, TrajectoryRow.id == Trial.trajectory_a)
-        .where(SessionRow.study_id == study_id, Trial.kind.in_(("query", "rating")))
+        .where(SessionRow.study_id == study_id, Trial.kind.in_(("query", "rating", "order")))
         .order_by(Participant.code, Response.created_at, Trial.index, Response.id)
     )
 
@@ -336,6 +338,11 @@ def _freeze(
         if trial.kind == "rating":
             rated = (response.id, trial.id, participant.code, trial.view, trial.block, trial.trajectory_a)
             ratings.append(RatedTrajectory(*rated, rating=response.value["rating"], source=source))
+            continue
+        if trial.kind == "order":
+            ranked = (response.id, trial.id, participant.code, trial.view, trial.id)
+            places = _places(trial, response.value)
+            ratings += [RatedTrajectory(*ranked, of, rating=place, source=source) for of, place in places]
             continue
         about = {
             "response": response.id,
@@ -394,10 +401,18 @@ def _freeze(
             "human": sum(answer.source == "human" for answer in evidence),
             "left_out": left_out,
         },
-        answers=[answer.response for answer in evidence],
+        answers=list(dict.fromkeys(answer.response for answer in evidence)),
         study_id=study.id,
         simulated=snapshot.simulated,
     )
+
+
+def _places(trial: Trial, said: Mapping[str, Any]) -> list[tuple[str, float]]:
+    """Each of the several trajectories with its place, more is better."""
+    if "groups" in said:
+        return [(trial.shown[number - 1], float(k)) for k, pile in enumerate(said["groups"]) for number in pile]
+    place = {number: float(len(trial.shown) - k) for k, number in enumerate(said["order"])}
+    return [(of, place.get(number, 0.0)) for number, of in enumerate(trial.shown, 1)]
 
 
 def _reason_to_leave_out(
@@ -407,5 +422,6 @@ def _reason_to_leave_out(
     if reason is None and is_practice(trial.role):
         return "learning"
     said = response.value
-    answered = "rating" in said or is_answer_to_pair(said)
+    several = trial.kind == "order" and is_answer_to_several(said, len(trial.shown))
+    answered = "rating" in said or several or is_answer_to_pair(said)
     return reason or (None if answered else "no_choice")

@@ -124,6 +124,11 @@ class Moment:
         rows = select(Trial.query_id).where(Trial.session_id == self.session.id, Trial.step_key == step_key)
         return self.s.scalars(rows).first()
 
+    def trial(self, step_key: str) -> Trial:
+        """The trial that was made for that step."""
+        rows = select(Trial).where(Trial.session_id == self.session.id, Trial.step_key == step_key)
+        return self.s.scalars(rows).one()
+
     def has_trial(self, step_key: str) -> bool:
         """Whether a trial was made for that step."""
         rows = select(Trial.id).where(Trial.session_id == self.session.id, Trial.step_key == step_key)
@@ -184,6 +189,10 @@ class Simulated(Protocol):
         """How much one trajectory is liked, 0 to 1."""
         ...
 
+    def judge_several(self, step: Mapping[str, Any]) -> list[float]:
+        """How much each of the trial's several trajectories seems worth."""
+        ...
+
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]: ...
     def choose_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
         """The preference weights that it would set: objective -> weight above 0."""
@@ -207,7 +216,7 @@ class Kind(Generic[S, A]):
     shows: ClassVar[Literal["page", "trajectories", "paper", "live"]] = "page"
     """trajectories: a trial on the stage; paper: something is drawn there; live: what a robot would do, redrawn."""
     trajectories: ClassVar[int] = 2
-    """How many a trial of it shows, one after the other."""
+    """How many a trial of it shows at most, one after the other."""
     previewed: ClassVar[bool] = False
     """A protocol's preview shows an example query on the stage."""
     consents: ClassVar[bool] = False

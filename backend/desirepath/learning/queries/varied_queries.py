@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from desirepath.learning.cards import stored_config
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.conditioned import ConditionedPolicy
-from desirepath.learning.preferences.measures import measures, table_of
+from desirepath.learning.preferences.measures import measures, table_of, typical_differences
 from desirepath.learning.preferences.objectives import OPPOSITES, SIZE, names_of, preference_weights
 from desirepath.learning.queries.queries import (
     Query,
@@ -31,6 +31,7 @@ from desirepath.learning.queries.queries import (
 )
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.setups import get_setup
+from desirepath.simulation.trajectory import Trajectory
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -39,6 +40,7 @@ OnProgress = Callable[[float, dict[str, float]], None]
 LARGEST_DIFFERENCE = 1.5  # standard deviations: a larger one is no clearer, so it counts no more when pairs are chosen
 SPREAD_WORTH = 0.05
 EXCHANGE_ROUNDS = 2
+FEWEST_IN_ORDER = 3
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,29 @@ def generate_varied_queries(
         for q in queries
     ]
     return QuerySet(setup.name, tuple(kept), filtered)
+
+
+def several_in_scene(
+    conditioned: ConditionedPolicy, given: Sequence[Trajectory], count: int, rules: QueryConfig
+) -> list[Trajectory]:
+    """`count` trajectories of one scene that people can put in order: those given, and of the policy's at drawn
+    preference weights one after the other that differs most from all so far, in typical differences. Fewer where the
+    others have flaws, at least `FEWEST_IN_ORDER`.
+    """
+    chosen, setup = list(given)[:count], get_setup(conditioned.setup)
+    typical = typical_differences(setup.name)
+    drawn = draw_weights(VariedConfig().settings, 0, setup.name)
+    others = [rollout(setup, conditioned.at(weights).rollout_policy, [chosen[0].scene])[0] for weights in drawn]
+    bad = np.array([1.0 if flaw(one, rules) else 0.0 for one in others])
+    of_others, seen = measures(others) / typical, measures(chosen) / typical
+    while len(chosen) < count:
+        gaps = np.minimum(np.abs(of_others[:, None] - seen[None]), LARGEST_DIFFERENCE).sum(axis=2).min(axis=1)
+        best = int((gaps - 1e3 * bad).argmax())
+        if bad[best] and len(chosen) >= FEWEST_IN_ORDER:
+            break
+        chosen.append(others[best])
+        seen, bad[best] = np.vstack([seen, of_others[best]]), 2.0
+    return chosen
 
 
 def differences_of(queries: Sequence[Query]) -> Doubles:

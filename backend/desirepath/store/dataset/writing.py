@@ -122,7 +122,7 @@ def _write_all(s: Session, files: ArtefactStore, study: Study, out: Path, conten
     trials = list(content.trials())
     strokes = strokes_of(s, content.by_id)
     rolled_out = {trajectory for stroke in strokes for trajectory in trajectories_of(stroke.walk, stroke.trajectory)}
-    shown = sorted(rolled_out | {t for row in trials for t in (row["trajectory_a"], row["trajectory_b"])})
+    shown = sorted(rolled_out.union(*(trial.shown for trial in content.trial_rows)))
     stored = {row.id: row for row in s.scalars(select(TrajectoryRow).where(TrajectoryRow.id.in_(shown)))}
     tables: dict[Table, list[Row]] = {
         PARTICIPANTS: list(content.participants()),

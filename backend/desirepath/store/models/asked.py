@@ -23,6 +23,7 @@ class Trial(Base):
     `headset`: by side, with what (shapes: study/wire.py, HeadsetUsed), None: in the window.
 
     `phase`: ready, playing_a, playing_b, choosing, answered. `arms` (comparison only) says which policy was A and B.
+    Of an order `arms` is {"shown": ids of all that are shown, by number}, of which the first two are A and B.
     """
 
     __tablename__ = "trial"
@@ -56,6 +57,11 @@ class Trial(Base):
         UniqueConstraint("session_id", "step_key"),
         CheckConstraint("phase in ('ready', 'playing_a', 'playing_b', 'choosing', 'answered')", name="phase"),
     )
+
+    @property
+    def shown(self) -> list[str]:
+        """All that it shows."""
+        return list((self.arms or {}).get("shown") or (self.trajectory_a, self.trajectory_b))
 
 
 class Response(Base):

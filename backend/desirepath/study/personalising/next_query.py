@@ -6,8 +6,8 @@ the stored rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
@@ -17,11 +17,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.learning.queries.choosing import STRATEGIES, Candidates, QueryStrategy, StoppingRule
-from desirepath.store.artefacts import ArtefactStore, load_artefact
+from desirepath.store.artefacts import ArtefactStore, load_artefact, load_trajectory
 from desirepath.store.database import Database
 from desirepath.store.models import ProtocolVersion, Response, Session, Study, Trial
 from desirepath.store.query_sets import StoredQuery, queries_of
-from desirepath.store.sides import shown_on
+from desirepath.store.sides import is_answer_to_several, shown_on
 from desirepath.store.who_counts import TEACHING_ROLES
 from desirepath.study.protocol_rows import newest_number, protocol_row, row_of
 
@@ -31,11 +31,13 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:  # numba and the simulator come with these; a server that never chooses need not load them
     from desirepath.learning.measures.pairs import PairDifferences
     from desirepath.learning.preferences.evidence.graded_pair import Degree, Possible
+    from desirepath.learning.preferences.evidence.ranking import Ranking
+    from desirepath.learning.preferences.evidence.rating import Rating
     from desirepath.learning.preferences.free_posterior import FreePosterior
     from desirepath.learning.preferences.posterior import Posterior
 
 Doubles = NDArray[np.float64]
-Answers = tuple["Given | GivenRating", ...]
+Answers = tuple["Given | GivenRating | GivenOrder", ...]
 KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
 
 
@@ -63,6 +65,40 @@ class GivenRating(NamedTuple):
         """It is no choice of two."""
 
 
+class GivenOrder(NamedTuple):
+    """Several of one scene, by id: put in order, the best first, of which `said` places were said (the others follow in
+    any order); or, piles > 0, each with its pile, from 1 for the least liked."""
+
+    query: str
+    order: tuple[str, ...]
+    said: int
+    in_pile: tuple[int, ...] = ()
+    piles: int = 0
+
+    @property
+    def chosen(self) -> None:
+        """It is no choice of two."""
+
+    @classmethod
+    def of(cls, query: str, shown: Sequence[str], value: Mapping[str, Any]) -> GivenOrder:
+        """shown: by number; value: as it is stored."""
+        if (groups := value.get("groups")) is not None:
+            pile = {number: k for k, numbers in enumerate(groups, 1) for number in numbers}
+            return cls(query, tuple(shown), 0, tuple(pile[n + 1] for n in range(len(shown))), len(groups))
+        first = [shown[number - 1] for number in value["order"]]
+        return cls(query, (*first, *(one for one in shown if one not in first)), len(first))
+
+    def evidence(self, measured: Doubles) -> Iterator[Ranking | Rating]:
+        """What it says. measured (k, spans, 7), of `order`. A pile is a rating beside all others'."""
+        from desirepath.learning.preferences.evidence.ranking import Ranking
+        from desirepath.learning.preferences.evidence.rating import Rating
+
+        if not self.piles:
+            yield Ranking(measured, self.said)
+        for k, pile in enumerate(self.in_pile):
+            yield Rating(np.roll(measured, -1 - k, axis=0), pile, self.piles)  # itself last
+
+
 @dataclass(frozen=True)
 class Asked:
     """What a trial shows. sides_swapped: the query's second trajectory is A. `probe_of`: the trial that is asked again.
@@ -87,6 +123,7 @@ class MeasuredQueries:
     symmetry: str
     queries: tuple[StoredQuery, ...]
     measured: Doubles
+    files: ArtefactStore = field(repr=False)
 
     @cached_property
     def differences(self) -> Doubles:
@@ -98,6 +135,15 @@ class MeasuredQueries:
         """(spans, 7) by id."""
         names = [one for query in self.queries for one in (query.trajectory_a, query.trajectory_b)]
         return dict(zip(names, self.measured.reshape(-1, *self.measured.shape[2:]), strict=True))
+
+    def of_all(self, trajectories: Sequence[str]) -> Doubles:
+        """(k, spans, 7) of these, by id, also of such as are shown beside the set's."""
+        if unknown := [one for one in dict.fromkeys(trajectories) if one not in self.of_trajectory]:
+            from desirepath.learning.preferences.spans import seen_measures
+
+            seen = seen_measures([load_trajectory(self.files, one) for one in unknown])
+            self.of_trajectory.update(zip(unknown, seen, strict=True))
+        return np.stack([self.of_trajectory[one] for one in trajectories])
 
     def index(self) -> dict[str, int]:
         """Where each query stands, by id."""
@@ -129,7 +175,7 @@ class Remembered:
             stored = tuple(queries_of(s, files, set_id))
             seen = seen_measures([of for query in queries for of in (query.trajectory_a, query.trajectory_b)])
             measured = seen.reshape(len(queries), 2, *seen.shape[1:])
-            self._measured[key] = MeasuredQueries(artefact.setup, symmetry, stored, measured)
+            self._measured[key] = MeasuredQueries(artefact.setup, symmetry, stored, measured, files)
         return self._measured[key]
 
     def pairs(self, s: DatabaseSession, files: ArtefactStore, study: Study | ProtocolVersion) -> PairDifferences:
@@ -153,9 +199,13 @@ class Remembered:
         config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
         places = measured.index()
 
-        def believe(posterior: Posterior, given: Given | GivenRating) -> Posterior:
+        def believe(posterior: Posterior, given: Given | GivenRating | GivenOrder) -> Posterior:
+            if isinstance(given, GivenOrder):
+                for evidence in given.evidence(measured.of_all(given.order)):
+                    posterior = posterior.observed(evidence)
+                return posterior
             if isinstance(given, GivenRating):
-                rated = np.stack([measured.of_trajectory[one] for one in (*given.before, given.trajectory)])
+                rated = measured.of_all((*given.before, given.trajectory))
                 return posterior.observed(Rating(rated, given.rating, given.points))
             row = places[given.query]
             first = given.chosen == measured.queries[row].trajectory_a
@@ -275,22 +325,26 @@ def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> 
 
 
 def answers_of(s: DatabaseSession, session: Session) -> Answers:
-    """Of regular and further trials and of ratings that count at once, in the order they were asked."""
+    """Of regular and further trials, orders, and ratings that count at once, as they were asked."""
     rows = s.execute(
         select(Trial, Response.value)
         .join(Response, Response.trial_id == Trial.id)
-        .where(Trial.session_id == session.id, Trial.kind.in_(("query", "rating")), Trial.role.in_(TEACHING_ROLES))
+        .where(
+            Trial.session_id == session.id, Trial.kind.in_(("query", "rating", "order")), Trial.role.in_(TEACHING_ROLES)
+        )
         .order_by(Trial.index)
     )
     points = {step["key"]: step["points"] for step in session.plan if step.get("at_once")}
     before: dict[str | None, list[str]] = {}
-    answers: list[Given | GivenRating] = []
+    answers: list[Given | GivenRating | GivenOrder] = []
     for trial, said in rows:
         if said.get("timed_out"):
             continue
         if trial.kind == "query":
             chosen = shown_on(said["choice"], trial.trajectory_a, trial.trajectory_b) if "choice" in said else None
             answers.append(Given(str(trial.query_id), chosen, said.get("degree"), said.get("possible", 2)))
+        elif trial.kind == "order" and is_answer_to_several(said, len(trial.shown)):
+            answers.append(GivenOrder.of(str(trial.query_id), trial.shown, said))
         elif trial.step_key in points:
             rated = before.setdefault(trial.block, [])
             told = (str(trial.query_id), trial.trajectory_a, said["rating"], points[trial.step_key])

@@ -13,6 +13,7 @@ from desirepath.grammar.parts import an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.study.kinds.attention import AttentionStep
 from desirepath.study.kinds.feedback import TAKES_S, Feedback, check_beside_blind
+from desirepath.study.kinds.order import Orders
 from desirepath.study.kinds.trial import DEGREE_S, PairAnswers, Queries, Trials, TrialStep, Viewing, plan_trials
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.protocol.pages_around import BlockEntry, PagesAround
@@ -28,8 +29,10 @@ class BlockStage(Crossed, PagesAround):
     queries, the same ones, with the sides kept, in an order of each one's own. before, after: pages of every condition;
     between: pages between two conditions. attention_checks: so many pages among the regular trials of each condition
     that say which letter to press (a preference has no wrong answer). answers: what may be said besides A or B.
-    feedback: after every regular answer, how the robot would drive now; a condition of its own, which a study with
-    anything blind cannot have.
+    orders: several
+    trajectories of a scene to put in order, among the regular trials at places drawn by lot. feedback: after every
+    regular answer, how the robot would drive now; a condition of its own, which a study with anything blind cannot
+    have.
     """
 
     model_config = an_example({"view": "top_down", "trials": [{"queries": {"count": 15}}]})
@@ -46,6 +49,7 @@ class BlockStage(Crossed, PagesAround):
     viewing: Viewing = Viewing()
     answers: PairAnswers = PairAnswers()
     attention_checks: int = Field(0, ge=0, le=10)
+    orders: list[Orders] = []
     feedback: Feedback | None = None
 
     @model_validator(mode="after")
@@ -59,11 +63,19 @@ class BlockStage(Crossed, PagesAround):
     def needs(self) -> Needs:
         asked = sum(entry.queries.count for entry in self.trials)
         triads = sum(entry.queries.probes.transitivity for entry in self.trials)
-        own = 0 if self.same_queries else asked * len(self.conditions(0))
+        own = (self._orders + (0 if self.same_queries else asked)) * len(self.conditions(0))
         return Needs(asked if self.same_queries else 0, own, triads)
 
+    @property
+    def _orders(self) -> int:
+        return sum(entry.count for entry in self.orders)
+
     def trials_asked(self) -> int:
-        return sum(trial.queries.count + trial.queries.probes.trials for trial in self.trials) + self.attention_checks
+        return (
+            self._orders
+            + sum(trial.queries.count + trial.queries.probes.trials for trial in self.trials)
+            + self.attention_checks
+        )
 
     def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
         conditions = len(self.conditions(0))
@@ -71,7 +83,8 @@ class BlockStage(Crossed, PagesAround):
         regular = sum(trial.queries.count for trial in self.trials if trial.queries.role == "regular")
         shown_s = conditions * regular * TAKES_S if self.feedback else 0.0
         trial_s = pace.trial_s + (DEGREE_S if self.answers.degree else 0.0)
-        return trials * trial_s + self.pages() * pace.page_s + shown_s
+        orders_s = conditions * sum(entry.count * entry.seconds_each(pace) for entry in self.orders)
+        return trials * trial_s + self.pages() * pace.page_s + shown_s + orders_s
 
     def numbers(self) -> dict[str, int]:
         conditions = len(self.conditions(0))
@@ -95,6 +108,8 @@ class BlockStage(Crossed, PagesAround):
         triads = iter(at.drawn.triads)
         trials = plan_trials(prefix, where, self.trials, self.viewing, self.answers, pairs, triads, at.random)
         steps = _with_attention(prefix, trials, self.attention_checks, where, at.random)
+        for k, entry in enumerate(self.orders):
+            steps = _among(steps, entry.plan_steps(f"{prefix}.{k + 1}" if k else prefix, where, at.drawn), at.random)
         return self.feedback.after_each(prefix, where, steps) if self.feedback else steps
 
     # ---- what its numbers cannot be
@@ -135,6 +150,15 @@ def _with_attention(
             key = f"{prefix}.attention_{number}"
             steps.append(AttentionStep.model_validate({"key": key, "kind": "attention", **where, **fields}))
         steps.append(trial)
+    return steps
+
+
+def _among(steps: list[Step], orders: Sequence[Step], random: np.random.Generator) -> list[Step]:
+    """The steps with orders, in their order, each before a regular trial or behind all of them."""
+    regular = [i for i, step in enumerate(steps) if getattr(step, "role", "") == "regular"]
+    places = sorted(int(i) for i in random.choice([*regular, regular[-1] + 1], len(orders)))
+    for place, order in reversed([*zip(places, orders, strict=True)]):
+        steps = [*steps[:place], order, *steps[place:]]
     return steps
 
 

@@ -82,10 +82,9 @@ class HttpSessionClient:
         body = {"side": side, "playback_id": playback_id, "headset": dict(SIMULATED_HEADSET) if worn else None}
         return self._post(f"{self._api}/trials/{key}/seen", body)
 
-    def trajectories(self) -> tuple[Trajectory, Trajectory]:
+    def trajectories(self) -> list[Trajectory]:
         answered = self._request("GET", f"{self._api}/trial-data")
-        a, b = (Trajectory.from_bytes(base64.b64decode(answered[name])) for name in ("a", "b"))
-        return a, b
+        return [Trajectory.from_bytes(base64.b64decode(one)) for one in answered["shown"]]
 
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
         return self._post(f"{self._api}/drawing/{key}/stroke", {"request_id": uuid4().hex, **stroke})

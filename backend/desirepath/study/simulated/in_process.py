@@ -97,16 +97,16 @@ class _InProcess:
 
         return self._do("seen", act)
 
-    def trajectories(self) -> tuple[Trajectory, Trajectory]:
+    def trajectories(self) -> list[Trajectory]:
         with acting(self._database, self._token, request="trajectories", now=utc_now()) as (s, session):
             trial = machine.trial_of(s, session)
             if trial is None:
                 raise SimulationError("the current step is no trial")
-            shown = trial.trajectory_a, trial.trajectory_b
+            shown = trial.shown
         for trajectory in shown:
             if trajectory not in self._known:
                 self._known[trajectory] = load_trajectory(self._files, trajectory)
-        return self._known[shown[0]], self._known[shown[1]]
+        return [self._known[one] for one in shown]
 
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
         problems: list[dict[str, Any] | None] = []

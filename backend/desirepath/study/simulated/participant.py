@@ -8,6 +8,7 @@ so all ways leave the same data.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -58,7 +59,10 @@ class SessionClient(Protocol):
         """worn: with a headset, which is a simulated one."""
         ...
 
-    def trajectories(self) -> tuple[Trajectory, Trajectory]: ...
+    def trajectories(self) -> list[Trajectory]:
+        """All of the current trial, in the order of letters or numbers."""
+        ...
+
     def draw(self, key: str, stroke: Mapping[str, Any]) -> State:
         """Send a drawn path; the state has `problem` where it cannot be driven."""
         ...
@@ -199,7 +203,8 @@ class SimulatedParticipant:
             seen: Side = "a" if side == "a" else "b"
             shown = state["step"]["trial"]
             state = self._client.report_seen(step["key"], seen, shown["playback_id"], worn=bool(shown.get("worn")))
-        return self._client.trajectories()
+        a, b = self._client.trajectories()
+        return a, b
 
     def choose(self, step: Mapping[str, Any], a: Trajectory, b: Trajectory) -> Side:
         """What the oracle prefers, then what the cohort makes of it."""
@@ -243,6 +248,16 @@ class SimulatedParticipant:
         below = sum(earlier < value for earlier in before) + 0.5 * sum(earlier == value for earlier in before)
         before.append(value)
         return (below + 0.5) / len(before)
+
+    def judge_several(self, step: Mapping[str, Any]) -> list[float]:
+        """What each of several is worth to it, in typical differences, as it sees them; who lapses sees nothing."""
+        drives = self._client.trajectories()
+        noise = self._noise.normal(0, SEES_WITHIN / math.sqrt(2), len(drives))
+        oracle = self._oracles[self._prefers(step)]
+        if oracle.name == "random" or oracle.random.random() < oracle.response_model.lapse_rate:
+            return [float(one) for one in noise]
+        pairs = [Query(drives[0].scene, drives[0], drive, (0, 1)) for drive in drives]
+        return [float(better + seen) for better, seen in zip(oracle.advantages(pairs), noise, strict=True)]
 
     def choose_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
         """Its preference as weights, the foremost 1; none where it is not made of objectives."""
@@ -311,6 +326,9 @@ class _OnPages:
         raise SimulationError(f"step {step['key']!r} is no page")
 
     def opinion(self, step: Mapping[str, Any], trajectory: Trajectory) -> float:
+        raise SimulationError(f"step {step['key']!r} is no page")
+
+    def judge_several(self, step: Mapping[str, Any]) -> list[float]:
         raise SimulationError(f"step {step['key']!r} is no page")
 
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:

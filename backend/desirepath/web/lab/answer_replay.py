@@ -32,6 +32,7 @@ from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, contact, page, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language
+from desirepath.web.lab.answer_words import said_of_several
 from desirepath.web.lab.preview import QueryPreview, videos_in
 from desirepath.web.lab.replay_reasons import Reasons, policies_for, reasons_of
 from desirepath.web.lab.study_tabs import the_study
@@ -181,8 +182,12 @@ def _seen(s: DatabaseSession, files: ArtefactStore, session: Session, given: Ans
     moment = Moment(s, session, protocol_of(s, session), given.created_at)
     explained = kind_of(step).explains(step, moment)
     view, goal = cast("View", trial.view), viewing_in(step).goal_and_trail
-    shown = SeenQuery(a, b, view, alone=alone, goal=goal, light=light, explained=explained)
-    durations = [trajectory.duration_s for trajectory in ((a,) if alone else (a, b))]
+    several = tuple(load_trajectory(files, one) for one in trial.shown) if len(trial.shown) > 2 else ()
+    shown = SeenQuery(a, b, view, alone=alone, goal=goal, light=light, explained=explained, several=several)
+    durations = [trajectory.duration_s for trajectory in several or ((a,) if alone else (a, b))]
+    if several:
+        said = {"said": given.value, **kind_of(step).payload_now(step, moment)}
+        return _Seen(step, shown, durations, trial.view, trial.block, payload=said, trial=trial)
     ranked = {"ranked": given.value["ranking"], **kind_of(step).payload_now(step, moment)} if explained else {}
     return _Seen(step, shown, durations, trial.view, trial.block, payload=ranked, trial=trial)
 
@@ -192,6 +197,8 @@ def _with_reasons(
 ) -> _Seen:
     """With the charts of what moved the robots, and on the stage what a policy that is asked for would look at."""
     if seen.trial is None or not isinstance(seen.shown, SeenQuery):
+        return seen
+    if seen.shown.several:
         return seen
     trajectories = (seen.shown.a,) if seen.shown.alone else (seen.shown.a, seen.shown.b)
     stepped = all(one.recorded_steps for one in trajectories)  # else there is nothing that a policy would look at
@@ -257,6 +264,8 @@ def _bar(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[str
         sentence = t("lab.replay.saw_no_difference", code=code)
     elif given.kind == "importance_ranking":
         sentence = t("lab.replay.ranked", code=code, tau=_agreement(t, value))
+    elif value.get("ask"):
+        sentence = t("lab.replay.ordered", code=code, said=said_of_several(t, value))
     elif "stroke" in value:
         sentence = t("lab.replay.drew", code=code)
     elif seen.step.rates and seen.step.rates in value:

@@ -60,6 +60,7 @@ class AnswerWords:
             "demonstration": self._demonstration,
             "think_aloud": self._voice,
             "method_comparison": self._methods,
+            "order": lambda value: [Said("", said_of_several(self.t, value))],
         }.get(kind)
         if tell is not None:
             return tell(value)
@@ -169,6 +170,16 @@ class AnswerWords:
     def _objective(self, name: str) -> str:
         keys = (f"shared.objectives.{name}", f"flow.three_objectives.{name}")
         return next((self.t(key) for key in keys if self.t.knows(key)), name)
+
+
+def said_of_several(t: Catalogue, value: Mapping[str, Any]) -> str:
+    """What was said of several trajectories, by their numbers."""
+    if value.get("ask") == "groups":
+        piles = [", ".join(map(str, pile)) or "–" for pile in value["groups"]]
+        return t(f"{WORDS}.piles", piles=" | ".join(piles))
+    return t(
+        f"{WORDS}.{'best' if value.get('ask') == 'best' else 'in_order'}", order=", ".join(map(str, value["order"]))
+    )
 
 
 def find_questionnaire(versions: Sequence[FrozenProtocol], value: Mapping[str, Any]) -> Questionnaire | None:

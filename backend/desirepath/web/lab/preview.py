@@ -20,7 +20,9 @@ from desirepath.store.payment_codes import REMOVED
 from desirepath.store.query_sets import query_sets_here
 from desirepath.store.sides import SIDES, Side, is_side
 from desirepath.study.kind import Page, kind_of
+from desirepath.study.kinds.order import COLOURS, OrderStep
 from desirepath.study.kinds.trial import viewing_in
+from desirepath.study.personalising.several_drives import fill_up
 from desirepath.study.protocol.freezing import FrozenProtocol, ProtocolError
 from desirepath.study.protocol.planning import Step, example_queries, make_plan
 from desirepath.study.revising import query_sets_for
@@ -45,7 +47,7 @@ router = APIRouter(prefix="/lab", dependencies=[Depends(check_csrf)], tags=["pre
 @dataclass(frozen=True)
 class QueryPreview:
     """A query on a stage: still at first, then the trajectory that is asked for. alone: only A, without a letter;
-    goal: it is shown, with a trail; explained: with what is shown of the policy's reasons.
+    goal: it is shown, with a trail; explained: with what is shown of the policy's reasons. several: all of an order.
     """
 
     a: Trajectory
@@ -54,8 +56,12 @@ class QueryPreview:
     alone: bool = False
     goal: bool = True
     explained: ShownExplanation | None = None
+    several: tuple[Trajectory, ...] = ()
 
     def show(self, stage: Stage) -> None:
+        if self.several:
+            stage.several(self.view, self.several, COLOURS)
+            return
         pair = (self.a, self.b)
         stage.show(self.a.scene, self.view, trajectories=pair, goal=self.goal, explained=self.explained)
 
@@ -207,6 +213,10 @@ def _preview_page(
     payload = kind_of(step).payload(step, Page(frozen, language, EXAMPLE_CODE))
     if query is not None and query.things:
         payload["things"] = list(query.things)
+    several: tuple[Trajectory, ...] = ()
+    if query is not None and isinstance(step, OrderStep) and not query.videos:
+        several = tuple(fill_up([query.a, query.b], step.of))
+        payload |= {"of": len(several), "durations_s": [one.duration_s for one in several]}
     if payload.get("return_url") and not request.state.sign_in.may(Right.TAKE, study_id):
         payload["return_url"] = REMOVED["return_url"]  # a fixed completion code may stand in it
     return page(
@@ -234,7 +244,7 @@ def _preview_page(
         back=back,
         here=request.url.path.rsplit("/", 1)[0],
         lab=services_of(request).texts.get(lab_language(request)),
-        stage_token=_granted(request, query, step) if query and not query.videos else None,
+        stage_token=_granted(request, query, step, several) if query and not query.videos else None,
         videos=query.videos if query else None,
         durations=_durations(step, query),
         csrf=request.state.sign_in.csrf,
@@ -248,9 +258,9 @@ def _durations(step: Step, query: Example | None) -> list[float]:
     return known[: kind.trajectories] if kind.previewed else []
 
 
-def _granted(request: Request, query: Example, step: Step) -> str:
+def _granted(request: Request, query: Example, step: Step, several: tuple[Trajectory, ...]) -> str:
     """The token of a stage that shows the example query in the step's view."""
     alone = kind_of(step).trajectories == 1
     view, goal, explained = step.view or "top_down", viewing_in(step).goal_and_trail, query.explain(step)
-    shown = QueryPreview(query.a, query.b, view, alone=alone, goal=goal, explained=explained)
+    shown = QueryPreview(query.a, query.b, view, alone=alone, goal=goal, explained=explained, several=several)
     return services_of(request).replays.grant(shown)

@@ -173,10 +173,9 @@ class PlaceShown(Reply):
 
 
 class TrialData(Reply):
-    """Both trajectories of the current trial as NPZ in base64."""
+    """The trajectories of the current trial as NPZ in base64, A and B, or all that have numbers, in their order."""
 
-    a: str
-    b: str
+    shown: list[str]
 
 
 class Joined(Reply):

@@ -109,7 +109,7 @@ def _on_trial(
 
 @router.get("/api/session/{token}/trial-data", response_model=TrialData)
 def trial_data(token: str, services: TheServices) -> Response:
-    """The two trajectories of the current trial as NPZ in base64, for oracles; simulated sessions only."""
+    """The trajectories of the current trial as NPZ in base64, for oracles; simulated sessions only."""
     with looking(services, token) as (s, session):
         if not session.simulated:
             raise Refused(
@@ -118,5 +118,5 @@ def trial_data(token: str, services: TheServices) -> Response:
         trial = machine.trial_of(s, session)
         if trial is None:
             raise Refused(409, "no_trial", "The current step is no trial.", session_id=session.id)
-    both = {"a": trial.trajectory_a, "b": trial.trajectory_b}
-    return reply_of(TrialData, {side: base64.b64encode(services.files.get(one)).decode() for side, one in both.items()})
+        shown = trial.shown
+    return reply_of(TrialData, {"shown": [base64.b64encode(services.files.get(one)).decode() for one in shown]})

@@ -23,6 +23,7 @@ from desirepath.store.sides import Side
 from desirepath.study.drawing import paths
 from desirepath.study.kind import Moment, kind_of
 from desirepath.study.kinds.live import LiveKind, LiveStep
+from desirepath.study.kinds.order import COLOURS
 from desirepath.study.session import machine
 from desirepath.study.session.versions import protocol_of
 from desirepath.study.session.watching import viewing_of
@@ -263,6 +264,9 @@ class Presenter:
         stage.detail = "light" if session.device.get("scene_detail") == "light" else "full"
         halted = explained is not None and trial.phase == "choosing"
         view = cast("View", trial.view)
+        if len(trial.shown) > 2:
+            stage.several(view, [self._trajectory(one) for one in trial.shown], COLOURS)
+            return
         stage.show(a.scene, view, trajectories=[a, b], goal=goal, explained=explained, halted=halted)
 
     def _load(self, trajectory_id: str) -> Trajectory:

@@ -1,0 +1,72 @@
+"""The trajectories of one scene that somebody puts in order: a query's two, others of the query set in that scene, and
+where these are too few what the setup's conditioned policy does there at different preference weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from sqlalchemy import select
+from sqlalchemy.orm import Session as DatabaseSession
+
+from desirepath.store.artefacts import load_trajectory, save_trajectories
+from desirepath.store.models import TrajectoryRow
+from desirepath.store.query_sets import queries_of
+from desirepath.study.personalising.live_rollouts import load_shipped_conditioned
+from desirepath.study.protocol_rows import row_of
+
+if TYPE_CHECKING:
+    from desirepath.simulation.trajectory import Trajectory
+    from desirepath.study.kind import Acting
+    from desirepath.study.kinds.order import OrderStep
+
+LONGEST_S = 12.0  # as of queries (`learning/queries/queries.py`), where the protocol's sample says nothing
+
+
+class Known(dict[tuple[str, int, float | None], list[str]]):
+    """What this process has found already, by query: the same for everybody, and a fifth of a second of rollouts."""
+
+
+def choose_drives(acting: Acting, step: OrderStep) -> list[str]:
+    """Ids in the order of their numbers, which is the participant's own."""
+    known = acting.files.derive(Known)
+    key = step.query, step.of, acting.frozen.protocol.sample.longest_s
+    if key not in known:
+        known[key] = _find(acting, step, key[2])
+    of_scene = known[key]
+    random = np.random.default_rng([acting.session.seed, 53, acting.session.position])
+    return [of_scene[i] for i in random.permutation(len(of_scene))]
+
+
+def _find(acting: Acting, step: OrderStep, longest_s: float | None) -> list[str]:
+    set_id = row_of(acting.s, acting.session).protocol["materials"]["query_set"]
+    queries = queries_of(acting.s, acting.files, set_id, whole=False)
+    scene = next(query.scene_hash for query in queries if query.id == step.query)
+    beside = [id for q in queries if q.scene_hash == scene for id in (q.trajectory_a, q.trajectory_b)]
+    found = list(dict.fromkeys([*step.trajectories, *beside]))[: step.of]
+    several = fill_up([load_trajectory(acting.files, one) for one in found], step.of, longest_s)
+    return [*found, *(row.id for row in save_trajectories(acting.s, acting.files, several[len(found) :]))]
+
+
+def fill_up(given: Sequence[Trajectory], of: int, longest_s: float | None = None) -> list[Trajectory]:
+    """Those and, in the same scene, what of the conditioned policy's is missing; beside recordings nothing."""
+    from desirepath.learning.errors import LearningError
+    from desirepath.learning.queries.queries import QueryConfig  # numba comes with it
+    from desirepath.learning.queries.varied_queries import several_in_scene
+
+    if len(given) >= of or any(one.recorded for one in given):
+        return list(given)[:of]
+    try:
+        conditioned = load_shipped_conditioned(given[0].scene.setup)
+    except LearningError:
+        return list(given)
+    return several_in_scene(conditioned, given, of, QueryConfig(max_duration_s=longest_s or LONGEST_S))
+
+
+def durations_s(s: DatabaseSession, trajectories: Sequence[str]) -> list[float]:
+    """How long each takes."""
+    rows = select(TrajectoryRow.id, TrajectoryRow.duration_s).where(TrajectoryRow.id.in_(trajectories))
+    known: dict[str, float] = {row.id: row.duration_s for row in s.execute(rows)}
+    return [known[one] for one in trajectories]
