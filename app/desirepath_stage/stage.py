@@ -23,6 +23,7 @@ from desirepath_stage import bodies, explained_nodes, scene_nodes, viser_hooks
 from desirepath_stage.camera_pictures import CameraPictures
 from desirepath_stage.orders import Order
 from desirepath_stage.paper import Beside, Paper, crowd_tracks, pose_track, surroundings, walk_track
+from desirepath_stage.shapes import Colour
 from desirepath_stage.views import Frame, View, camera_for, holds, require_view
 
 GET_SET_S = 3.0  # ours: who walks beside a rollout sees where they are before the robot moves
@@ -116,7 +117,7 @@ class Stage:
         colours = (bodies.NEUTRAL,) if robots == 1 else (bodies.LEFT, bodies.RIGHT)
         self._show(scene, require_view(view), trajectories, colours, goal=True, around_m=around_m)
 
-    def several(self, view: View, trajectories: Sequence[Trajectory], colours: Sequence[bodies.Colour]) -> None:
+    def several(self, view: View, trajectories: Sequence[Trajectory], colours: Sequence[Colour]) -> None:
         """Show the ways of all of them on the floor, numbered, in the first one's scene; the page says which one the
         robot drives (`client/steer.js`). Raises ViewError for an unknown view.
         """

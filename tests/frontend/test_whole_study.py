@@ -214,7 +214,7 @@ def test_a_whole_study_by_keyboard_alone(studies: Studies, page: Page) -> None:
     assert trials["top_down"].trajectory_a == trials["immersive"].trajectory_a
 
 
-def to_the_first_pair(page: Page, link: str) -> None:
+def to_the_first_pair(page: Page, link: str, kind: str = "trial") -> None:
     """By API, as a simulated participant, whose drives need not be waited for."""
     joined = httpx.post(link, json={"language": "en", "simulated": True}).json()
     api = f"{link.partition('/join/')[0]}/api/session/{joined['token']}"
@@ -222,7 +222,7 @@ def to_the_first_pair(page: Page, link: str) -> None:
         "consent": {"given": True},
         "demographics": {"gender": "woman", "vision": "normal", "vr_experience": 1, "robotics_experience": 3},
     }
-    while (step := httpx.get(api).json()["step"])["kind"] != "trial":
+    while (step := httpx.get(api).json()["step"])["kind"] != kind:
         body = {"request_id": f"setup-{step['key']}-{joined['token']}"[:60], "value": values.get(step["key"], {})}
         httpx.post(f"{api}/steps/{step['key']}", json=body).raise_for_status()
     page.goto(f"{link.partition('/join/')[0]}/p/{joined['token']}")
@@ -330,3 +330,33 @@ def test_a_choice_that_was_interrupted_is_not_marked_any_more(studies: Studies, 
     expect(page.locator(".pick[data-chosen]")).to_have_count(1)
     room_says(page, "interrupted", playback_id=playback, reason="focus")
     expect(page.locator(".pick[data-chosen]")).to_have_count(0)
+
+
+def test_several_drives_are_watched_in_turn_and_put_in_order_by_their_numbers(studies: Studies, page: Page) -> None:
+    before = "  - order: {view: top_down, count: 1, of: 3}\n  - block:\n"
+    to_the_first_pair(page, studies.link(("  - block:\n", before)), "order")
+    begin(page)
+    for number in ("1", "2", "3"):
+        expect(page.locator("#playing-number")).to_have_text(number)
+        expect(page.locator("#trial")).to_have_attribute("data-shown", "playing")
+        page.keyboard.press("1")  # too early: nothing is to be said yet
+        room_says(page, "moved", poses=[[0, 0, 0]], clocks=[3], over=True)
+    expect(page.locator("#question")).to_be_focused()
+    assert not violations_in_both_schemes(page)
+    page.keyboard.press("2")
+    page.keyboard.press("3")
+    page.keyboard.press("Backspace")
+    page.keyboard.press("1")
+    expect(page.locator("#live")).to_have_text("Drive 1: place 2")
+    page.locator("[data-go-on]").press("Enter")
+    expect(page.locator("#live")).to_have_text("Still open: 1.")
+    page.locator("[data-play='3']").press("Enter")
+    expect(page.locator("#playing-number")).to_have_text("3")
+    room_says(page, "moved", poses=[[0, 0, 0]], clocks=[3], over=True)
+    page.keyboard.press("3")
+    expect(page.locator("#live")).to_have_text("Drive 3: place 3 All is said: press Continue.")
+    page.locator("[data-go-on]").press("Enter")
+    expect(page.locator(".step-body[data-kind=order]")).to_have_count(0)
+    assert [row.value for row in studies.rows(Response) if row.kind == "order"] == [
+        {"order": [2, 1, 3], "ask": "order"}
+    ]

@@ -10,12 +10,12 @@ import pytest
 
 from desirepath.learning.preferences.evidence.evidence import Evidence, Habits
 from desirepath.learning.preferences.evidence.graded_pair import GradedPair
+from desirepath.learning.preferences.evidence.ranking import Ranking
 from desirepath.learning.preferences.evidence.rating import Rating
 from desirepath.learning.preferences.measures import MEASURES, typical_differences
 from desirepath.learning.preferences.objectives import NAMES, gains
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 from desirepath.learning.preferences.spans import SPANS_S
-from desirepath_experiments.benchmarks.feedback import Ranking
 
 QUICK = PosteriorConfig(particles=4_000)
 ROOM = "study_room"

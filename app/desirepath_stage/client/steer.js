@@ -34,6 +34,8 @@
   let tags = [];
   /** @type {Track | null} */
   let walked = null;
+  /** A drive that was asked for before its ways were there. @type {any} */
+  let pending = null;
   let lastFrame = 0;
   let toldAt = 0;
   let running = false;
@@ -206,7 +208,11 @@
           frames.next(step);
         }
         window.desirePath.sheet.legend(message.legend ?? []);
-      } else if (message.do === "drive" && paths.length) {
+        if (pending !== null) this.obey(pending);
+        pending = null;
+      } else if (message.do === "drive" && !paths.length) {
+        pending = message; // the ways that the server sends come a moment after the room
+      } else if (message.do === "drive") {
         if (only !== null) only = Number(message.only);
         if (only !== null || along.every((t, i) => t >= ends(paths[i]))) along = paths.map(() => 0);
         lastFrame = performance.now();
@@ -220,7 +226,7 @@
     /** Another scene stands there: nothing of this one is left. */
     stop() {
       running = driving = false;
-      [paths, along, since, fresh, tags, only, walked] = [[], [], [], null, [], null, null];
+      [paths, along, since, fresh, tags, only, walked, pending] = [[], [], [], null, [], null, null, null];
       stand = painted = "";
       canvas.remove();
     },

@@ -21,7 +21,7 @@ from desirepath.analysis.metrics import measure
 from desirepath.analysis.tested import Mean, has_spread, mean_of
 from desirepath.analysis.triads import is_circular, whole_triads
 from desirepath.report.analysis_plan import AnalysisPlan, Metric
-from desirepath.report.study_data import PROBES, TRIAD, Choice, Degree, Load
+from desirepath.report.study_data import PROBES, TRIAD, Choice, Degree, Load, SeveralAnswer
 
 Pair = tuple[str, str]
 
@@ -80,6 +80,36 @@ def describe_degrees(degrees: Sequence[Degree], condition: str) -> OfDegrees | N
         return None
     graded = {person: kept for person, of in own.items() if (kept := [d for d in of if d in ("slight", "clear")])}
     return OfDegrees(sum(map(len, own.values())), _share(own, "no_difference"), _share(graded, "clear"))
+
+
+@dataclass(frozen=True)
+class OfSeveral:
+    """What was said of several trajectories at once under one condition: how many answers; share of people's answers in
+    which the first one shown was liked best, of those that name one, and by chance; seconds until the answer, the
+    watching included, mean of people's medians."""
+
+    condition: str
+    ask: str
+    of: int
+    answers: int
+    first_best: Mean
+    decision_s: Mean
+
+
+def describe_several(answers: Sequence[SeveralAnswer]) -> list[OfSeveral]:
+    """By condition, what was asked for and of how many."""
+    alike: dict[tuple[str, str, int], dict[str, list[SeveralAnswer]]] = defaultdict(lambda: defaultdict(list))
+    for said in answers:
+        alike[said.condition, said.ask, said.of][said.person].append(said)
+    found = []
+    for (condition, ask, of), own in sorted(alike.items()):
+        named = [[said.best == 1 for said in said_by if said.best] for said_by in own.values()]
+        shares = [(sum(firsts) / len(firsts), len(firsts)) for firsts in named if firsts]
+        first = clustered_share(*zip(*shares, strict=True)) if shares else mean_of([])
+        times = [[said.decision_s for said in said_by if said.decision_s is not None] for said_by in own.values()]
+        took = mean_of([float(np.median(of_one)) for of_one in times if of_one])
+        found.append(OfSeveral(condition, ask, of, sum(map(len, own.values())), first, took))
+    return found
 
 
 def _share(own: Mapping[str, Sequence[str | None]], degree: str) -> Mean:

@@ -26,10 +26,12 @@ from desirepath.report.report_cells import (
     table_section,
 )
 
+ASKED = {"order": "the order", "best": "the best", "groups": "piles"}
+
 
 def agreement_section(findings: Findings) -> Section:
     """Agreement between and within conditions, circular triads, position."""
-    if not (findings.of_condition or findings.degrees):
+    if not (findings.of_condition or findings.degrees or findings.several):
         return Section("Agreement")
     between = [[pair_words(pair), *_agreement_cells(of)] for pair, of in findings.between.items()]
     again = [
@@ -56,6 +58,17 @@ def agreement_section(findings: Findings) -> Section:
         [name_in_words(name), f"{of.answers:,}", share_words(of.no_difference), share_words(of.clear)]
         for name, of in findings.degrees.items()
     ]
+    several = [
+        [
+            name_in_words(of.condition),
+            f"{ASKED[of.ask]} of {of.of}",
+            f"{of.answers:,}",
+            share_words(of.first_best),
+            f"{1 / of.of:.0%}",
+            number_words(of.decision_s.mean, "{:.0f}"),
+        ]
+        for of in findings.several
+    ]
     tables = [
         Table("Between conditions, the same person and query.", heads, between),
         Table(
@@ -80,6 +93,12 @@ def agreement_section(findings: Findings) -> Section:
             "chosen: such answers are in no other table.",
             ["condition", "answers", "no difference, 95 % interval", "of the others clear or sure, 95 % interval"],
             degrees,
+        ),
+        Table(
+            "Several trajectories at once. Liking the one that is shown first more often than chance is position bias. "
+            "Seconds count from coming to the scene, so they include the watching.",
+            ["condition", "asked", "answers", "P(first shown is the best), 95 % interval", "by chance", "seconds"],
+            several,
         ),
     ]
     sentence = (

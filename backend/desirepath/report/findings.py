@@ -18,12 +18,14 @@ from desirepath.report.choice_findings import (
     Agreement,
     OfCondition,
     OfDegrees,
+    OfSeveral,
     Pair,
     Triads,
     compare_conditions,
     count_triads,
     describe_condition,
     describe_degrees,
+    describe_several,
     disagreement,
 )
 from desirepath.report.explanation_findings import Explained, analyse_rankings
@@ -108,6 +110,7 @@ class Findings:
     devices: Mapping[tuple[str, str], OfDevice]
     degrees: Mapping[str, OfDegrees]
     ruled: OfRules | None
+    several: Sequence[OfSeveral]
 
     @property
     def tests(self) -> list[Tested]:
@@ -198,6 +201,7 @@ def analyse(
         else {},
         ruled=summarise_rules(own.told_rules),
         degrees={name: said for name in conditions if (said := describe_degrees(own.degrees, name)) is not None},
+        several=describe_several(own.several),
     )
 
 

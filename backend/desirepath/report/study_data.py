@@ -78,6 +78,19 @@ class Degree:
 
 
 @dataclass(frozen=True)
+class SeveralAnswer:
+    """One answer to several trajectories of a scene. ask: order, best or groups; of: how many; best: the number of the
+    one that was liked best, None where a pile of several was."""
+
+    person: str
+    condition: str
+    ask: str
+    of: int
+    best: int | None
+    decision_s: float | None
+
+
+@dataclass(frozen=True)
 class Rating:
     """One item of a questionnaire. condition: the block that it was about, None outside blocks. value: as answered; a
     ranking's is the list of options, best first. asking: the stage that asked, which tells before from after.
@@ -215,8 +228,8 @@ class ItemText:
 
 
 OF_PEOPLE = [
-    "choices", "degrees", "ratings", "comparisons", "guesses", "meetings", "importance", "method_choices", "taught",
-    "told_rules",
+    "choices", "degrees", "several", "ratings", "comparisons", "guesses", "meetings", "importance", "method_choices",
+    "taught", "told_rules",
 ]  # fmt: skip
 """What of a study's data are rows of somebody's."""
 
@@ -245,6 +258,7 @@ class StudyData:
     taught: Sequence[Taught] = ()
     degrees: Sequence[Degree] = ()
     told_rules: Sequence[ToldRules] = ()
+    several: Sequence[SeveralAnswer] = ()
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""

@@ -30,6 +30,7 @@ from desirepath.report.study_data import (
     MethodChoice,
     ParticipantRow,
     Rating,
+    SeveralAnswer,
     StudyData,
     Taught,
     ToldRules,
@@ -38,7 +39,7 @@ from desirepath.store.artefacts import ArtefactStore, load_trajectory
 from desirepath.store.dataset.reading import read_dataset
 from desirepath.store.dataset.writing import answers_of
 from desirepath.store.models import ProtocolVersion, Study
-from desirepath.store.sides import SIDES, chosen_and_rejected, is_side, shown_on
+from desirepath.store.sides import SIDES, chosen_and_rejected, is_answer_to_several, is_side, shown_on
 from desirepath.store.who_counts import FURTHER
 
 Row = dict[str, Any]
@@ -147,6 +148,7 @@ def tidy(
         taught=list(_taught(tables["responses"], plans)),
         degrees=list(_degrees(tables)),
         told_rules=list(_told_rules(tables["responses"], plans)),
+        several=list(_several(tables)),
     )
 
 
@@ -172,6 +174,19 @@ def _degrees(tables: Tables) -> Iterator[Degree]:
         if row["trial"] in regular and "possible" in row["value"]:
             trial = regular[row["trial"]]
             yield Degree(row["participant"], trial["block"] or trial["view"], row["value"].get("degree"))
+
+
+def _several(tables: Tables) -> Iterator[SeveralAnswer]:
+    """Orders, best ones and piles."""
+    trials = {row["trial"]: row for row in tables["trials"] if row["kind"] == "order"}
+    for row in tables["responses"]:
+        trial, value = trials.get(row["trial"]), row["value"]
+        count = len(((trial or {}).get("arms") or {}).get("shown", ()))
+        if trial is None or not is_answer_to_several(value, count):
+            continue
+        best = value["order"][:1] if "order" in value else next(pile for pile in reversed(value["groups"]) if pile)
+        about = (trial["block"] or trial["view"], value["ask"], count)
+        yield SeveralAnswer(row["participant"], *about, best[0] if len(best) == 1 else None, row["decision_s"])
 
 
 def _taught(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) -> Iterator[Taught]:

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from desirepath.grammar.parts import Part, Slug, Value
 from desirepath.grammar.questionnaires import Questionnaire
+from desirepath.study.plan.asked_queries import Sample
 from desirepath.study.plan.counterbalancing import Assigning
 from desirepath.study.steps import T
 
@@ -57,6 +58,8 @@ class Rules(Assigning, Protocol):
     def quotas(self) -> Sequence[Quota]: ...
     @property
     def symmetry(self) -> str: ...
+    @property
+    def sample(self) -> Sample: ...
 
 
 class Frozen(Protocol):

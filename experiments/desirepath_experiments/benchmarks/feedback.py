@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import cycle
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
@@ -23,13 +23,15 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_people import NINE, people_of
 from desirepath.learning.people.card import people_card
 from desirepath.learning.people.families.base import FamilyMember
-from desirepath.learning.preferences.evidence.evidence import Evidence, Feedback, Habits, with_lapses
+from desirepath.learning.preferences.evidence.evidence import Evidence
 from desirepath.learning.preferences.evidence.graded_pair import Degree, GradedPair, Possible
+from desirepath.learning.preferences.evidence.ranking import Ranking
 from desirepath.learning.preferences.evidence.rating import Rating
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
 from desirepath.learning.preferences.spans import seen_measures
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.trajectory import Trajectory, arrived
+from desirepath.study.kinds.order import PLACE_S
 from desirepath.study.kinds.trial import DEGREE_S
 from desirepath.study.simulated.participant import MORE_TO_BE_CLEAR, NOTICES, SEES_WITHIN
 from desirepath_experiments.benchmarks.people_room import RobotOfLibrary, true_scores
@@ -56,26 +58,6 @@ class FeedbackConfig:
     scenes: Annotated[int, Field(ge=20, description="Half of them are asked about, half predicted.")] = 200
     particles: Annotated[int, Field(ge=500, description="Of the posterior.")] = 4_000
     seed: int = 0
-
-
-@dataclass(frozen=True, eq=False)
-class Ranking(Evidence):
-    """Several put in order, or the best of them picked (Plackett 1975, Luce 1959); no study asks for that yet.
-
-    measured: of the alternatives, the best first. said: how many places were said; 1: the best alone.
-    """
-
-    feedback: ClassVar[Feedback] = "comparative"
-    said: int
-
-    def log_likelihood(self, worth: Doubles, habits: Habits) -> Doubles:
-        """Place by place: the best of those that are left, or any of them without looking."""
-        together = np.zeros(len(worth))
-        for place in range(min(self.said, worth.shape[1] - 1)):
-            left = worth[:, place:] - worth[:, place:].max(axis=1, keepdims=True)
-            careful = np.exp(left[:, 0]) / np.exp(left).sum(axis=1)
-            together += with_lapses(careful, habits.lapse_rate, left.shape[1])
-        return together
 
 
 @dataclass(frozen=True)
@@ -109,7 +91,7 @@ class Person:
         return self.drives.measured[scene, rows], self.drives.value[scene, rows] + noise, watched
 
 
-Answered = tuple[Evidence, float]
+Answered = tuple[list[Evidence], float]
 """What was answered, and how long it took, seconds."""
 
 
@@ -121,15 +103,31 @@ def _pair(possible: Possible) -> Callable[[Person], Answered]:
         clearly: Degree = "clear" if abs(advantage) > person.clear else "slight"
         degree: Degree | None = "no_difference" if tied else clearly if possible >= 4 else None
         judged = CHOICE_S + DEGREE_S * (possible >= 4 and not tied)
-        return GradedPair(measured, 0 if tied else 1 if advantage > 0 else -1, degree, possible), watched + judged
+        better: Literal[-1, 0, 1] = 0 if tied else 1 if advantage > 0 else -1
+        return [GradedPair(measured, better, degree, possible)], watched + judged
 
     return answer
 
 
-def _order(said: int) -> Callable[[Person], Answered]:
+def _order(said: int, of: int = IN_A_RANKING) -> Callable[[Person], Answered]:
     def answer(person: Person) -> Answered:
-        measured, seems, watched = person.look(IN_A_RANKING)
-        return Ranking(measured[np.argsort(-seems)], said), watched + CHOICE_S + DEGREE_S * (min(said, 3) - 1)
+        measured, seems, watched = person.look(of)
+        return [Ranking(measured[np.argsort(-seems)], said)], watched + CHOICE_S + PLACE_S * (min(said, of - 1) - 1)
+
+    return answer
+
+
+def _piles(piles: int, of: int = IN_A_RANKING) -> Callable[[Person], Answered]:
+    """As many in each pile as in every other, as simulated participants do it."""
+
+    def answer(person: Person) -> Answered:
+        measured, seems, watched = person.look(of)
+        order = np.argsort(seems)
+        said: list[Evidence] = [
+            Rating(np.roll(measured, -1 - row, axis=0), 1 + place * piles // of, piles)
+            for place, row in enumerate(order.tolist())
+        ]
+        return said, watched + CHOICE_S + PLACE_S * (of - 1)
 
     return answer
 
@@ -140,7 +138,7 @@ def _rating(person: Person) -> Answered:
     everything = np.array([worth for _, worth in person.rated])
     place = float((everything < seems[0]).mean()) + 0.5 / len(everything)
     rating = 1 + min(int(POINTS * place), POINTS - 1)
-    return Rating(np.stack([drive for drive, _ in person.rated]), rating, POINTS), watched + CHOICE_S
+    return [Rating(np.stack([drive for drive, _ in person.rated]), rating, POINTS)], watched + CHOICE_S
 
 
 KINDS: Mapping[str, tuple[Callable[[Person], Answered], ...]] = {
@@ -149,7 +147,10 @@ KINDS: Mapping[str, tuple[Callable[[Person], Answered], ...]] = {
     "choice_and_degree": (_pair(4),),
     "all_of_a_pair": (_pair(5),),
     "best_of_four": (_order(1),),
+    "order_of_three": (_order(3, 3),),
     "order_of_four": (_order(IN_A_RANKING),),
+    "order_of_five": (_order(5, 5),),
+    "three_piles_of_five": (_piles(3, 5),),
     "rating": (_rating,),
     "pairs_and_orders": (_pair(5), _order(IN_A_RANKING)),
     "ratings_and_orders": (_rating, _order(IN_A_RANKING)),
@@ -230,8 +231,10 @@ def _ask(
             right = (posterior.predict(tested) > 0.5) == truth
             accuracy[str(left.pop(0))] = float(right[differ].mean())
         if left:
-            bits += posterior.bits_of(evidence)
-            posterior, seconds, answers = posterior.observed(evidence), seconds + took, answers + 1
+            for one in evidence:
+                bits += posterior.bits_of(one)
+                posterior = posterior.observed(one)
+            seconds, answers = seconds + took, answers + 1
     minutes = seconds / 60
     return {"bits_per_minute": bits / minutes, "answers_per_minute": answers / minutes, "predicted": accuracy}
 

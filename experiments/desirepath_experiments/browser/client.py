@@ -216,6 +216,8 @@ class BrowserSessionClient:
             self._page.locator("[data-done][aria-disabled=false]").click()
         elif kind == "importance_ranking":
             self._rank(key, value["ranking"])
+        elif kind == "order":
+            self._order(key, value)
         else:
             self._fill(kind, value)
             self._press_on(key, value)
@@ -294,6 +296,22 @@ class BrowserSessionClient:
                 listed.click()
             if place == len(things):
                 self._picture(f"ranked_{self._view()}{self._part(key)}")
+        self._page.locator("[data-go-on][aria-disabled=false]").click()
+
+    def _order(self, key: str, value: Mapping[str, Any]) -> None:
+        """Watch all, then press their numbers, or numbers and piles."""
+        self._page.locator("#start[aria-disabled=false]").click()
+        self._page.locator("#trial[data-shown=playing]").wait_for()
+        self._page.wait_for_timeout(1000 * WATCHED_FIRST_S)
+        self._picture(f"order_playing_{key}")
+        self._page.locator("#trial[data-shown=choosing]").wait_for()
+        for number in value.get("order", ()):
+            self._page.locator(f"[data-drive='{number}']").click()
+        for pile, numbers in enumerate(value.get("groups", ())):
+            for number in numbers:
+                self._page.locator(f"[data-drive='{number}']").click()
+                self._page.locator(f"[data-pile='{pile}']").click()
+        self._picture(f"ordered_{key}")
         self._page.locator("[data-go-on][aria-disabled=false]").click()
 
     def _step(self, key: str) -> Locator:

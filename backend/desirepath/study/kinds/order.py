@@ -156,10 +156,18 @@ class Order(Kind[OrderStep, OrderAnswer]):
 
     def arrive(self, step: OrderStep, acting: Acting) -> None:
         """All can be watched at once, as the page does: whether they were is checked with the answer."""
-        shown = choose_drives(acting, step)
-        sides = {"trajectory_a": shown[0], "trajectory_b": shown[1], "arms": {"shown": shown}}
-        block = step.block or step.stage
-        make_trial(acting, step, kind="order", block=block, query_id=step.query, phase="choosing", **sides)
+        shown = choose_drives(acting, step.query, step.trajectories, step.of)
+        make_trial(
+            acting,
+            step,
+            kind="order",
+            trajectory_a=shown[0],
+            trajectory_b=shown[1],
+            block=step.block or step.stage,
+            query_id=step.query,
+            phase="choosing",
+            arms={"shown": shown},
+        )
 
     def check(self, step: OrderStep, answer: OrderAnswer, page: Page) -> dict[str, Any]:
         if step.ask == "groups":

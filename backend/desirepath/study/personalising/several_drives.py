@@ -20,7 +20,6 @@ from desirepath.study.protocol_rows import row_of
 if TYPE_CHECKING:
     from desirepath.simulation.trajectory import Trajectory
     from desirepath.study.kind import Acting
-    from desirepath.study.kinds.order import OrderStep
 
 LONGEST_S = 12.0  # as of queries (`learning/queries/queries.py`), where the protocol's sample says nothing
 
@@ -29,24 +28,24 @@ class Known(dict[tuple[str, int, float | None], list[str]]):
     """What this process has found already, by query: the same for everybody, and a fifth of a second of rollouts."""
 
 
-def choose_drives(acting: Acting, step: OrderStep) -> list[str]:
+def choose_drives(acting: Acting, query: str, trajectories: Sequence[str], of: int) -> list[str]:
     """Ids in the order of their numbers, which is the participant's own."""
     known = acting.files.derive(Known)
-    key = step.query, step.of, acting.frozen.protocol.sample.longest_s
+    key = query, of, acting.frozen.protocol.sample.longest_s
     if key not in known:
-        known[key] = _find(acting, step, key[2])
+        known[key] = _find(acting, query, trajectories, of, key[2])
     of_scene = known[key]
     random = np.random.default_rng([acting.session.seed, 53, acting.session.position])
     return [of_scene[i] for i in random.permutation(len(of_scene))]
 
 
-def _find(acting: Acting, step: OrderStep, longest_s: float | None) -> list[str]:
+def _find(acting: Acting, query: str, trajectories: Sequence[str], of: int, longest_s: float | None) -> list[str]:
     set_id = row_of(acting.s, acting.session).protocol["materials"]["query_set"]
     queries = queries_of(acting.s, acting.files, set_id, whole=False)
-    scene = next(query.scene_hash for query in queries if query.id == step.query)
+    scene = next(one.scene_hash for one in queries if one.id == query)
     beside = [id for q in queries if q.scene_hash == scene for id in (q.trajectory_a, q.trajectory_b)]
-    found = list(dict.fromkeys([*step.trajectories, *beside]))[: step.of]
-    several = fill_up([load_trajectory(acting.files, one) for one in found], step.of, longest_s)
+    found = list(dict.fromkeys([*trajectories, *beside]))[:of]
+    several = fill_up([load_trajectory(acting.files, one) for one in found], of, longest_s)
     return [*found, *(row.id for row in save_trajectories(acting.s, acting.files, several[len(found) :]))]
 
 

@@ -60,12 +60,13 @@ class AnswerWords:
             "demonstration": self._demonstration,
             "think_aloud": self._voice,
             "method_comparison": self._methods,
-            "order": lambda value: [Said("", said_of_several(self.t, value))],
         }.get(kind)
         if tell is not None:
             return tell(value)
         if kind == "preference" and "degree" in value:
             return [self._degree(value)]
+        if kind == "order":
+            return [Said("", said_of_several(self.t, value))]
         if RATING in value:
             return self._rating(step_key, value)
         return self._weights(value) if "weights" in value else []

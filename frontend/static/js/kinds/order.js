@@ -55,6 +55,7 @@ class Order extends StageBar {
       button.addEventListener("click", () => this.play(Number(button.getAttribute("data-play"))));
     }
     for (const button of this.piles) button.addEventListener("click", () => this.put(Number(button.dataset.pile)));
+    this.drives.forEach((button, i) => button.style.setProperty("--drive", this.colour(i)));
     this.draw();
     this.begin();
   }
@@ -114,7 +115,7 @@ class Order extends StageBar {
       this.seen = number;
       this.note();
       if (this.seen < this.drives.length) {
-        setTimeout(() => !this.over && !this.hidden && this.goThrough(), BETWEEN_MS);
+        setTimeout(() => !this.over && (this.hidden ? this.show() : this.goThrough()), BETWEEN_MS);
         return;
       }
     }
@@ -167,11 +168,16 @@ class Order extends StageBar {
   /** @param {number} number */
   name(number) {
     if (this.ask === "groups") {
-      const pile = this.piles[this.inPile[number]]?.textContent?.trim();
+      const pile = this.piles[this.inPile[number]]?.dataset.name;
       return pile ? this.own("in_pile", { number, pile }) : this.own("open", { number });
     }
     const place = this.ranking.indexOf(number) + 1;
     return place ? this.own(this.ask === "best" ? "best" : "placed", { number, place }) : this.own("open", { number });
+  }
+
+  /** @param {number} i from 0 */
+  colour(i) {
+    return `rgb(${this.drives[i]?.querySelector("[data-colour]")?.getAttribute("data-colour")})`;
   }
 
   draw() {
@@ -196,8 +202,7 @@ class Order extends StageBar {
     if (phase === "playing") {
       const number = /** @type {HTMLElement} */ (this.root.querySelector("#playing-number"));
       number.textContent = String(this.plays);
-      const own = this.drives[(this.plays ?? 1) - 1]?.querySelector(".drive-number");
-      number.style.cssText = own?.getAttribute("style") ?? "";
+      number.style.setProperty("--drive", this.colour((this.plays ?? 1) - 1));
       this.text("#playing-text", this.own("playing", { number: this.plays ?? 0 }));
     } else if (changed) {
       if (phase === "choosing") window.focus(); // takes the keyboard back from the stage
