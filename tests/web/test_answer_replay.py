@@ -78,6 +78,25 @@ def on_stage(services: Services, data: dict[str, Any]) -> StageStub:
     return stage
 
 
+def test_several_trajectories_are_replayed_with_their_numbers_and_what_was_said(
+    lab, lab_services, open_study, tmp_path
+):
+    queries = walking.twenty_queries(tmp_path)
+    ordered = {"order": {"view": "top_down", "count": 1, "of": 4}}
+    study = open_study(small_protocol(tmp_path, [ordered], query_set=str(queries)))
+    (link,) = replays(lab, study.id)
+    with lab_services.database.session() as s:
+        said = s.scalars(select(Response.value).where(Response.kind == "order")).one()["order"]
+    page, data = shown(lab, link)
+    assert f"S001 said order: {', '.join(map(str, said))}" in page
+    assert len(data["durations"]) == 4
+    assert json.dumps(said) in page, "the participants' own page shows it"
+    stage = StageStub()
+    assert lab_services.replays.show(stage, f"replay:{data['stage_token']}")
+    order, (view, trajectories, _), _ = stage.orders[-1]
+    assert (order, view, len(trajectories)) == ("several", "top_down", 4)
+
+
 def test_a_rated_trajectory_is_replayed_alone_without_a_letter(lab, lab_services, open_study, tmp_path):
     queries = walking.twenty_queries(tmp_path)
     study = open_study(small_protocol(tmp_path, [RATING], query_set=str(queries)))

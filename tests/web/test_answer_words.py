@@ -27,11 +27,13 @@ STORED = {
     },
     "robot_drive": SET | {"liked": 6, "stops": []},
     "preference": {"choice": "b", "degree": "slight", "degree_of": "strength", "possible": 5},
+    "order": {"groups": [[2], [], [3, 1]], "ask": "groups"},
 }
 IN_WORDS = {
     "en": {
         "consent": "Version 2026-11; Learning from the answers yes; Publishing the answers no",
         "attention": "A, asked for B: failed",
+        "order": "piles, the least liked first: 2 | – | 3, 1",
         "importance_ranking": "1. wall, +x, 2. box 2, 3. person",
         "demonstration": "kept this path",
         "think_aloud": "recorded, 12 s",
@@ -48,6 +50,7 @@ IN_WORDS = {
         "consent": "Version 2026-11; Lernen aus den Antworten ja; Veröffentlichen der Antworten nein",
         "attention": "A, verlangt war B: nicht bestanden",
         "preference": "wie viel besser B: Etwas",
+        "order": "Stapel, am wenigsten gemocht zuerst: 2 | – | 3, 1",
         "tuning": "Gewichte am Ende weniger und sanftere Kurven 0,54, weiter weg vom Menschen 1,00",
     },
 }
