@@ -126,3 +126,19 @@ def test_a_way_is_painted_under_the_robot(rig: StageRig, visit: Visit) -> None:
     middle = [float(value) for value in rollout.poses[20, :2]]
     assert visitor.frame.evaluate(INK, middle) == 255
     assert visitor.frame.evaluate(INK, [SCENE.start.x, SCENE.start.y]) == 0, "there the robot stands"
+
+
+def test_of_several_numbered_ways_the_robot_drives_the_one_that_is_asked_for(rig: StageRig, visit: Visit) -> None:
+    visitor = visit(width=640, height=400)
+    visitor.wait_until(lambda: rig.server.stage("amber") is not None, "the stage connects", timeout_s=60)
+    stage = rig.server.stage("amber")
+    assert isinstance(stage, Stage)
+    ways = [drive(SCENE, duration_s=2.0, bend_m=bend) for bend in (0.4, -0.4, 0.9)]
+    stage.several("top_down", ways, [(196, 84, 10), (30, 104, 176), (136, 60, 150)])
+    visitor.wait_for("drawn", id="several")
+    steer(visitor, do="drive", only=2)
+    visitor.wait_for("moved", over=True)
+    steer(visitor, do="drive", only=1)
+    moved = visitor.wait_for("moved", 2, over=True)
+    assert moved["poses"][1][:2] == [round(float(one), 4) for one in ways[1].poses[-1][:2]]
+    assert moved["poses"][2][:2] == [round(float(one), 4) for one in ways[2].poses[0][:2]], "only the one moves"

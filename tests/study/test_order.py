@@ -10,6 +10,7 @@ from sqlalchemy import select
 
 from desirepath.jobs.answers import preferences_of
 from desirepath.jobs.context import JobContext
+from desirepath.report.choice_findings import describe_several
 from desirepath.report.tidy_tables import read_study
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.models import Response, Session, TrajectoryRow, Trial
@@ -93,6 +94,9 @@ def test_one_block_mixes_them_and_one_posterior_data_set_and_models_have_all(dat
         shown = {one for trial in s.scalars(select(Trial).where(Trial.kind == "order")) for one in trial.shown}
         data, _ = read_study(s, files, study)
     assert len(data.choices) == 6
+    told = describe_several(data.several)
+    assert [(of.ask, of.of, of.answers) for of in told] == [("best", 5, 4), ("groups", 4, 4), ("order", 4, 4)]
+    assert all(0 <= of.first_best.mean <= 1 for of in told if of.ask != "groups")
     export_study(database, files, study.id, tmp_path / "out")
     with (tmp_path / "out" / "responses.csv").open() as file:
         assert [json.loads(row["value"]) for row in csv.DictReader(file) if row["kind"] == "order"] == values
