@@ -171,6 +171,7 @@ def robot_glow(of: Robot, colours: RobotColours = NEUTRAL) -> Shape:
     return _sized(merge([shade, light]), of)
 
 
+SEAT_M, _HIP_M = 0.47, 0.88  # of who sits, of who stands
 THIGH, SHIN, ARM = 1, 2, 3
 """What of a mannequin swings when it walks: about the hip, about the knee and the hip, about the shoulder."""
 
@@ -179,6 +180,25 @@ def mannequin(height: float = 1.7) -> Shape:
     """A jointed wooden figure facing +x, arms a little forward, nose and feet telling front from back."""
     figure = merge(part for part, _, _ in _joints())
     return Shape(figure.positions * (height / 1.7), figure.normals, figure.colours, figure.faces).lit()
+
+
+def seated() -> Shape:
+    """The figure on a stool, facing +x; it does not walk."""
+    parts = [limb((0.0, 0.0, 0.03), (0.0, 0.0, SEAT_M - 0.12), 0.16, 0.19, _WALNUT_DARK)]
+    for shape, part, _ in _joints():
+        if part in (THIGH, SHIN):
+            continue
+        lower = shape.positions - np.array([0.0, 0.0, _HIP_M - SEAT_M], np.float32)
+        parts.append(replace(shape, positions=lower))
+    for side in (-1, 1):
+        hip, knee, ankle = (0.0, side * 0.088, SEAT_M), (0.40, side * 0.115, SEAT_M), (0.40, side * 0.115, 0.09)
+        parts += [
+            limb(hip, knee, 0.076, 0.054, _WALNUT),
+            ball(knee, (0.058, 0.055, 0.058), _WALNUT_DARK, segments=10, rings=6),
+            limb(knee, ankle, 0.052, 0.036, _WALNUT),
+            ball((0.472, side * 0.12, 0.040), (0.135, 0.050, 0.042), _WALNUT_DARK, segments=12, rings=6),
+        ]
+    return merge(parts).lit()
 
 
 def gait_marks(height: float = 1.7) -> NDArray[np.float32]:

@@ -79,7 +79,8 @@ def build(
         person = scene.person
         api.add_glb(
             f"{root}/person",
-            _person(person.height, seen=view == "top_down"),  # in the other two the participant stands there
+            # in the other two views the participant stands there
+            _person(person.height, seen=view == "top_down", sits=person.sits),
             position=(person.pose.x, person.pose.y, 0.0),
             wxyz=_about_z(person.pose.yaw),
             cast_shadow=False,
@@ -194,12 +195,13 @@ def _robot_file(robot: Robot, colours: bodies.RobotColours, changed: tuple[int, 
 
 
 @cache
-def _person(height: float, *, seen: bool) -> bytes:
+def _person(height: float, *, seen: bool, sits: bool) -> bytes:
     """The person's place, and the person on it when they are `seen`."""
     marks = [Surface(bodies.person_place(facing=seen), translucent=True)]
     if seen:
         marks.insert(0, _shade(0.34, 0.008, 0.55))
-        marks.append(Surface(bodies.mannequin(height), marks=bodies.gait_marks(height)))
+        figure = Surface(bodies.mannequin(height), marks=bodies.gait_marks(height))
+        marks.append(Surface(bodies.seated()) if sits else figure)
     return to_glb(marks)
 
 

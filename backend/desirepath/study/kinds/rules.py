@@ -21,7 +21,7 @@ from desirepath.simulation.setup_parts import PLACES
 from desirepath.study.kind import Acting, Moment, Page, Simulated
 from desirepath.study.kinds.live import LONGEST_S, AskedLiveStage, LiveKind, LiveStep
 from desirepath.study.kinds.words import language_of
-from desirepath.study.steps import Planning, Stage
+from desirepath.study.steps import Pace, Planning, Stage
 from desirepath.study.wire import STORED_IN_ROOM, BadValue, Besides, InRoomAnswer
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from desirepath.simulation.trajectory import Trajectory
 
 MOST_CHANGES = 400
+ROOM_S, PER_RULE_S = 60.0, 120.0  # ours: to look around, to tell a rule and look at its paths
 SPOKEN: Mapping[str, tuple[str, ...]] = {
     "en": ("When I sit, keep behind me", "In the kitchen go slower", "Never between me and the sofa"),
     "de": ("Wenn ich sitze, bleib hinter mir", "In der Küche langsamer", "Nie zwischen mir und dem Sofa"),
@@ -51,6 +52,9 @@ class RulesStage(AskedLiveStage):
     def plan(self, at: Planning) -> list[RulesStep]:  # type: ignore[override]  # a list of steps
         fields = {"setup": self.setup, "scenes": self.scenes, "view": self.view, "least": self.least}
         return [RulesStep.model_validate({"kind": "rules", "key": at.key, "stage": at.key, **fields})]
+
+    def seconds(self, pace: Pace, stages: Sequence[Stage]) -> float:
+        return ROOM_S + PER_RULE_S * max(self.least, 1)
 
     def problems(self, here: Path, stages: Sequence[Stage], source: Source) -> Iterator[Problem]:
         if self.objectives:

@@ -171,7 +171,8 @@ class Telling extends LivePanel {
   // ---- the cards -----------------------------------------------------------------------------------------------------
 
   list() {
-    const focused = document.activeElement instanceof HTMLElement ? document.activeElement.dataset.does : undefined;
+    const active = document.activeElement;
+    const focused = active instanceof HTMLElement || active instanceof SVGElement ? active.dataset.does : undefined;
     const list = /** @type {HTMLElement} */ (this.root.querySelector("#rules-list"));
     list.replaceChildren(...this.cards.map((card, at) => this.card(card, at)));
     this.root.querySelector("#rules-clashes")?.replaceChildren(...this.clashes.map((clash) => this.clash(clash)));
@@ -276,6 +277,7 @@ class Telling extends LivePanel {
     const drawn = card.rule.zones[zone].drawn ?? null;
     const box = document.createElement("div");
     svg.setAttribute("tabindex", "0");
+    svg.setAttribute("role", "application");
     svg.dataset.does = `zone-${at}`;
     svg.classList.add("drawable");
     /** @param {number} x @param {number} y @param {number} length @param {number} width */

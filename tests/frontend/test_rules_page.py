@@ -1,0 +1,89 @@
+"""Rules told on their page: a card with a picture of the floor, a zone drawn on it, an order where two collide."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from playwright.sync_api import Browser, Route, expect
+
+from desirepath.learning.rules.rule import Rule
+from desirepath.study.personalising import rule_pictures
+from tests.frontend.empty_room import room_says
+
+
+def answered(route: Route) -> None:
+    """As the server does: the page's language is English."""
+    asked = json.loads(route.request.post_data or "{}")
+    rules = [Rule.model_validate(rule) for rule in asked["rules"]]
+    reply = rule_pictures.picture(rules, asked["place"])
+    if asked.get("sentence"):
+        reply["read"] = rule_pictures.read(asked["sentence"], "en")
+    pair = rule_pictures.paths_of(rules[asked["check"]], asked["place"]) if asked.get("check") is not None else None
+    route.fulfill(json=reply | {"pair": [rule_pictures.told(one) for one in pair] if pair else None})
+
+
+def test_a_rule_is_told_drawn_ordered_and_seen_obeyed_and_broken(chromium: Browser, pages: str) -> None:
+    page = chromium.new_page()
+    sent: list[dict[str, Any]] = []
+
+    def submitted(route: Route) -> None:
+        sent.append(json.loads(route.request.post_data or "{}"))
+        route.abort()
+
+    page.route("**/live/*/rules", answered)
+    page.route("**/steps/*", submitted)
+    page.goto(f"{pages}/step/rules")
+    expect(page.locator(".step-body[data-live]")).to_be_attached()
+    room_says(page, "ready")
+
+    def tell(sentence: str) -> None:
+        page.locator("#rules-sentence").fill(sentence)
+        page.locator("[data-tell][aria-disabled=false]").click()
+        expect(page.locator("#rules-sentence")).to_have_value("")
+
+    tell("When I sit, keep behind me")
+    card = page.locator("[data-card='0']")
+    expect(card.locator(".rule-when")).to_have_text("When: you sit")
+    expect(card.locator(".rule-then")).to_have_text("Then: not in front of you")
+    expect(card.locator(".floor-picture .zone")).to_have_count(1)
+
+    tell("Not here")
+    drawable = page.locator("[data-card='1'] .drawable")
+    drawable.focus()
+    drawable.press("ArrowUp")
+    expect(page.locator("[data-card='1'] .floor-picture.drawable .zone")).to_have_count(1)
+    expect(page.locator("[data-does='zone-1']")).to_be_focused()
+    page.locator("[data-does='remove-1']").click()
+    expect(page.locator("[data-card]")).to_have_count(1)
+
+    tell("When I sit, come closer")
+    tell("In the kitchen keep your distance")
+    clash = page.locator("#rules-clashes")
+    expect(clash).to_contain_text("contradict each other")
+    clash.locator("[data-does='first-2']").click()
+    expect(clash).to_be_empty()
+    expect(page.locator("[data-card='1'] .rule-words")).to_contain_text("In the kitchen")
+    page.locator("[data-does='on-1']").click()
+    expect(page.locator("[data-card='1']")).to_have_attribute("data-off", "")
+
+    for number in range(3):
+        page.locator(f"[data-does='look-{number}']").click()
+        chosen = page.locator(f"[data-does='pick-a-{number}']")
+        chosen.or_(page.locator(f"[data-card='{number}'] .rule-pair > p")).first.wait_for()
+        if chosen.count():
+            chosen.click()
+    page.locator("[data-done][aria-disabled=false]").click()
+    while not sent:
+        page.wait_for_timeout(20)
+    value = sent[0]["value"]
+    assert [(rule["words"], rule["on"]) for rule in value["rules"]] == [
+        ("When I sit, keep behind me", True),
+        ("In the kitchen keep your distance", False),
+        ("When I sit, come closer", True),
+    ]
+    assert [change["do"] for change in value["history"]] == [
+        *("told", "told", "drawn", "revoked", "told", "told", "moved", "off"),
+    ]
+    assert value["picked"][0] == {"rule": 0, "place": 0, "side": "a"}
+    page.close()
