@@ -94,6 +94,8 @@ def test_a_protocol_that_needs_what_was_not_recorded_is_refused(open_study) -> N
         open_study(chosen, people=False)
     with pytest.raises(StudyError, match="observations were not recorded, train needs them"):
         open_study(BLOCK, {"train": {"while": {"questionnaire": "rating"}}}, {"comparison": {"scenes": 2}})
+    with pytest.raises(StudyError, match="each recording has a scene of its own"):
+        open_study({"order": {"view": "top_down", "count": 1, "of": 3}})
 
 
 def test_the_stage_frames_a_scene_with_nobody(hall: Path) -> None:

@@ -8,6 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session as DatabaseSession
 
 from desirepath.learning.queries.choosing import STRATEGIES
+from desirepath.simulation.setups import setups_with
 from desirepath.store.artefacts import ArtefactError, ArtefactStore
 from desirepath.store.events import log_event
 from desirepath.store.models import Artefact, Study, new_id
@@ -15,6 +16,7 @@ from desirepath.store.query_sets import StoredQuery, import_query_set, queries_o
 from desirepath.study.kinds.demonstration import DemonstrationsStage
 from desirepath.study.kinds.importance_ranking import ImportanceRankingStage
 from desirepath.study.kinds.method_comparison import TaughtByMethods
+from desirepath.study.kinds.order import OrderStage
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.protocol.freezing import FrozenProtocol
 from desirepath.study.protocol.planning import PlanError, make_plan
@@ -82,6 +84,7 @@ def materials_of(
         _require_shown(artefact, frozen)
         _require_recorded(artefact, frozen)
         queries = queries_of(s, files, artefact.id)
+        _require_several(artefact, frozen)
     except ValueError as problem:
         raise StudyError(f"query_set = {wanted!r}: {problem}") from problem
     try:
@@ -140,6 +143,17 @@ def _require_recorded(artefact: Artefact, frozen: FrozenProtocol) -> None:
                 f"{part} were not recorded, {wanted[0]} needs them; choose: random, the view top_down, ratings, "
                 "measures and the report work without"
             )
+
+
+def _require_several(artefact: Artefact, frozen: FrozenProtocol) -> None:
+    """Raise ArtefactError where several trajectories of a scene are to be shown and are not to be had."""
+    stages = frozen.protocol.all_stages
+    if not any(isinstance(stage, OrderStage) or getattr(stage, "orders", ()) for stage in stages):
+        return
+    if artefact.card.get("recorded") is not None:
+        raise ArtefactError("order shows several trajectories of one scene; each recording has a scene of its own")
+    if artefact.setup not in setups_with("conditioned"):
+        raise ArtefactError(f"order needs a conditioned policy of {artefact.setup} for further trajectories; train one")
 
 
 def study_by_link(s: DatabaseSession, recruiting_token: str) -> Study:

@@ -50,17 +50,13 @@ def _find(acting: Acting, query: str, trajectories: Sequence[str], of: int, long
 
 
 def fill_up(given: Sequence[Trajectory], of: int, longest_s: float | None = None) -> list[Trajectory]:
-    """Those and, in the same scene, what of the conditioned policy's is missing; beside recordings nothing."""
-    from desirepath.learning.errors import LearningError
+    """Those and, in the same scene, what is missing of the conditioned policy's."""
     from desirepath.learning.queries.queries import QueryConfig  # numba comes with it
     from desirepath.learning.queries.varied_queries import several_in_scene
 
-    if len(given) >= of or any(one.recorded for one in given):
+    if len(given) >= of:
         return list(given)[:of]
-    try:
-        conditioned = load_shipped_conditioned(given[0].scene.setup)
-    except LearningError:
-        return list(given)
+    conditioned = load_shipped_conditioned(given[0].scene.setup)
     return several_in_scene(conditioned, given, of, QueryConfig(max_duration_s=longest_s or LONGEST_S))
 
 
