@@ -11,7 +11,7 @@ EXTRAS := postgres s3 reference openid recordings docs dev
 unexport PYTHONDONTWRITEBYTECODE
 SIDE_BY_SIDE = --dist loadfile -n
 
-.PHONY: compose-here rehearse-upgrade run check test-fast test setup setup-test compiled lint lock secrets docs results clean
+.PHONY: compose-here rehearse-upgrade run check test-fast test test-all setup setup-test compiled lint lock secrets docs results clean
 
 run: setup
 	$(BIN)/desirepath serve --demo
@@ -23,8 +23,12 @@ check: setup $(VENV)/.tools-ready node_modules/.ready
 test-fast: setup $(VENV)/.tools-ready
 	$(BIN)/python -m pytest -q -m fast $(SIDE_BY_SIDE) $(shell nproc)
 
+# Lint beside the tests, which leave room for it at their beginning; `make check` says first what it finds.
 test: setup node_modules/.ready
-	$(MAKE) -j 2 --output-sync=target setup-test lint compiled
+	$(MAKE) -j 2 --output-sync=target setup-test compiled
+	$(MAKE) -j 2 lint test-all
+
+test-all: setup
 	$(BIN)/python -m pytest $(SIDE_BY_SIDE) $(TEST_PROCESSES) --no-loadscope-reorder --durations=50
 
 # What Numba compiles once and keeps on disk, else every process of the tests would compile it at the same time.
