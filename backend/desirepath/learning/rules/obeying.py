@@ -21,11 +21,11 @@ from desirepath.learning.rules.homes import ALIASES, rooms_of
 from desirepath.learning.rules.rule import Condition, Rule, Zone, check_rules, weights_by
 from desirepath.simulation import kernels as k
 from desirepath.simulation.acting import ActFunction, EpisodeActs, Rows, SensingPolicy
-from desirepath.simulation.crowds.planning_kernels import arrival_times, look_ahead
+from desirepath.simulation.crowds.planning_kernels import arrival_times
 from desirepath.simulation.fast import beams_of
 from desirepath.simulation.scene import Obstacle, Pose, Scene
 from desirepath.simulation.scenes import extent_m, ground_of, scene_to_row
-from desirepath.simulation.setups import CONTROL_DT_S, get_setup
+from desirepath.simulation.setups import CONTROL_DT_S, Setup, get_setup
 
 NEAR_THING_M, NEAR_PERSON_M = 1.0, 1.8  # that count as near: to its surface, to the person's middle
 BEFORE_M, BESIDE_M = 1.6, 1.4  # how far a zone before or behind somebody reaches, and how wide it is
@@ -33,7 +33,8 @@ BETWEEN_M, AROUND_M = 0.6, 0.5  # width of one between a person and a thing; wha
 WALKS_M_S = 0.1
 ZONE_HEIGHT_M = 2.0
 CELL_M, WANTED_M, AHEAD = 0.12, 0.3, 7  # of the field of ways around zones, as `way_guide.py` has it
-BLOCKED = 2_000.0  # what a blocked cell costs: more than any way around
+BLOCKED = 60.0  # what a blocked cell costs
+FREED_M_S, TURN_PER_S = 0.5, 2.5  # of who is stuck on a way around: at most; of the bearing
 OPEN_M = 6.0  # around start and goal, in the open
 
 
@@ -163,13 +164,14 @@ class ObeyingPolicy(SensingPolicy):
         places = self._places or [0] * n
         lasts = len(self._usual().recovery_policies) + 1
         progress = Progress(n, lasts, CONTROL_DT_S, Recovery())
-        leads = [_Around(scene) for scene in scenes]
+        leads, before = [_Around(scene) for scene in scenes], np.zeros(n, dtype=np.bool_)
 
         def act(observations: Floats, rows: Rows) -> Floats:
             seen = observations.copy()
-            drivers = progress.drivers(observations[:, 0].astype(np.float64) * setup.distance_scale_m, rows)
+            left_m = observations[:, 0].astype(np.float64) * setup.distance_scale_m
+            led = np.zeros(len(rows), dtype=np.bool_)
             by_weights: dict[tuple[tuple[str, float], ...], list[int]] = {}
-            shares = np.ones((len(rows), 1), dtype=np.float32)
+            shares = np.ones(len(rows), dtype=np.float32)
             for at, i in enumerate(rows):
                 moment = Situation.at(scenes[i], engine.poses[i], engine.steps[i] * CONTROL_DT_S, places[i])
                 rules = moment.in_force(self._rules)
@@ -177,17 +179,31 @@ class ObeyingPolicy(SensingPolicy):
                 by_weights.setdefault(tuple(sorted(weights.items())), []).append(at)
                 areas = [area for rule in rules for zone in rule.zones for area in moment.areas(zone)]
                 if areas:
-                    leads[i].lead(moment, areas, seen[at])
+                    led[at], left_m[at] = True, leads[i].lead(moment, areas, seen[at])
+            progress.begin_anew(rows[led != before[rows]])  # a way around is another distance
+            before[rows] = led
+            drivers = progress.drivers(left_m, rows)
             actions = np.empty((len(rows), 2), dtype=np.float32)
             for weights_key, some in by_weights.items():
                 for driver in np.unique(drivers[some]):
                     these = np.array([at for at in some if drivers[at] == driver])
                     actions[these] = self._driver(weights_key, int(driver))(seen[these])
-            actions[:, :1] = (actions[:, :1] + 1) * shares - 1
-            actions[:, 1:] *= shares
+            stuck = led & (drivers > 0)
+            if stuck.any():
+                actions[stuck] = self._along(seen[stuck, 1] * math.pi, setup)
+            for share in np.unique(shares[shares < 1]):
+                slow = shares == share
+                actions[slow] = Slowing(most=float(share)).limited(actions[slow], np.zeros(slow.sum(), np.float32))
             return actions
 
         return act
+
+    def _along(self, bearing: Floats, setup: Setup) -> Floats:
+        """(n, 2) actions straight along the way around, as `way_guide.py` drives."""
+        limits = setup.robot.limits
+        forward = 2 * FREED_M_S / limits.v_max * np.clip(np.cos(bearing), 0, 1) ** 4 - 1
+        turning = np.clip(TURN_PER_S * bearing / limits.w_max, -1, 1)
+        return np.stack([forward, turning], axis=1).astype(np.float32)
 
     def _usual(self, key: tuple[tuple[str, float], ...] = ()) -> Policy:
         if key not in self._known:
@@ -211,8 +227,9 @@ class _Around:
         self._beams, self._ground = beams_of(self._setup), ground_of(scene)
         self._areas: list[Obstacle] | None = None
 
-    def lead(self, moment: Situation, areas: list[Obstacle], seen: Floats) -> None:
-        """Change what is observed (obs,): the lidar's ranges, and which way the goal is."""
+    def lead(self, moment: Situation, areas: list[Obstacle], seen: Floats) -> float:
+        """Change what is observed (obs,): the lidar's ranges, and which way the goal is. Returns how far the way there
+        is, as much as it costs (m)."""
         x, y, yaw = moment.robot
         if self._areas != areas:
             self._areas = areas
@@ -221,9 +238,10 @@ class _Around:
         goal, radius = self._scene.goal, self._setup.robot.radius_m
         ahead = self._ahead(x, y)
         seen[1] = math.remainder(math.atan2(ahead[1] - y, ahead[0] - x) - yaw, 2 * math.pi) / math.pi
-        i, j = np.clip(self._cell(x, y)[0].astype(int), 0, np.array(self._times.shape[1:]) - 1)
-        if self._times[0, i, j] >= BLOCKED:
-            return  # in a zone, or no way but through one: it is led, and sees no wall
+        i, j = self._cell_of(x, y)
+        left_m = float(self._times[i, j]) * CELL_M
+        if self._shut:
+            return left_m  # no way but through one: it is led, and sees no wall
         walls = [
             one
             for one in areas
@@ -234,6 +252,7 @@ class _Around:
             ranges = k.seen_ranges(row, x, y, yaw, self._beams, self._ground)
             first = len(seen) - len(ranges)
             seen[first:] = np.minimum(seen[first:], ranges / self._setup.robot.lidar.range_m)
+        return left_m
 
     def _with(self, moment: Situation, areas: Sequence[Obstacle]) -> Scene:
         person = replace(self._scene.person, pose=Pose(*moment.person))
@@ -241,6 +260,8 @@ class _Around:
 
     def _find_ways(self, moment: Situation) -> None:
         goal, (x, y, _) = self._scene.goal, moment.robot
+        self._row[k.START_X], self._row[k.START_Y] = x, y
+        self._shut = not k.reachable(self._row, self._setup.robot.radius_m, self._ground)
         extent = extent_m(self._scene)
         if extent is None:
             ends = np.array([[x, y], [goal.x, goal.y]])
@@ -250,15 +271,24 @@ class _Around:
         costs = np.empty(size, dtype=np.float32)
         radius = self._setup.robot.radius_m + 0.05
         k.way_costs(self._row, self._low[0], self._low[1], CELL_M, radius, WANTED_M, BLOCKED, costs, self._ground)
-        self._times = np.empty((1, *size), dtype=np.float32)
+        self._times = np.empty(tuple(size), dtype=np.float32)
         end = (np.array([goal.x, goal.y]) - self._low) / CELL_M
-        arrival_times(costs, end[0], end[1], self._times[0])
-
-    def _cell(self, x: float, y: float) -> NDArray[np.float64]:
-        return np.asarray((np.array([[x, y]]) - self._low) / CELL_M)
+        arrival_times(costs, end[0], end[1], self._times)
 
     def _ahead(self, x: float, y: float) -> NDArray[np.float64]:
-        goal, cells = self._scene.goal, np.empty((1, 2))
-        sizes = np.array([self._times.shape[1:]], dtype=np.int64)
-        look_ahead(self._times, sizes, self._cell(x, y), self._cell(goal.x, goal.y), AHEAD, cells)
-        return np.asarray(self._low + cells[0] * CELL_M)
+        """Where one comes some cells down the times, from one to the nearest of the eight beside it."""
+        times, goal = self._times, np.array([self._scene.goal.x, self._scene.goal.y])
+        i, j = self._cell_of(x, y)
+        for _ in range(AHEAD):
+            left, under = max(i - 1, 0), max(j - 1, 0)
+            beside = times[left : i + 2, under : j + 2]
+            a, b = np.unravel_index(int(beside.argmin()), beside.shape)
+            if (left + a, under + b) == (i, j):
+                return goal
+            i, j = int(left + a), int(under + b)
+        return np.asarray(self._low + (np.array([i, j]) + 0.5) * CELL_M)
+
+    def _cell_of(self, x: float, y: float) -> tuple[int, int]:
+        cell = ((np.array([x, y]) - self._low) / CELL_M).astype(int)
+        i, j = np.clip(cell, 0, np.array(self._times.shape) - 1).tolist()
+        return i, j

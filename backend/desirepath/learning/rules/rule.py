@@ -52,7 +52,7 @@ class Condition(BaseModel):
 
 
 class Wish(BaseModel):
-    """More of an objective, or less. Less of `faster` halves the speed; less of another one is no weight for it."""
+    """More of an objective, or less. Less of `faster` keeps to half the speed; less of another is no weight for it."""
 
     model_config = _STRICT
 
@@ -200,4 +200,4 @@ def weights_by(base: dict[str, float], rules: Sequence[Rule]) -> tuple[dict[str,
 
 
 SLOW = 0.5
-"""Of its speed, in a situation in which somebody wishes it slower."""
+"""Of full speed at most, in a situation in which somebody wishes it slower."""

@@ -72,8 +72,9 @@ class Telling extends LivePanel {
     this.driving = false;
     const request = (this.requests += 1);
     try {
+      const rules = this.cards.map(({ rule, asked }) => (asked.length ? { ...rule, on: false } : rule)); // nothing holds that is still asked back
       /** @type {RulesReply} */
-      const reply = await this.needs.post("rules", { rules: this.rules, place });
+      const reply = await this.needs.post("rules", { rules, place });
       if (this.over || place !== this.place || request < this.newest) return;
       this.newest = request;
       this.reply = reply;
