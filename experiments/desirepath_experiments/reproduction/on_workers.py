@@ -20,10 +20,10 @@ from desirepath.store.artefacts import ArtefactStore
 from desirepath.store.database import Database, StorageError
 from desirepath.store.models import Job, TaskFile
 from desirepath.store.outbox import ENDED, enqueue_job
-from desirepath_experiments.reproduction import trial_tasks
 from desirepath_experiments.reproduction.driver import chapter_named
 from desirepath_experiments.reproduction.tasks import (
     Countdown,
+    Function,
     OnTask,
     Task,
     TaskResult,
@@ -42,13 +42,28 @@ class SweepError(RuntimeError):
     """A task of a sweep failed on a worker; says which job and why. Finished tasks stay."""
 
 
+def waiting(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """Wait for `seconds`, which costs no processor."""
+    time.sleep(float(params["seconds"]))
+    return TaskResult({"number": params["number"]}, {})
+
+
+def summed(params: dict[str, Any], needs: Sequence[TaskResult]) -> TaskResult:
+    """The sum of the numbers of the tasks that it needs."""
+    return TaskResult({"sum": sum(int(need.meta["number"]) for need in needs)}, {})
+
+
+TRIAL: dict[str, Function] = {"waiting": waiting, "summed": summed}
+"""Tasks that stand for a chapter's where only the queue is of interest: they wait, and add up who has waited."""
+
+
 def do_task(context: JobContext, params: TaskParams) -> dict[str, Any]:
     """On a worker: compute one task, once, and store what it came to under its key."""
     with context.database.session() as s:
         known = s.get(TaskFile, params.key)
     if known is not None and context.files.exists(known.sha256):
         return {"task": params.key, "file": known.sha256, "computed": False}
-    functions = trial_tasks.FUNCTIONS if params.chapter == "trial" else chapter_named(params.chapter).functions
+    functions = TRIAL if params.chapter == "trial" else chapter_named(params.chapter).functions
     needs = [_result(context, key) for key in params.needs]
     result = computed(functions, params.function, params.params, needs)
     sha = context.files.put(to_bytes(result))

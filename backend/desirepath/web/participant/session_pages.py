@@ -36,7 +36,6 @@ from desirepath.web.participant import (
     live_requests,
     recruiting,
     robot_requests,
-    shown_videos,
     stream,
     stroke_requests,
     trials,
@@ -230,5 +229,5 @@ def _change(
 
 
 _DRIVEN = (stroke_requests, live_requests, robot_requests)
-for part in (recruiting, device_check, trials, head_requests, shown_videos, *_DRIVEN, voice_requests, stream):
+for part in (recruiting, device_check, trials, head_requests, *_DRIVEN, voice_requests, stream):
     router.include_router(part.router)

@@ -1,4 +1,5 @@
-"""The API of a trial: start, a trajectory was seen or interrupted, again. Each change is committed, then played."""
+"""The API of a trial: start, a trajectory was seen or interrupted, again. Each change is committed, then played; the
+video that is being shown."""
 
 from __future__ import annotations
 
@@ -12,11 +13,13 @@ from sqlalchemy.orm import Session as DatabaseSession
 from starlette.responses import Response
 
 from desirepath.store.models import Session, utc_now
+from desirepath.store.sides import is_side, shown_on
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
 from desirepath.study.session.finding import acting
 from desirepath.web.core.contract import reply_of
 from desirepath.web.core.dependencies import TheServices, services_of
+from desirepath.web.core.videos import ANSWERS, video_of, video_response
 from desirepath.web.participant.replies import SessionState, TrialData
 from desirepath.web.participant.sent import Interrupted, Seen, Start
 from desirepath.web.participant.session_view import looking, state_of, videos_of
@@ -120,3 +123,17 @@ def trial_data(token: str, services: TheServices) -> Response:
             raise Refused(409, "no_trial", "The current step is no trial.", session_id=session.id)
         shown = trial.shown
     return reply_of(TrialData, {"shown": [base64.b64encode(services.files.get(one)).decode() for one in shown]})
+
+
+@router.get("/api/session/{token}/trials/{key}/video/{side}", response_class=Response, responses=ANSWERS)
+def video(token: str, key: str, side: str, request: Request, services: TheServices) -> Response:
+    """The video that is being shown, by ranges. Another one of the session comes when it is its turn."""
+    with looking(services, token) as (s, session):
+        whose = {"session_id": session.id, "study_id": session.study_id}
+        trial = machine.trial_of(s, session) if machine.step_of(session).key == key else None
+        shown = None
+        if trial is not None and is_side(side) and session.state == "active" and trial.phase == f"playing_{side}":
+            shown = video_of(s, services.files, shown_on(side, trial.trajectory_a, trial.trajectory_b))
+    if shown is None:
+        raise Refused(409, "not_playing", "This video is not being shown.", **whose)
+    return video_response(request, services.files, shown)
