@@ -282,10 +282,10 @@ class _Around:
         for _ in range(AHEAD):
             left, under = max(i - 1, 0), max(j - 1, 0)
             beside = times[left : i + 2, under : j + 2]
-            a, b = np.unravel_index(int(beside.argmin()), beside.shape)
+            a, b = divmod(int(beside.argmin()), beside.shape[1])
             if (left + a, under + b) == (i, j):
                 return goal
-            i, j = int(left + a), int(under + b)
+            i, j = left + a, under + b
         return np.asarray(self._low + (np.array([i, j]) + 0.5) * CELL_M)
 
     def _cell_of(self, x: float, y: float) -> tuple[int, int]:
