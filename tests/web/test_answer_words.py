@@ -27,12 +27,26 @@ STORED = {
     },
     "robot_drive": SET | {"liked": 6, "stops": []},
     "preference": {"choice": "b", "degree": "slight", "degree_of": "strength", "possible": 5},
+    "rules": {
+        "rules": [
+            {
+                "words": "Slow, unless I sit in the kitchen",
+                "when": [{"kind": "sitting", "holds": False}, {"kind": "room", "of": "kitchen"}],
+                "wishes": [{"objective": "faster", "more": False}],
+                "zones": [{"kind": "between", "of": "sofa"}],
+                "on": False,
+            }
+        ],
+        "edits": 1,
+    },
     "order": {"groups": [[2], [], [3, 1]], "ask": "groups"},
 }
 IN_WORDS = {
     "en": {
         "consent": "Version 2026-11; Learning from the answers yes; Publishing the answers no",
         "attention": "A, asked for B: failed",
+        "rules": "“Slow, unless I sit in the kitchen” When: not: you sit + in the kitchen. "
+        "Then: slower; not between you and this: sofa (–)",
         "order": "piles, the least liked first: 2 | – | 3, 1",
         "importance_ranking": "1. wall, +x, 2. box 2, 3. person",
         "demonstration": "kept this path",

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from desirepath.explain.flow_words import ExplanationWords
 from desirepath.grammar.questionnaires import MARKS, Item, Questionnaire
 from desirepath.grammar.texts import local
+from desirepath.learning.rules.rule import Condition, Rule
 from desirepath.study.kinds import meet_your_robot, robot_drive
 from desirepath.study.kinds.rating import RATING, RatingStage
 from desirepath.study.protocol.freezing import FrozenProtocol
@@ -60,6 +61,7 @@ class AnswerWords:
             "demonstration": self._demonstration,
             "think_aloud": self._voice,
             "method_comparison": self._methods,
+            "rules": self._rules,
         }.get(kind)
         if tell is not None:
             return tell(value)
@@ -127,6 +129,34 @@ class AnswerWords:
         methods, weights = value.get("methods") or {}, value.get("weights") or {}
         said = {side: self.t(f"editor.values.{method}") for side, method in methods.items()}
         return [Said(f"{side.upper()}: {name}", self._weighed(weights.get(side, {}))) for side, name in said.items()]
+
+    def _rules(self, value: Mapping[str, Any]) -> list[Said]:
+        """Each rule by its sentence: when it holds, and what is then wished, as its card said it."""
+        return [self._rule(Rule.model_validate(one)) for one in value.get("rules", ())]
+
+    def _rule(self, rule: Rule) -> Said:
+        t, own = self.t, "live.script.rules"
+        when = [self._condition(one) for one in rule.when] or [t(f"{own}.always")]
+        then = [
+            t(f"live.weights.{one.objective}.name")
+            if one.more
+            else t(f"{own}.slower")
+            if one.objective == "faster"
+            else t(f"{own}.less", what=t(f"live.weights.{one.objective}.name"))
+            for one in rule.wishes
+        ]
+        then += [t(f"{own}.zones.{one.kind}", what=t(f"{own}.names.{one.of}") if one.of else "") for one in rule.zones]
+        lines = [t(f"{own}.when_line", when=" + ".join(when)), t(f"{own}.then_line", then="; ".join(then))]
+        return Said(t("live.script.quoted", words=rule.words), ". ".join(lines) + ("" if rule.on else " (–)"))
+
+    def _condition(self, one: Condition) -> str:
+        own = "live.script.rules"
+        label = one.label.removeprefix("not:")
+        if one.of is None:
+            said = self.t(f"{own}.conditions.{label}")
+        else:
+            said = self.t(f"{own}.{one.kind}", what=self.t(f"{own}.names.{one.of}"))
+        return self.t(f"{own}.not", what=said) if one.label.startswith("not:") else said
 
     def _degree(self, value: Mapping[str, Any]) -> Said:
         """How clearly one of a pair is the better one, or that neither is."""
