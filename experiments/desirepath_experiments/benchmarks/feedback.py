@@ -23,12 +23,12 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_people import NINE, people_of
 from desirepath.learning.people.card import people_card
 from desirepath.learning.people.families.base import FamilyMember
-from desirepath.learning.preferences.evidence.evidence import Evidence
+from desirepath.learning.preferences.evidence.evidence import Evidence, Habits
 from desirepath.learning.preferences.evidence.graded_pair import Degree, GradedPair, Possible
 from desirepath.learning.preferences.evidence.ranking import Ranking
 from desirepath.learning.preferences.evidence.rating import Rating
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
-from desirepath.learning.preferences.spans import seen_measures
+from desirepath.learning.preferences.spans import moments, seen_measures
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.trajectory import Trajectory, arrived
 from desirepath.study.kinds.order import PLACE_S
@@ -42,6 +42,7 @@ SEED = 9_300  # of scenes, of no card
 LETTER_S, CHOICE_S = 2.0, 5.0  # before each drive, for an answer, as in `study/steps.py`
 IN_A_RANKING = 4
 POINTS = 7
+MOMENT_S = 2.0  # ours: what a mark is about
 
 
 @pydantic.dataclasses.dataclass(frozen=True)
@@ -68,6 +69,16 @@ class Drives:
     measured: Doubles
     seconds: Doubles
     value: Doubles
+    moments: Sequence[Sequence[tuple[Doubles, Doubles]]]
+    """By scene and rollout: measured (m, spans, 7) and value (m,) of its parts of `MOMENT_S` each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Worst(Ranking):
+    """The worst of several, put first: of the moments of one drive the one that is marked. No study asks for it yet."""
+
+    def log_likelihood(self, worth: Doubles, habits: Habits) -> Doubles:
+        return super().log_likelihood(-worth, habits)
 
 
 @dataclass
@@ -141,6 +152,15 @@ def _rating(person: Person) -> Answered:
     return [Rating(np.stack([drive for drive, _ in person.rated]), rating, POINTS)], watched + CHOICE_S
 
 
+def _mark(person: Person) -> Answered:
+    """The worst moment of one drive is marked while it plays, then it is said what was bad about it."""
+    scene = person.random.integers(len(person.drives.value))
+    row = person.random.integers(person.drives.value.shape[1])
+    measured, value = person.drives.moments[scene][row]
+    seems = value + person.random.normal(0, SEES_WITHIN / math.sqrt(2), len(value))
+    return [Worst(measured[np.argsort(seems)], 1)], float(person.drives.seconds[scene, row]) + DEGREE_S
+
+
 KINDS: Mapping[str, tuple[Callable[[Person], Answered], ...]] = {
     "choice": (_pair(2),),
     "choice_or_tie": (_pair(3),),
@@ -152,6 +172,7 @@ KINDS: Mapping[str, tuple[Callable[[Person], Answered], ...]] = {
     "order_of_five": (_order(5, 5),),
     "three_piles_of_five": (_piles(3, 5),),
     "rating": (_rating,),
+    "worst_moment": (_mark,),
     "pairs_and_orders": (_pair(5), _order(IN_A_RANKING)),
     "ratings_and_orders": (_rating, _order(IN_A_RANKING)),
 }
@@ -206,7 +227,13 @@ def _valued(person: FamilyMember, rollouts: Sequence[Sequence[Trajectory]], setu
     seen = seen_measures(flat)
     seconds = np.array([one.duration_s for one in flat]).reshape(shape)
     value = np.asarray(true_scores(person, flat)) / person.unit(setup)
-    return Drives(seen.reshape(*shape, *seen.shape[1:]), seconds, value.reshape(shape))
+    parts = [moments(one, MOMENT_S) for one in flat]
+    together = [part for of_one in parts for part in of_one]
+    seen_parts, worth_parts = seen_measures(together), np.asarray(true_scores(person, together)) / person.unit(setup)
+    ends = np.cumsum([len(of_one) for of_one in parts])[:-1]
+    marked = list(zip(np.split(seen_parts, ends), np.split(worth_parts, ends), strict=True))
+    by_scene = [marked[k * shape[1] : (k + 1) * shape[1]] for k in range(shape[0])]
+    return Drives(seen.reshape(*shape, *seen.shape[1:]), seconds, value.reshape(shape), by_scene)
 
 
 def _ask(
@@ -214,7 +241,7 @@ def _ask(
 ) -> dict[str, Any]:
     """One person in one way, until the last of the minutes."""
     half = len(drives.value) // 2
-    asked = Drives(drives.measured[:half], drives.seconds[:half], drives.value[:half])
+    asked = Drives(drives.measured[:half], drives.seconds[:half], drives.value[:half], drives.moments[:half])
     pairs = np.random.default_rng([config.seed, 72]).permuted(
         np.tile(np.arange(len(drives.value[0])), (half, 1)), axis=1
     )
