@@ -154,8 +154,8 @@ def _rating(person: Person) -> Answered:
 
 def _mark(person: Person) -> Answered:
     """The worst moment of one drive is marked while it plays, then it is said what was bad about it."""
-    scene = person.random.integers(len(person.drives.value))
-    row = person.random.integers(person.drives.value.shape[1])
+    scene = int(person.random.integers(len(person.drives.value)))
+    row = int(person.random.integers(person.drives.value.shape[1]))
     measured, value = person.drives.moments[scene][row]
     seems = value + person.random.normal(0, SEES_WITHIN / math.sqrt(2), len(value))
     return [Worst(measured[np.argsort(seems)], 1)], float(person.drives.seconds[scene, row]) + DEGREE_S
