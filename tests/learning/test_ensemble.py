@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from desirepath.learning.errors import LearningError
+from desirepath.learning.td3 import ensemble
 from desirepath.learning.td3.base import BaseResult
 from desirepath.learning.td3.ensemble import (
     PolicyEnsembleConfig,
@@ -45,13 +46,16 @@ def test_the_gradient_is_that_of_equation_6_2_written_out(n: int) -> None:
     np.testing.assert_allclose(gradient, expected, atol=1e-6 * np.abs(expected).max(), rtol=1e-5)
 
 
-def test_members_differ_more_with_the_term_than_without(tiny_base: BaseResult) -> None:
+def test_members_differ_more_with_the_term_than_without(tiny_base: BaseResult, monkeypatch: pytest.MonkeyPatch) -> None:
     freely = replace(TINY, min_success=0.0)  # a tiny base policy succeeds nowhere: choose by difference alone
     with_term = train_ensemble(tiny_base.policy, freely)
     without = train_ensemble(tiny_base.policy, replace(freely, kappa=0.0))
     assert len(with_term.members) == len(with_term.success_rates) == 3
     assert with_term.diversity > 1.5 * without.diversity
     assert with_term.base_buffer_sha256 == without.base_buffer_sha256
+    monkeypatch.setattr(ensemble, "CRITIC_ALONE", 10)
+    held = train_ensemble(replace(tiny_base.policy, held=4.0), freely)
+    assert 0 < held.diversity < with_term.diversity
 
 
 def test_members_that_learn_at_the_same_time_become_what_they_become_one_after_the_other(tiny_base: BaseResult) -> None:

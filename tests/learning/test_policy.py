@@ -99,6 +99,16 @@ def test_whose_a_policy_is_tells_files_apart_that_drive_alike(policy: Policy) ->
     np.testing.assert_array_equal(again.act(seen_by(policy)), policy.act(seen_by(policy)))
 
 
+def test_a_held_policy_says_so_until_it_loses_its_critic(policy: Policy) -> None:
+    held = replace(policy, held=4.0)
+    assert Policy.from_bytes(held.to_bytes()).held == 4.0
+    assert held.digest() != policy.digest()
+    assert held.without_critic().digest() == policy.without_critic().digest()
+    for weight in (-1.0, float("nan"), float("inf"), "much"):
+        with pytest.raises(PolicyError, match="'held'"):
+            replace(policy, held=weight)
+
+
 def test_the_other_setup_is_refused(policy: Policy) -> None:
     other = STUDY_ROOM if policy.setup == "open_field" else OPEN_FIELD
     with pytest.raises(SetupError, match=policy.setup):

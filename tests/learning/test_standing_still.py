@@ -51,6 +51,12 @@ def test_what_begins_anew_has_another_seed_and_more_of_the_guide():
     assert again.guidance > 0
 
 
+def test_a_base_policy_that_was_drawn_to_the_guide_to_the_end_says_so(tiny_base):
+    config = replace(base_config("open_field", seed=1), n_envs=8, buffer_size=5_000)
+    assert base.BaseTraining(config).policy().held == base.GUIDANCE
+    assert tiny_base.policy.held == 0
+
+
 def test_a_training_that_drives_is_left_alone():
     config = replace(base_config("open_field", seed=1), updates=300, checkpoints=1, selection_scenes=50, **QUICK)
     assert train_base(config).restarts == []

@@ -27,10 +27,12 @@ ENSEMBLE_DEPARTURES = ("ensemble_start", "ensemble_choice")
 def config_of(params: TrainBaseParams) -> BaseConfig:
     """The training that is asked for, with the network that the setup's base policy has; a short one, asked for to see
     that it runs, is smoothed no longer than it learns, and imitates for less long."""
-    shipped = base_config(params.setup)
-    smoothing = min(shipped.smoothing_updates, params.updates)
-    first = min(shipped.random_transitions, max(SHORT_TRANSITIONS, params.updates * SHORT_PER_UPDATE))
-    return replace(shipped, smoothing_updates=smoothing, random_transitions=first, **params.model_dump())
+    config = replace(base_config(params.setup), **params.model_dump(exclude_none=True))
+    if params.updates is None:
+        return config
+    smoothing = min(config.smoothing_updates, params.updates)
+    first = min(config.random_transitions, max(SHORT_TRANSITIONS, params.updates * SHORT_PER_UPDATE))
+    return replace(config, smoothing_updates=smoothing, random_transitions=first)
 
 
 def train_base(context: JobContext, params: TrainBaseParams) -> dict[str, Any]:

@@ -24,7 +24,8 @@ DEPARTURES = {
     "ensemble training and no alignment.",
     "guide": "While nothing is learned yet, a planner that knows the scene drives in part of the environments instead "
     "of chance. The actor imitates it before a critic judges, where the card's settings have `cloned`, and is drawn to "
-    "what it does in the updates after that; nothing else has the guide.",
+    "what it does in the updates after that. Where it is to the end (`last_guidance`), trainings that go on from the "
+    "policy draw the new one to it as much; nothing else has the guide.",
     "randomised": "Robots get wrong in training what real ones do: lidar noise, delay, slip and slow wheels, up to "
     "`RANDOMISED` in simulation/disturbed.py, drawn anew in every episode; the thesis trains without.",
     "heads": "Actor and critic heads are 128, 128 instead of 400, 300, for speed; the wider ones were not trained "

@@ -203,13 +203,20 @@ def train_ours(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Trai
 
 def train_unguided(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Training:
     """The same without the guide that knows the scene: what Stable-Baselines3 does, by our code."""
-    return train_ours(arm, replace(base, guided_share=0.0, guidance=0.0, last_guidance=0.0, cloned=0), config)
+    return train_ours(arm, _alone(base), config)
+
+
+def _alone(base: BaseConfig) -> BaseConfig:
+    """TD3 from nothing, by its own settings."""
+    if base.cloned:
+        return BaseConfig(base.setup, base.seed, base.heads)
+    return replace(base, guided_share=0.0, guidance=0.0)
 
 
 def train_sb3(arm: str, base: BaseConfig, config: TrainBenchmarkConfig) -> Training:
     """Stable-Baselines3 with the same network, shaping, environments, noise and updates per step."""
     use_one_thread()
-    setup = get_setup(base.setup)
+    base, setup = _alone(base), get_setup(base.setup)
     td3 = Td3Config(setup.gamma, base.batch_size, base.learning_rate, base.tau)
     model = sb3_td3(
         FastVecEnv(setup, base.n_envs, seed=base.seed, progress_weight=base.progress_weight),

@@ -29,7 +29,7 @@ from desirepath.learning.td3.base import OnProgress, no_progress, policy_of
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.ensemble import agent_of
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector, collect, concatenate
-from desirepath.learning.td3.td3 import Batch, Td3Config
+from desirepath.learning.td3.td3 import Batch, Td3Config, held_to
 from desirepath.simulation.fast import EpisodeTable, FastEngine, evaluate, make_engine
 from desirepath.simulation.setups import get_setup, require_same
 
@@ -224,6 +224,7 @@ def learn(
         tau=config.tau,
     )
     agent = agent_of(start, td3, seed=config.seed)
+    hold = held_to(start.actor, start.shape, start.held)
     buffers = [RelabelledBuffer(replay, reward)]
     n_online = int(config.batch_size * config.online_share)
     if n_online:
@@ -249,7 +250,7 @@ def learn(
                 buffers[1].take_up()
             batch = concatenate(online.sample(n_online, sampler), batch)
         agent.set_learning_rate(_learning_rate(config, update))
-        agent.update(batch)
+        agent.update(batch, hold)
         return update
 
     def between(updates: int) -> None:

@@ -183,6 +183,8 @@ class Policy(StoredArrays, DrivingPolicy):
     recovery_policies: other actors of the same shape that drive, in this order, while the robot is stuck (`driver`).
     made_for: whose it is, such as the id of the answers behind it; stored, so that two people's policies are two where
     they act alike. slowing: how it is slowed down beside the person, by a rule that is no part of the network.
+    held: with which weight its training drew it to a guide until the end. Its critic wants something else, so whoever
+    trains on from it draws the new one to it as much (`held_to`).
     """
 
     setup: str
@@ -192,6 +194,7 @@ class Policy(StoredArrays, DrivingPolicy):
     recovery_policies: tuple[tuple[Floats, ...], ...] = ()
     made_for: str = ""
     slowing: Slowing | None = None
+    held: float = 0.0
 
     file_format = "desirepath-policy-1"
 
@@ -202,6 +205,8 @@ class Policy(StoredArrays, DrivingPolicy):
                 f"gives {get_setup(self.setup).observation_size}"
             )
         check_networks(self.shape, self.actor, self.critic)
+        if not isinstance(self.held, float) or not 0 <= self.held < np.inf:
+            raise PolicyError(f"policy field 'held' = {self.held!r}: a finite weight of at least 0")
         for recovery_policy in self.recovery_policies:
             check_networks(self.shape, recovery_policy, ())
         if self.slowing:
@@ -243,7 +248,7 @@ class Policy(StoredArrays, DrivingPolicy):
 
     def without_critic(self) -> Policy:
         """The actor alone: all that driving needs."""
-        return replace(self, critic=())
+        return replace(self, critic=(), held=0.0)
 
     def manifest(self) -> dict[str, object]:
         """What a foreign program needs to run the exported policy: inputs in order with units, outputs with scaling."""
@@ -273,12 +278,15 @@ class Policy(StoredArrays, DrivingPolicy):
             header["made_for"] = self.made_for
         if self.slowing:
             header["slowing"] = self.slowing.as_dict()
+        if self.held:
+            header["held"] = self.held
         return header, network_arrays(self.actor, self.critic, self.recovery_policies)
 
     @classmethod
     def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> Self:
         shape, made_for = NetworkShape.from_dict(header["shape"]), header.get("made_for", "")
-        return cls(header["setup"], shape, *read_networks(arrays), made_for, read_slowing(header))
+        held = header.get("held", 0.0)
+        return cls(header["setup"], shape, *read_networks(arrays), made_for, read_slowing(header), held)
 
 
 STORED = Policy

@@ -28,8 +28,7 @@ GUIDED = {"guidance": 2.0, "let_go": 0.5, "smoothness": 0.2, "smoothness_wanted"
 """Of conditioned policies: without, in a building of eight rooms, success falls by 8 points from the base policy's."""
 REPORT_SCENES = 1_000  # of the base policy, whose success is told
 SELECTION_SCENES = 400
-BASE_UPDATES, SMOOTHING_UPDATES = 15_000, 5_000
-LAST_GUIDANCE = 2.0  # without it success falls again by 10 points once the guide lets go, in a building of eight rooms
+BASE_UPDATES, SMOOTHING_UPDATES = 15_000, 5_000  # at most
 CONDITIONED_UPDATES = 30_000
 ENSEMBLE_STEPS = 15_000
 """Two thirds of what shipped policies take: the first pair shall be there a quarter of an hour after the files."""
@@ -98,11 +97,10 @@ def _base(request: Request, config: SetupTrainingConfig) -> object:
         request,
         replace(
             usual,
-            updates=_part(BASE_UPDATES, config),
-            smoothing_updates=_part(SMOOTHING_UPDATES, config),
+            updates=_part(min(BASE_UPDATES, usual.updates), config),
+            smoothing_updates=_part(min(SMOOTHING_UPDATES, usual.smoothing_updates), config),
             random_transitions=_part(usual.random_transitions, config, least=5_000),
             guided_updates=_part(usual.guided_updates, config),
-            last_guidance=0.0 if get_setup(request.setup).crowded else LAST_GUIDANCE,
             checkpoints=4,
             selection_scenes=_part(SELECTION_SCENES, config),
             randomise=config.randomise,
@@ -272,7 +270,7 @@ def expected_seconds(setup: Setup, config: SetupTrainingConfig, stages: list[str
         training.vector_step()
     per_update = (time.monotonic() - began) / (training.agent.updates - before)
     cloning = _part(usual.random_transitions, config) // usual.n_envs * usual.cloned // 2  # half as much work each
-    updates = cloning + _part(BASE_UPDATES, config) + _part(SMOOTHING_UPDATES, config)
+    updates = cloning + _part(min(BASE_UPDATES, usual.updates), config) + _part(SMOOTHING_UPDATES, config)
     conditioned = _part(CONDITIONED_UPDATES, config)
     steps = _part(ENSEMBLE_STEPS, config) * PolicyEnsembleConfig().members
     report = drawing * _part(REPORT_SCENES, config)

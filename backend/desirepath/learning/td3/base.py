@@ -25,7 +25,7 @@ from desirepath.learning.td3.backprop import Floats
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.interrupted import REFILLED, Kept, TrainingFile
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector
-from desirepath.learning.td3.td3 import ActorTerm, Td3Agent, Td3Config
+from desirepath.learning.td3.td3 import CRITIC_ALONE, ActorTerm, Td3Agent, Td3Config, pull_gradient
 from desirepath.learning.td3.way_guide import WayGuide
 from desirepath.simulation.disturbed import randomised_engine
 from desirepath.simulation.fast import evaluate, make_engine
@@ -35,13 +35,14 @@ TURNING = 1  # which of the two actions is the turn rate
 GUIDED_SHARE = 0.5
 GUIDANCE = 4.0
 CLONED, CLONED_TRANSITIONS = 16, 192_000
+AFTER_CLONING, AFTER_CLONING_SMOOTHING, AFTER_CLONING_RATE = 4_000, 2_000, 1e-4
+"""Updates of TD3 where the policy drives already: it mends wobbling and rare failures, held by the guide to the end."""
 GUIDES = frozenset({"guided_share", "guidance", "guided_updates", "last_guidance", "cloned"})
 MOST_RESTARTS = 3
 LOOKING_SCENES = 100
 CLONING_RATES, CLONING_BATCH, CLONING_DECAY = (1e-3, 3e-5), 256, 0.997
 CHANCE_FIRST = 0.02  # of the phase in which the guide is cloned, until the policy drives
-GUIDED_LATER = 0.1  # of the environments, in which the guide drives for the rest of it
-CRITIC_ALONE = 600  # updates after it, in which the critic learns what that policy is worth
+GUIDED_LATER = 0.1  # of the environments at least, in which the guide drives for the rest of it
 
 OnProgress = Callable[[float, dict[str, float]], None]
 """(fraction done in [0, 1], metrics by name); called from the training loop, must return quickly."""
@@ -103,7 +104,7 @@ class BaseConfig:
     guided_share: float = 0.0  # ours: of the environments, in which a guide drives instead of chance at first
     guidance: float = 0.0  # ours: weight of the squared distance from its actions in the actor's loss, to begin with
     guided_updates: int = 10_000  # ours: over which that weight falls
-    last_guidance: float = 0.0  # ours: to which it falls
+    last_guidance: float = 0.0  # ours: to which it falls; above 0 the policy is `held`
     cloned: int = 0  # ours: updates that clone the guide, for every step of the environments before the first of TD3
     randomise: bool = False  # whether robots get wrong what real ones do, up to `RANDOMISED`
 
@@ -123,7 +124,17 @@ def base_config(setup: str, seed: int = 0) -> BaseConfig:
     if not of.solids:
         usual = replace(usual, guided_share=GUIDED_SHARE, guidance=GUIDANCE)
     if not of.solids and not of.crowded:
-        usual = replace(usual, cloned=CLONED, random_transitions=CLONED_TRANSITIONS)
+        return replace(
+            usual,
+            cloned=CLONED,
+            random_transitions=CLONED_TRANSITIONS,
+            last_guidance=GUIDANCE,
+            updates=AFTER_CLONING,
+            smoothing_updates=AFTER_CLONING_SMOOTHING,
+            learning_rate=AFTER_CLONING_RATE,
+            smoothing_learning_rate=AFTER_CLONING_RATE,
+            checkpoints=4,
+        )
     if of.crowded:  # half as long: a step among pedestrians takes five times as long
         return replace(usual, updates=40_000, smoothing_updates=8_000, selection_scenes=500)
     return usual
@@ -211,7 +222,8 @@ class BaseTraining:
         arrivals; then the policy does. One environment in so many: each has its own noise. What the guide would do is
         noted as long as the policy is drawn to it."""
         cloning = self._cloned_share()
-        share = GUIDED_LATER if cloning > CHANCE_FIRST else self.config.guided_share
+        later = max(GUIDED_LATER, self.config.guided_share - GUIDED_SHARE)  # more of it where training began anew
+        share = later if cloning > CHANCE_FIRST else self.config.guided_share
         if warm and self.guidance() <= 0:
             self.collector.step(self.agent.act, self.buffer)
             return
@@ -252,7 +264,7 @@ class BaseTraining:
         def term(_: Floats, actions: Floats) -> Floats:
             gradient = smoothness_penalty_gradient(actions, penalty)
             if guidance > 0:
-                gradient += np.float32(2 * guidance / len(actions)) * (actions - self._guides[rows.numpy()])
+                gradient += pull_gradient(actions, self._guides[rows.numpy()], guidance)
             return gradient
 
         return term
@@ -296,7 +308,8 @@ class BaseTraining:
 
     def policy(self, *, averaged: bool = False) -> Policy:
         """The current policy with its critic; `averaged` takes the running average of the actor's weights."""
-        return policy_of(self.agent, self.setup.name, self._average if averaged else None)
+        policy = policy_of(self.agent, self.setup.name, self._average if averaged else None)
+        return replace(policy, held=self.guidance())
 
 
 def policy_of(agent: Td3Agent, setup: str, actor: torch.Tensor | None = None) -> Policy:

@@ -24,7 +24,7 @@ from desirepath.learning.td3.backprop import Floats, Weights, move_towards
 from desirepath.learning.td3.base import OnProgress, no_progress, policy_of
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.replay import ReplayBuffer, ReplayCollector, collect
-from desirepath.learning.td3.td3 import Td3Agent, Td3Config, act
+from desirepath.learning.td3.td3 import CRITIC_ALONE, Td3Agent, Td3Config, act, held_to
 from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.setups import get_setup, require_same
 
@@ -99,6 +99,7 @@ def agent_of(policy: Policy, config: Td3Config, *, seed: int) -> Td3Agent:
     agent.actor.load_arrays(policy.actor)
     agent.critic.load_arrays(policy.critic)
     agent.synchronise_targets()
+    agent.actor_waits = CRITIC_ALONE if policy.held else 0
     return agent
 
 
@@ -127,6 +128,7 @@ class _Member:
         self._collector = ReplayCollector(engine, noise=config.exploration, seed=seed + 100)
         self._sampler = torch.Generator().manual_seed(seed + 200)
         self._distance_scale_m = np.float32(setup.distance_scale_m)
+        self._hold = held_to(base.actor, base.shape, base.held)
 
     def interact(self) -> None:
         """One step of its environments; from now on the others see its actor as it is now."""
@@ -138,9 +140,10 @@ class _Member:
 
         def term(observations: Floats, actions: Floats) -> Floats:
             goal_distance_m = observations[:, 0] * self._distance_scale_m
-            return diversity_gradient(
+            gradient = diversity_gradient(
                 actions, [act(observations, other) for other in others], goal_distance_m, self.config.kappa
             )
+            return gradient if self._hold is None else gradient + self._hold(observations, actions)
 
         share = np.float32(1 - self.config.average_decay)
         for _ in range(self.config.n_envs):

@@ -7,7 +7,7 @@ written out in `backprop.py`; interaction with environments lives in `replay.py`
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -32,6 +32,8 @@ from desirepath.learning.td3.backprop import (
 )
 
 MOST_AWAY = 0.5  # where Huber's loss of cloning turns from square to straight; ours
+
+CRITIC_ALONE = 600  # updates in which a critic learns what a policy is worth that can drive already; ours
 
 ActorTerm = Callable[[Floats, Floats], Floats]
 """(observations (n, obs), this actor's actions (n, 2)) -> gradient (n, 2), at these actions, of what an algorithm adds
@@ -62,6 +64,21 @@ class Batch(NamedTuple):
     rewards: Tensor
     next_observations: Tensor
     continues: Tensor
+
+
+def pull_gradient(actions: Floats, towards: Floats, weight: float) -> Floats:
+    """Gradient (n, 2) of weight * mean |a - towards|^2 over actions (n, 2)."""
+    gradient: Floats = np.float32(2 * weight / len(actions)) * (actions - towards)
+    return gradient
+
+
+def held_to(actor: Sequence[Floats], shape: NetworkShape, weight: float) -> ActorTerm | None:
+    """Draws a learning actor to what another does (as in TD3+BC, Fujimoto and Gu 2021); None without weight."""
+    if weight <= 0:
+        return None
+    other = Parameters(shape.actor_layers(), trainable=False)
+    other.load_arrays(actor)
+    return lambda observations, actions: pull_gradient(actions, act(observations, other.weights), weight)
 
 
 class _ActorPass:
