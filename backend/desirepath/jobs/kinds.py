@@ -115,7 +115,7 @@ class TrainBaseParams(Params):
     updates_per_step: int = from_source("design_speed", 12, ge=1, le=256, advanced=True)
     progress_weight: float = from_source("ours_progress", 1.0, ge=0, le=10)
     smoothness_penalty: float = from_source("ours_smoothness", 0.2, ge=0, le=10)
-    learning_rate: float | None = from_source("ours_of_setup", None, gt=0, le=0.1, advanced=True)
+    learning_rate: float = from_source("design_speed", 5e-4, gt=0, le=0.1, advanced=True)
     batch_size: int = from_source("design_speed", 128, ge=8, le=4_096, advanced=True)
     selection_scenes: int = from_source("ours", 2_000, ge=50, le=MOST_SCENES, advanced=True)
 

@@ -270,7 +270,8 @@ def expected_seconds(setup: Setup, config: SetupTrainingConfig, stages: list[str
         training.vector_step()
     per_update = (time.monotonic() - began) / (training.agent.updates - before)
     cloning = _part(usual.random_transitions, config) // usual.n_envs * usual.cloned // 2  # half as much work each
-    updates = cloning + _part(min(BASE_UPDATES, usual.updates), config) + _part(SMOOTHING_UPDATES, config)
+    after = min(BASE_UPDATES, usual.updates) + min(SMOOTHING_UPDATES, usual.smoothing_updates)
+    updates = cloning + _part(after, config)
     conditioned = _part(CONDITIONED_UPDATES, config)
     steps = _part(ENSEMBLE_STEPS, config) * PolicyEnsembleConfig().members
     report = drawing * _part(REPORT_SCENES, config)

@@ -35,8 +35,9 @@ TURNING = 1  # which of the two actions is the turn rate
 GUIDED_SHARE = 0.5
 GUIDANCE = 4.0
 CLONED, CLONED_TRANSITIONS = 16, 192_000
-AFTER_CLONING, AFTER_CLONING_SMOOTHING, AFTER_CLONING_RATE = 4_000, 2_000, 1e-4
+AFTER_CLONING, AFTER_CLONING_SMOOTHING = 5_000, 2_000
 """Updates of TD3 where the policy drives already: it mends wobbling and rare failures, held by the guide to the end."""
+LAST_GUIDANCE = 2.0
 GUIDES = frozenset({"guided_share", "guidance", "guided_updates", "last_guidance", "cloned"})
 MOST_RESTARTS = 3
 LOOKING_SCENES = 100
@@ -128,11 +129,9 @@ def base_config(setup: str, seed: int = 0) -> BaseConfig:
             usual,
             cloned=CLONED,
             random_transitions=CLONED_TRANSITIONS,
-            last_guidance=GUIDANCE,
+            last_guidance=LAST_GUIDANCE,
             updates=AFTER_CLONING,
             smoothing_updates=AFTER_CLONING_SMOOTHING,
-            learning_rate=AFTER_CLONING_RATE,
-            smoothing_learning_rate=AFTER_CLONING_RATE,
             checkpoints=4,
         )
     if of.crowded:  # half as long: a step among pedestrians takes five times as long
