@@ -28,6 +28,8 @@ from desirepath.learning.td3.td3 import CRITIC_ALONE, Td3Agent, Td3Config, act, 
 from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.setups import get_setup, require_same
 
+HELD_LOOSELY = 0.1  # at most, to a base policy that is held: as much as that one is, members hardly differ; ours
+
 OnMembers = Callable[[int, list[Policy]], None]
 """(steps done, the members as they are then, without critics)."""
 
@@ -128,7 +130,7 @@ class _Member:
         self._collector = ReplayCollector(engine, noise=config.exploration, seed=seed + 100)
         self._sampler = torch.Generator().manual_seed(seed + 200)
         self._distance_scale_m = np.float32(setup.distance_scale_m)
-        self._hold = held_to(base.actor, base.shape, base.held)
+        self._hold = held_to(base.actor, base.shape, min(base.held, HELD_LOOSELY))
 
     def interact(self) -> None:
         """One step of its environments; from now on the others see its actor as it is now."""
