@@ -45,6 +45,17 @@ def test_rules_are_stored_with_their_history_and_what_was_picked(walk):
     assert value["picked"] == [{"rule": 0, "place": 0, "shown": "obeyed"}]
 
 
+def test_a_rule_switched_off_after_its_pick_keeps_what_was_picked(walk):
+    walker = walk(RULES, BLOCK)
+    told = [read_rule(FRONT, "en").rule.model_copy(update={"words": FRONT + "." * many}) for many in range(12)]
+    picked = [
+        {"rule": number, "place": 0, "side": obeyed_side(walker.session.id, one, 0)} for number, one in enumerate(told)
+    ]
+    off = [one.model_dump(mode="json") | {"on": False} for one in told]
+    walker.submit("rules", {"rules": off, "picked": picked})
+    assert {one["shown"] for one in answer(walker, "rules").value["picked"]} == {"obeyed"}
+
+
 @pytest.mark.parametrize(
     "value",
     [

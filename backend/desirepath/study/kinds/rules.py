@@ -180,8 +180,10 @@ class Rules(LiveKind[RulesStep, RulesAnswer]):
 
 
 def obeyed_side(session_id: str, rule: Rule, place: int) -> Side:
-    """On which side the picture of the robot that obeys stands: by lot, and the same whenever it is asked for."""
-    lot = hashlib.sha256(f"{session_id}:{place}:{rule.model_dump_json()}".encode()).digest()[0]
+    """On which side the picture of the robot that obeys stands: by lot, and the same whenever it is asked for, whether
+    the rule is switched on or off."""
+    on = rule.model_copy(update={"on": True})
+    lot = hashlib.sha256(f"{session_id}:{place}:{on.model_dump_json()}".encode()).digest()[0]
     return "a" if lot % 2 else "b"
 
 
