@@ -53,7 +53,6 @@ def test_members_differ_more_with_the_term_than_without(tiny_base: BaseResult, m
     assert len(with_term.members) == len(with_term.success_rates) == 3
     assert with_term.diversity > 1.5 * without.diversity
     assert with_term.base_buffer_sha256 == without.base_buffer_sha256
-    monkeypatch.setattr(ensemble, "CRITIC_ALONE", 10)
     monkeypatch.setattr(ensemble, "HELD_LOOSELY", 4.0)
     held = train_ensemble(replace(tiny_base.policy, held=4.0), freely)
     assert 0 < held.diversity < with_term.diversity

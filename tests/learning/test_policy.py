@@ -45,7 +45,7 @@ def seen_by(policy: Policy, n: int = 64) -> NDArray[np.float32]:
 
 def test_numpy_and_torch_act_alike(tiny_base: BaseResult) -> None:
     policy = tiny_base.policy
-    agent = agent_of(policy, Td3Config(), seed=0)
+    agent = agent_of(policy, Td3Config(), seed=0, updates=1)
     np.testing.assert_allclose(policy.act(seen_by(policy)), agent.act(seen_by(policy)), atol=1e-6)
 
 

@@ -20,7 +20,6 @@ from desirepath.learning.policies.shipped import load_policy
 from desirepath.learning.preferences.preferences import Preference
 from desirepath.learning.rewards.linear import LinearRewardModel, fit_linear
 from desirepath.learning.rewards.mlp import MlpConfig, fit_mlp
-from desirepath.learning.td3 import ensemble
 from desirepath.learning.td3.base import BaseResult
 from desirepath.learning.td3.replay import collect
 from desirepath.simulation.setups import SetupError, get_setup
@@ -165,9 +164,8 @@ def test_settings_that_cannot_work_are_refused(base: Policy, model: LinearReward
 
 
 def test_what_goes_on_from_a_held_policy_is_drawn_to_it(
-    tiny_base: BaseResult, distance_answers: list[Preference], monkeypatch: pytest.MonkeyPatch
+    tiny_base: BaseResult, distance_answers: list[Preference]
 ) -> None:
-    monkeypatch.setattr(ensemble, "CRITIC_ALONE", 10)
     base = tiny_base.policy
     model = replace(fit_linear(distance_answers[:4]), setup=base.setup)
     seen = collect(base, 500, noise=(0.05, 0.5), seed=0).filled().observations.numpy()

@@ -53,7 +53,10 @@ def test_what_begins_anew_has_another_seed_and_more_of_the_guide():
 
 def test_a_base_policy_that_was_drawn_to_the_guide_to_the_end_says_so(tiny_base):
     config = replace(base_config("open_field", seed=1), n_envs=8, buffer_size=5_000)
-    assert base.BaseTraining(config).policy().held == base.GUIDANCE
+    training = base.BaseTraining(config)
+    assert training.policy().held == base.LAST_GUIDANCE
+    training.agent.updates = config.updates + config.smoothing_updates
+    assert training.guidance() == base.LAST_GUIDANCE
     assert tiny_base.policy.held == 0
 
 

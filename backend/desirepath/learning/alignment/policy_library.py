@@ -168,7 +168,7 @@ def mix_policies(base: Policy, actors: Sequence[Sequence[NDArray[np.floating[Any
             layer + sum((part * (other[n].astype(np.float32) - layer) for part, other in towards), np.float32(0))
             for n, layer in enumerate(base.actor)
         )
-    return Policy(base.setup, base.shape, actor, base.critic, (base.actor,))
+    return Policy(base.setup, base.shape, actor, base.critic, (base.actor,), held=base.held)
 
 
 def expected_gains(measures: LibraryMeasures, believed: Believed, steps: BelievedOfSteps) -> Doubles:

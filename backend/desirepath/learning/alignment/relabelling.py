@@ -223,7 +223,7 @@ def learn(
         learning_rate=config.learning_rate,
         tau=config.tau,
     )
-    agent = agent_of(start, td3, seed=config.seed)
+    agent = agent_of(start, td3, seed=config.seed, updates=config.updates)
     hold = held_to(start.actor, start.shape, start.held)
     buffers = [RelabelledBuffer(replay, reward)]
     n_online = int(config.batch_size * config.online_share)

@@ -37,7 +37,7 @@ GUIDANCE = 4.0
 CLONED, CLONED_TRANSITIONS = 16, 192_000
 AFTER_CLONING, AFTER_CLONING_SMOOTHING = 5_000, 2_000
 """Updates of TD3 where the policy drives already: it mends wobbling and rare failures, held by the guide to the end."""
-LAST_GUIDANCE = 2.0
+LAST_GUIDANCE = 2.6
 GUIDES = frozenset({"guided_share", "guidance", "guided_updates", "last_guidance", "cloned"})
 MOST_RESTARTS = 3
 LOOKING_SCENES = 100
@@ -129,6 +129,7 @@ def base_config(setup: str, seed: int = 0) -> BaseConfig:
             usual,
             cloned=CLONED,
             random_transitions=CLONED_TRANSITIONS,
+            guided_updates=AFTER_CLONING + AFTER_CLONING_SMOOTHING,
             last_guidance=LAST_GUIDANCE,
             updates=AFTER_CLONING,
             smoothing_updates=AFTER_CLONING_SMOOTHING,
@@ -274,7 +275,8 @@ class BaseTraining:
         if self._guide is None:
             return 0.0
         first, last = self.config.guidance, self.config.last_guidance
-        return last + (first - last) * max(0.0, 1 - self.agent.updates / max(1, self.config.guided_updates))
+        over = min(self.config.guided_updates, self.config.updates + self.config.smoothing_updates)
+        return last + (first - last) * max(0.0, 1 - self.agent.updates / max(1, over))
 
     def go_on(self, kept: Kept) -> None:
         """Be where an interrupted training was, with another buffer."""
@@ -308,7 +310,7 @@ class BaseTraining:
     def policy(self, *, averaged: bool = False) -> Policy:
         """The current policy with its critic; `averaged` takes the running average of the actor's weights."""
         policy = policy_of(self.agent, self.setup.name, self._average if averaged else None)
-        return replace(policy, held=self.guidance())
+        return replace(policy, held=self.config.last_guidance if self._guide else 0.0)
 
 
 def policy_of(agent: Td3Agent, setup: str, actor: torch.Tensor | None = None) -> Policy:

@@ -93,15 +93,16 @@ def diversity_gradient(actions: Floats, others: Sequence[Floats], goal_distance_
     return gradient
 
 
-def agent_of(policy: Policy, config: Td3Config, *, seed: int) -> Td3Agent:
-    """A learner that goes on from a policy's actor and critic. Raises LearningError if the policy has no critic."""
+def agent_of(policy: Policy, config: Td3Config, *, seed: int, updates: int) -> Td3Agent:
+    """A learner that goes on from a policy's actor and critic, by so many updates. Raises LearningError if the policy
+    has no critic."""
     if not policy.critic:
         raise LearningError("policy has no critic: training goes on only from a file that was saved with one")
     agent = Td3Agent(policy.shape, config, seed=seed)
     agent.actor.load_arrays(policy.actor)
     agent.critic.load_arrays(policy.critic)
     agent.synchronise_targets()
-    agent.actor_waits = CRITIC_ALONE if policy.held else 0
+    agent.actor_waits = min(CRITIC_ALONE, updates // 4) if policy.held else 0
     return agent
 
 
@@ -121,7 +122,7 @@ class _Member:
         )
         seed = config.seed * 1000 + k
         self.config = config
-        self.agent = agent_of(base, td3, seed=seed)
+        self.agent = agent_of(base, td3, seed=seed, updates=config.steps)
         self.average = self.agent.actor.flat.clone()
         self.shown = Parameters(base.shape.actor_layers(), trainable=False)
         self._buffer = ReplayBuffer(start.size + config.steps, setup.observation_size)
