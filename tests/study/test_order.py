@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 
@@ -10,18 +11,24 @@ from sqlalchemy import select
 
 from desirepath.jobs.answers import preferences_of
 from desirepath.jobs.context import JobContext
+from desirepath.learning.policies.shipped import load_queries
+from desirepath.learning.queries.queries import QuerySet
 from desirepath.report.choice_findings import describe_several
 from desirepath.report.tidy_tables import read_study
 from desirepath.store.dataset.writing import export_study
-from desirepath.store.models import Response, Session, TrajectoryRow, Trial
+from desirepath.store.erasure import erase_participant
+from desirepath.store.models import Participant, Response, Session, TrajectoryRow, Trial
 from desirepath.store.sides import is_answer_to_several
 from desirepath.store.snapshots import Snapshot, implied_choices, load_snapshot, take_snapshot
 from desirepath.study.personalising import next_query
 from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
+from desirepath.study.session.finding import acting
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.simulated.participant import Character
 from desirepath.study.studies import create_study
 from tests.study.small_protocol import small_protocol
+from tests.study.walking import GIVEN, Walker
 
 ORDER = {"order": {"view": "top_down", "count": 2, "of": 4}}
 BEST = {"order": {"view": "top_down", "count": 2, "of": 3, "ask": "best"}}
@@ -72,6 +79,40 @@ def test_who_cannot_have_watched_all_is_asked_to(walk):
     with pytest.raises(Refused, match="Watching all takes") as refused:
         walker.submit("order.order_01", {"order": [3, 1, 4, 2]})
     assert refused.value.code == "too_early"
+
+
+def test_what_was_rolled_back_or_erased_is_there_again_for_whoever_comes_next(database, files, tmp_path):
+    shipped = load_queries("study_room/queries_500")
+    one_for_all = tmp_path / "one.npz"
+    QuerySet(shipped.setup, shipped.queries[:1], {}).save(one_for_all)
+    stage = {"order": {"view": "top_down", "count": 1, "of": 5}}
+    frozen = small_protocol(tmp_path, [stage], query_set=str(one_for_all))
+    with database.transaction() as s:
+        study = create_study(s, files, frozen, name="Orders", created_by=None)
+
+    first = Walker(database, files, study)
+    with (
+        contextlib.suppress(ConnectionError),
+        acting(database, first.token, request="submit", now=first.now) as (s, session),
+    ):
+        machine.submit(s, files, session, "consent", GIVEN, request_id="lost", client_time=first.now, now=first.now)
+        raise ConnectionError
+    first.submit("consent", GIVEN)
+    with database.session() as s:
+        shown = set(s.scalars(select(Trial)).one().shown)
+        whose = s.scalars(select(Participant.id)).one()
+    erase_participant(database, files, whose, "experimenter")
+    with database.session() as s:
+        assert not shown <= set(s.scalars(select(TrajectoryRow.id))), "some were rolled out for nobody else"
+
+    second = Walker(database, files, study)
+    second.submit("consent", GIVEN)
+    second.later(60)
+    second.submit("order.order_01", {"order": [5, 4, 3, 2, 1]})
+    with database.session() as s:
+        assert set(s.scalars(select(Trial)).one().shown) == shown
+        assert shown <= set(s.scalars(select(TrajectoryRow.id)))
+    assert all(files.exists(one) for one in shown)
 
 
 def test_one_block_mixes_them_and_one_posterior_data_set_and_models_have_all(database, files, tmp_path, twenty_queries):

@@ -4,7 +4,9 @@ where these are too few what the setup's conditioned policy does there at differ
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,29 +26,48 @@ if TYPE_CHECKING:
 LONGEST_S = 12.0  # as of queries (`learning/queries/queries.py`), where the protocol's sample says nothing
 
 
-class Known(dict[tuple[str, int, float | None], list[str]]):
-    """What this process has found already, by query: the same for everybody, and a fifth of a second of rollouts."""
+KEPT = 256  # ours: queries of which this process remembers the rollouts
+
+
+class Known(OrderedDict[tuple[str, str, int, float | None], "Found"]):
+    """What this process has found already, by query set and query: the same for everybody, and a fifth of a second of
+    rollouts; the one that was asked for last is the last."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """stored: of the query set, by their ids. rolled_out: beside them; whether their rows are there is for the database
+    to say each time, as a transaction may be rolled back and a participant erased."""
+
+    stored: tuple[str, ...]
+    rolled_out: tuple[Trajectory, ...]
 
 
 def choose_drives(acting: Acting, query: str, trajectories: Sequence[str], of: int) -> list[str]:
     """Ids in the order of their numbers, which is the participant's own."""
-    known = acting.files.derive(Known)
-    key = query, of, acting.frozen.protocol.sample.longest_s
-    if key not in known:
-        known[key] = _find(acting, query, trajectories, of, key[2])
-    of_scene = known[key]
+    found = _find(acting, query, trajectories, of)
+    rows = save_trajectories(acting.s, acting.files, found.rolled_out)
+    of_scene = [*found.stored, *(row.id for row in rows)]
     random = np.random.default_rng([acting.session.seed, 53, acting.session.position])
     return [of_scene[i] for i in random.permutation(len(of_scene))]
 
 
-def _find(acting: Acting, query: str, trajectories: Sequence[str], of: int, longest_s: float | None) -> list[str]:
+def _find(acting: Acting, query: str, trajectories: Sequence[str], of: int) -> Found:
+    known = acting.files.derive(Known)
     set_id = row_of(acting.s, acting.session).protocol["materials"]["query_set"]
-    queries = queries_of(acting.s, acting.files, set_id, whole=False)
-    scene = next(one.scene_hash for one in queries if one.id == query)
-    beside = [id for q in queries if q.scene_hash == scene for id in (q.trajectory_a, q.trajectory_b)]
-    found = list(dict.fromkeys([*trajectories, *beside]))[:of]
-    several = fill_up([load_trajectory(acting.files, one) for one in found], of, longest_s)
-    return [*found, *(row.id for row in save_trajectories(acting.s, acting.files, several[len(found) :]))]
+    key = set_id, query, of, acting.frozen.protocol.sample.longest_s
+    found = known.pop(key, None)
+    if found is None:
+        queries = queries_of(acting.s, acting.files, set_id, whole=False)
+        scene = next(one.scene_hash for one in queries if one.id == query)
+        beside = [id for q in queries if q.scene_hash == scene for id in (q.trajectory_a, q.trajectory_b)]
+        stored = tuple(dict.fromkeys([*trajectories, *beside]))[:of]
+        several = fill_up([load_trajectory(acting.files, one) for one in stored], of, key[3])
+        found = Found(stored, tuple(several[len(stored) :]))
+    known[key] = found
+    while len(known) > KEPT:
+        known.popitem(last=False)
+    return found
 
 
 def fill_up(given: Sequence[Trajectory], of: int, longest_s: float | None = None) -> list[Trajectory]:
