@@ -184,6 +184,21 @@ def test_stages_in_an_order_that_makes_no_sense_are_refused(move, says):
 
 
 @pytest.mark.parametrize(
+    ("stage", "wrong"),
+    [
+        ({"order": {"view": "top_down", "count": 1}}, "stages[1].order"),
+        ({"block": BLOCK["block"] | {"orders": [{"count": 1}]}}, "stages[1].block.orders"),
+    ],
+)
+def test_an_order_needs_a_setup_in_which_a_policy_drives_in_several_ways(tmp_path, stage, wrong):
+    write_files(tmp_path)
+    freeze_text(protocol_text([stage]), folder=tmp_path)
+    with pytest.raises(ProtocolError, match="conditioned policy: ") as refused:
+        freeze_text(protocol_text([stage], query_set="home/queries_depth_12"), folder=tmp_path)
+    assert [error["field"] for error in refused.value.errors] == [wrong]
+
+
+@pytest.mark.parametrize(
     ("text", "line", "says"),
     [
         ("a: [1, 2\nb: 3", 2, "not valid YAML"),

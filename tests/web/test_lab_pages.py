@@ -19,14 +19,14 @@ from desirepath.learning.policies.shipped import load_queries
 from desirepath.learning.queries.queries import QuerySet
 from desirepath.store.artefacts import load_trajectory
 from desirepath.store.models import Base, Event, Participant, Response, Session, Study, Trial, utc_now
-from desirepath.store.query_sets import save_query_set
+from desirepath.store.query_sets import import_query_set, save_query_set
 from desirepath.study.protocol.freezing import freeze, freeze_text
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.studies import create_study
 from desirepath.web.application import create_application
 from desirepath.web.core.dependencies import Services
 from desirepath.web.lab import drafts, monitoring
-from desirepath.web.lab.preview import preview_steps
+from desirepath.web.lab.preview import example_query, preview_steps
 from desirepath.web.lab.protocol_cards import find_card, protocol_cards
 from desirepath.web.lab.study_rows import study_lines
 from tests.study.small_protocol import small_protocol
@@ -161,6 +161,26 @@ def test_query_set_made_here_is_previewed_and_opened_by_its_id(lab, lab_services
     assert STAGE_SHOWN in lab.get(f"/lab/studies/{study.id}/preview/{step}").text
     wrong = draft_of(lab, source="paste", yaml=yaml.replace(made, "c" * 64))
     assert f"{made}: 20 queries, seed 3" in lab.get(wrong).text
+
+
+def test_an_order_is_previewed_where_nothing_drives_in_other_ways_and_where_the_queries_are_gone(lab, lab_services):
+    with lab_services.database.transaction() as s:
+        made = import_query_set(s, lab_services.files, "home/queries_depth_12").id
+    order = "  - order: {view: top_down, count: 1, of: 4}\n  - block:"
+    yaml = QUICK.read_text(encoding="utf-8").replace("  - block:", order, 1)
+    draft = draft_of(lab, source="paste", yaml=yaml.replace("study_room/queries_varied_200", made))
+    frozen = freeze_text(yaml, folder=PROTOCOLS)
+    step = 1 + next(n for n, one in enumerate(preview_steps(frozen)) if one.kind == "order")
+    page = lab.get(f"{draft}/preview/{step}").text
+    assert STAGE_SHOWN in page
+    assert re.findall(r'data-drive="(\d)"', page) == ["1", "2"]
+    assert "needs a conditioned policy of home" in html.unescape(
+        lab.post(f"{draft}/open", data={"csrf": csrf(lab), "name": "x"}).text
+    )
+
+    lab_services.files.delete(made)
+    example_query.cache_clear()
+    assert 'data-durations="[]"' in lab.get(f"{draft}/preview/{step}").text
 
 
 def test_uploaded_texts_replace_the_shipped_ones_in_this_study_only(lab, lab_services):

@@ -11,12 +11,13 @@ from desirepath.grammar.questionnaires import Questionnaire
 from desirepath.grammar.skipping import problems_with
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.when import ItemWhen, When
-from desirepath.simulation.setups import setups_with
+from desirepath.simulation.setups import setup_folders, setups_with
 from desirepath.study.kinds.comparison import ComparisonStage
 from desirepath.study.kinds.comprehension import ComprehensionStage
 from desirepath.study.kinds.consent import ConsentStage
 from desirepath.study.kinds.feedback import Feedback
 from desirepath.study.kinds.live import LiveStage, crowd_setups
+from desirepath.study.kinds.order import OrderStage
 from desirepath.study.kinds.wait import EACH_SCENE, TrainStage
 from desirepath.study.plan.asked_queries import Needs
 from desirepath.study.plan.counterbalancing import design_of
@@ -38,6 +39,19 @@ def problems_across(
     yield from _conditions(protocol, source)
     yield from _references(protocol, questionnaires, source)
     yield from _checks(protocol, questionnaires, source)
+
+
+def order_problems(protocol: Protocol, source: Source) -> Iterator[Problem]:
+    """Orders of a shipped query set whose setup has no policy that drives in other ways; of any other set opening a
+    study says so."""
+    asked_in, driven = (protocol.query_set or "").partition("/")[0], setups_with("conditioned")
+    if asked_in in driven or asked_in not in setup_folders():
+        return
+    for index, entry in enumerate(protocol.stages):
+        below = ("orders",) if getattr(entry.stage, "orders", ()) else ()
+        if below or isinstance(entry.stage, OrderStage):
+            message = f"needs a query set of a setup with a conditioned policy: {', '.join(driven)}"
+            yield source.problem(("stages", index, entry.kind, *below), message)
 
 
 def _headset(protocol: Protocol, source: Source) -> Iterator[Problem]:

@@ -28,7 +28,7 @@ from desirepath.study.kinds.demonstration import DemonstrationsStage
 from desirepath.study.kinds.evaluation import EvaluationStage
 from desirepath.study.kinds.wait import TrainStage
 from desirepath.study.protocol.analysis_checks import analysis_problems
-from desirepath.study.protocol.checking import problems_across
+from desirepath.study.protocol.checking import order_problems, problems_across
 from desirepath.study.protocol.headset_words import head_problems, headset_warnings
 from desirepath.study.protocol.reading import Read, Reader, check_size, too_long, valid_part
 from desirepath.study.protocol.schema import Protocol, all_questionnaires, all_texts, fill_in
@@ -220,6 +220,7 @@ def _frozen(text: str, file: str, read: Read, sets: Sets | None = None, *, in_pa
     else:
         across = [*problems_across(protocol, questionnaires, source)]
         across += analysis_problems(protocol, questionnaires, source) if new else ()
+        across += order_problems(protocol, source) if new else ()
         across += head_problems(protocol, reader.files, source) if new else ()
         problems += [one for one in across if one.field.startswith("stages[") or not in_part]
     if problems:

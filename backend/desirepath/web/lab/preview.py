@@ -13,6 +13,7 @@ from starlette.responses import Response
 
 from desirepath.explain.shown_explanation import Scores, ShownAttention, ShownExplanation, is_of_people
 from desirepath.grammar.words import LABEL_S
+from desirepath.simulation.setups import setups_with
 from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import SHA256, ArtefactError, ArtefactStore
 from desirepath.store.models import Study
@@ -215,7 +216,7 @@ def _preview_page(
         payload["things"] = list(query.things)
     several: tuple[Trajectory, ...] = ()
     if query is not None and isinstance(step, OrderStep) and not query.videos:
-        several = tuple(fill_up([query.a, query.b], step.of))
+        several = _several(query, step.of, frozen.protocol.sample.longest_s)
         payload |= {"of": len(several), "durations_s": [one.duration_s for one in several]}
     if payload.get("return_url") and not request.state.sign_in.may(Right.TAKE, study_id):
         payload["return_url"] = REMOVED["return_url"]  # a fixed completion code may stand in it
@@ -249,6 +250,13 @@ def _preview_page(
         durations=_durations(step, query),
         csrf=request.state.sign_in.csrf,
     )
+
+
+def _several(query: Example, of: int, longest_s: float | None) -> tuple[Trajectory, ...]:
+    """So many of the query's scene; its two alone where no policy drives there in other ways, which opening a study
+    refuses."""
+    pair = [query.a, query.b]
+    return tuple(fill_up(pair, of, longest_s) if query.a.scene.setup in setups_with("conditioned") else pair)
 
 
 def _durations(step: Step, query: Example | None) -> list[float]:
