@@ -173,6 +173,7 @@ STEPS: dict[str, dict[str, Any]] = {
         "longest": 300,
         "least": 1,
         "most": 12,
+        "most_changes": 400,
     },
     "feedback": {
         "setup": "study_room",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from playwright.sync_api import Browser, Route, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from desirepath.learning.rules.rule import Rule
 from desirepath.study.personalising import rule_pictures
@@ -86,4 +86,100 @@ def test_a_rule_is_told_drawn_ordered_and_seen_obeyed_and_broken(chromium: Brows
         *("told", "told", "drawn", "revoked", "told", "told", "moved", "off"),
     ]
     assert value["picked"][0] == {"rule": 0, "place": 0, "side": "a"}
+    page.close()
+
+
+def opened(page: Page, pages: str) -> None:
+    page.route("**/live/*/rules", answered)
+    page.goto(f"{pages}/step/rules")
+    ready(page)
+
+
+def ready(page: Page) -> None:
+    expect(page.locator(".step-body[data-live]")).to_be_attached()
+    room_says(page, "ready")
+
+
+def tell(page: Page, sentence: str) -> None:
+    page.locator("#rules-sentence").fill(sentence)
+    page.locator("[data-tell][aria-disabled=false]").click()
+    expect(page.locator("#rules-sentence")).to_have_value("")
+
+
+def test_nothing_beside_an_open_pair_tells_which_way_keeps_the_rule(chromium: Browser, pages: str) -> None:
+    page = chromium.new_page()
+    opened(page, pages)
+    tell(page, "When I walk, keep behind me")
+    tell(page, "In the kitchen go slower")
+    expect(page.locator("[data-card] > .floor-picture .way")).to_have_count(2)
+    page.locator("[data-does='look-0']").click()
+    expect(page.locator(".rule-pair .way")).to_have_count(2)
+    expect(page.locator("[data-card] > .floor-picture .way")).to_have_count(0)
+    expect(page.locator("[data-card='0'] .zone")).to_have_count(0)
+    expect(page.locator("[data-drive]")).to_have_attribute("aria-disabled", "true")
+    shown = "[...document.querySelectorAll('.rule-pair svg')].map((one) => one.outerHTML)"
+    before = page.evaluate(shown)
+
+    page.locator("[data-does='down-0']").click()
+    page.locator("[data-card='1'] [data-does='pick-a-1']").wait_for()
+    assert page.evaluate(shown) == before
+    page.reload()
+    ready(page)
+    expect(page.locator(".rule-pair .way")).to_have_count(2)
+    assert page.evaluate(shown) == before
+    expect(page.locator("[data-drive]")).to_have_attribute("aria-disabled", "true")
+
+    page.locator("[data-does='pick-b-1']").click()
+    expect(page.locator("[data-card] > .floor-picture .way")).to_have_count(2)
+    expect(page.locator("[data-drive]")).to_have_attribute("aria-disabled", "false")
+    page.locator("[data-does='pick-a-1']").click(force=True)
+    expect(page.locator("[data-does='pick-b-1']")).to_have_attribute("aria-pressed", "true")
+    page.close()
+
+
+def test_the_rule_that_is_edited_is_changed_wherever_it_was_moved(chromium: Browser, pages: str) -> None:
+    page = chromium.new_page()
+    opened(page, pages)
+    tell(page, "When I sit, keep behind me")
+    tell(page, "In the kitchen go slower")
+    page.locator("[data-does='edit-0']").click()
+    page.locator("[data-does='down-0']").click()
+    tell(page, "When I sit, keep your distance")
+    words = page.locator(".rule-words")
+    expect(words.nth(0)).to_contain_text("In the kitchen go slower")
+    expect(words.nth(1)).to_contain_text("When I sit, keep your distance")
+    page.close()
+
+
+def test_keys_that_draw_one_zone_are_one_change_and_a_refused_answer_loses_nothing(
+    chromium: Browser, pages: str
+) -> None:
+    page = chromium.new_page()
+    sent: list[dict[str, Any]] = []
+
+    def refused(route: Route) -> None:
+        sent.append(json.loads(route.request.post_data or "{}"))
+        route.fulfill(status=422, json={"detail": {"code": "bad_value"}})
+
+    page.route("**/steps/*", refused)
+    opened(page, pages)
+    tell(page, "When I sit, keep behind me")
+    tell(page, "Not here")
+    for _ in range(5):
+        page.locator("[data-card='1'] .drawable").press("ArrowUp")
+    page.locator("[data-does='down-0']").click()
+    for number in range(2):
+        page.locator(f"[data-does='look-{number}']").click()
+        page.locator(f"[data-card='{number}'] [data-does='look-{number}']").wait_for(state="detached")
+        neither = page.locator(f"[data-does='pick-neither-{number}']")
+        if neither.count():
+            neither.click()
+    page.locator("[data-done][aria-disabled=false]").click()
+    expect(page.locator("#banner")).to_be_visible()
+    history = sent[0]["value"]["history"]
+    assert [change["do"] for change in history] == ["told", "told", "drawn", "moved"]
+    assert (history[-1]["rule"], history[-1]["to"]) == (0, 1)
+    page.reload()
+    ready(page)
+    expect(page.locator("[data-card]")).to_have_count(2)
     page.close()

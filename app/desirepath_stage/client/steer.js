@@ -199,7 +199,7 @@
         walked = message.person ?? null;
         if (!goesOn) {
           driving = false;
-          place();
+          if (paths.length) place(); // without any, the robots stay where they are
         }
         if (!running) {
           running = true;

@@ -276,22 +276,23 @@ async function answer(key, kind, value) {
   const sent = { request_id: newRequestId(), kind, value, client_time: new Date().toISOString() };
   const body = /** @type {import("./contract.js").AnswerSent} */ (sent);
   keep.hold({ url, body });
-  await deliver(url, body);
-  keep.forget(key);
+  if (await deliver(url, body)) keep.forget(key);
 }
 
-/** @param {string} url @param {object} body */
+/** @param {string} url @param {object} body @returns {Promise<boolean>} whether it was accepted */
 async function deliver(url, body) {
   try {
     /** @type {import("./contract.js").Answered} */
     const answered = await send(url, body);
     keep.release();
     await follow(answered);
+    return true;
   } catch (error) {
     if (!(error instanceof Refused)) throw error;
     keep.release();
     showBanner(say("refused"), 6000);
     await refresh();
+    return false;
   }
 }
 

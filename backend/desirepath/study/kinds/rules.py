@@ -70,7 +70,7 @@ class RulesStep(LiveStep):
 
 class RuleChange(BaseModel):
     """One thing was done. seconds: since the page was opened; rule: its place in the list, from 0, before it was done;
-    words: the sentence of what was told or edited."""
+    words: the sentence of what was told or edited; to: its place after it was moved."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
@@ -78,6 +78,7 @@ class RuleChange(BaseModel):
     do: Literal["told", "edited", "answered", "drawn", "moved", "off", "on", "revoked"]
     rule: int = Field(ge=0, lt=MOST_RULES)
     words: Sentence = ""
+    to: int | None = Field(None, ge=0, lt=MOST_RULES)
 
 
 class Picked(BaseModel):
@@ -114,7 +115,8 @@ class Rules(LiveKind[RulesStep, RulesAnswer]):
         "less), zones (where the robot must not drive; drawn ones in metres of a place), on (false: switched off)",
         "read": "for each rule whether it stands as its sentence was read, without an answer or a drawing",
         "history": "every change in order: seconds since the page was opened, do (told, edited, answered: asked back, "
-        "drawn, moved, off, on, revoked), rule: its place in the list, words: the sentence",
+        "drawn, moved, off, on, revoked), rule: its place in the list, words: the sentence, "
+        "to: where it was moved",
         "edits": "how many of these came after a rule was told, switching on and off apart",
         "picked": "for each rule that was shown obeyed and broken: place, and whether the picture picked as meant was "
         "the obeyed one (obeyed, broken, neither)",
@@ -130,7 +132,8 @@ class Rules(LiveKind[RulesStep, RulesAnswer]):
         stage = page.stage_of(step, RulesStage)
         asked = local(stage.question, page.language) if stage is not None and stage.question else None
         shown = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": []}
-        return shown | {"question": asked, "longest": LONGEST, "least": step.least, "most": MOST_RULES}
+        bounds = {"longest": LONGEST, "least": step.least, "most": MOST_RULES, "most_changes": MOST_CHANGES}
+        return shown | bounds | {"question": asked}
 
     def check(self, step: RulesStep, answer: RulesAnswer, page: Page) -> dict[str, Any]:
         from desirepath.learning.rules.reading import read_rule

@@ -15,7 +15,7 @@ import { Refused } from "../send.js";
  * @typedef {object} Card
  * @property {Rule} rule
  * @property {RuleAsked[]} asked what is still open
- * @property {{place: number, a: number[][], b: number[][]} | null} [pair] obeyed and broken, in an order by lot
+ * @property {{place: number, floor: RulesReply["floor"], a: number[][], b: number[][]} | null} [pair] obeyed and broken, in an order by lot
  * @property {boolean} [seen] whether such a pair was looked for
  * @property {"a" | "b" | "neither" | null} [picked]
  */
@@ -41,7 +41,7 @@ class Telling extends LivePanel {
     this.ordered = /** @type {any} */ (needs.kept?.ordered) ?? [];
     /** @type {RulesReply | null} */
     this.reply = null;
-    /** Which card's sentence is in the field. @type {number | null} */
+    /** The card whose sentence is in the field; cards stay the same objects while they are moved. @type {Card | null} */
     this.editing = null;
     this.reading = false;
     this.opened = performance.now();
@@ -57,9 +57,12 @@ class Telling extends LivePanel {
     return this.cards.map((card) => card.rule);
   }
 
-  /** @param {Record<string, unknown>} change */
+  /** Strokes and key presses in a row that draw one rule's zone are one change. @param {{do: string, rule: number, [more: string]: unknown}} change */
   did(change) {
-    this.history.push({ seconds: (performance.now() - this.opened) / 1000, ...change });
+    const last = /** @type {typeof change | undefined} */ (this.history.at(-1));
+    if (change.do === "drawn" && last?.do === "drawn" && last.rule === change.rule) this.history.pop();
+    const done = { seconds: (performance.now() - this.opened) / 1000, ...change };
+    if (this.history.length < Number(this.root.dataset.mostChanges)) this.history.push(done);
     this.note();
     this.want();
   }
@@ -78,12 +81,36 @@ class Telling extends LivePanel {
       if (this.over || place !== this.place || request < this.newest) return;
       this.newest = request;
       this.reply = reply;
-      this.draw({ place, why: [], paths: [reply.path] }, false, null);
+      if (this.blind) this.rest();
+      else this.draw({ place, why: [], paths: [reply.path] }, false, null);
       this.list();
     } catch (error) {
       if (!(error instanceof Refused)) throw error;
       await this.needs.refresh();
     }
+  }
+
+  /** Whether a pair is open: what else is drawn must not tell which of the two keeps the rule. */
+  get blind() {
+    return this.cards.some((card) => this.isOpen(card));
+  }
+
+  /** @param {Card} card */
+  isOpen({ pair, picked }) {
+    return Boolean(pair) && !picked;
+  }
+
+  /** No way is drawn on the stage, and none is driven. */
+  rest() {
+    this.driving = false;
+    this.paths = null;
+    this.orders += 1;
+    /** @type {import("../contract.js").PathsMessage} */
+    const order = { do: "paths", id: String(this.orders), onward: false, since: null, paths: [], legend: [] };
+    this.tell({ type: "steer", ...order });
+    this.text("#live-way", this.own("rules.choose_first"));
+    this.root.querySelector("#live-way")?.removeAttribute("data-attention");
+    this.show();
   }
 
   show() {
@@ -128,7 +155,7 @@ class Telling extends LivePanel {
 
   async tell1() {
     const sentence = this.field.value.trim();
-    const at = this.editing ?? this.cards.length;
+    const old = this.editing;
     this.reading = true;
     this.show();
     try {
@@ -136,11 +163,12 @@ class Telling extends LivePanel {
       const { read } = await this.needs.post("rules", { rules: [], place: this.place, sentence });
       if (this.over || !read) return;
       const card = { rule: /** @type {Rule} */ (read.rule), asked: read.asked.filter((one) => one.about !== "place") };
-      this.cards.splice(at, this.editing === null ? 0 : 1, card);
-      const done = this.editing === null ? "told" : "edited";
-      this.editing = null;
+      const place = old ? this.cards.indexOf(old) : -1; // it may have been moved or removed meanwhile
+      const at = place < 0 ? this.cards.length : place;
+      this.cards.splice(at, 1, card);
+      if (this.editing === old) this.editing = null;
       this.field.value = "";
-      this.did({ do: done, rule: at, words: sentence });
+      this.did({ do: place < 0 ? "told" : "edited", rule: at, words: sentence });
       this.list();
       this.root.querySelector(`[data-card="${at}"]`)?.scrollIntoView({ block: "nearest" });
     } finally {
@@ -149,12 +177,11 @@ class Telling extends LivePanel {
     }
   }
 
-  /** A rule was changed by its card. @param {number} at @param {Partial<Rule>} to @param {Record<string, unknown>} change */
-  put(at, to, change) {
-    const card = this.cards[at];
+  /** A rule was changed by its card. @param {Card} card @param {Partial<Rule>} to @param {{do: string}} change */
+  put(card, to, change) {
     const same = "on" in to;
-    this.cards[at] = { ...card, rule: { ...card.rule, ...to }, ...(same ? {} : { pair: null, seen: false, picked: null }) };
-    this.did({ rule: at, ...change });
+    Object.assign(card, { rule: { ...card.rule, ...to } }, same ? {} : { pair: null, seen: false, picked: null });
+    this.did({ rule: this.cards.indexOf(card), ...change });
     this.list();
     this.show();
   }
@@ -164,7 +191,7 @@ class Telling extends LivePanel {
     if (to < 0 || to >= this.cards.length) return;
     const [card] = this.cards.splice(at, 1);
     this.cards.splice(to, 0, card);
-    this.did({ do: "moved", rule: at });
+    this.did({ do: "moved", rule: at, to });
     this.list();
     this.show();
   }
@@ -212,34 +239,35 @@ class Telling extends LivePanel {
     const shown = this.reply?.shown[at];
     if (this.reply && shown) item.append(this.picture(card, at, this.reply, shown));
     for (const label of shown?.unavailable ?? []) item.append(this.paragraph("rule-note", this.own("rules.unavailable", { what: this.label(label) })));
-    for (const asked of card.asked) item.append(this.question(asked, at));
+    for (const asked of card.asked) item.append(this.question(asked, card, at));
     const last = this.cards.length - 1;
     const actions = document.createElement("div");
     actions.className = "rule-actions";
     actions.append(
-      this.button("rules.edit", `edit-${at}`, () => this.edit(at)),
+      this.button("rules.edit", `edit-${at}`, () => this.edit(card)),
       this.button("rules.up", `up-${at}`, () => this.move(at, at - 1), at === 0),
       this.button("rules.down", `down-${at}`, () => this.move(at, at + 1), at === last),
-      this.button(rule.on ? "rules.off" : "rules.on", `on-${at}`, () => this.put(at, { on: !rule.on }, { do: rule.on ? "off" : "on" })),
-      this.button("rules.remove", `remove-${at}`, () => this.remove(at)),
+      this.button(rule.on ? "rules.off" : "rules.on", `on-${at}`, () => this.put(card, { on: !rule.on }, { do: rule.on ? "off" : "on" })),
+      this.button("rules.remove", `remove-${at}`, () => this.remove(card)),
     );
     item.append(actions);
     if (this.isComplete(card)) item.append(this.looked(card, at));
     return item;
   }
 
-  /** @param {number} at */
-  edit(at) {
-    this.editing = at;
-    this.field.value = this.cards[at].rule.words;
+  /** @param {Card} card */
+  edit(card) {
+    this.editing = card;
+    this.field.value = card.rule.words;
     this.field.focus();
     this.show();
   }
 
-  /** @param {number} at */
-  remove(at) {
+  /** @param {Card} card */
+  remove(card) {
+    const at = this.cards.indexOf(card);
     this.cards.splice(at, 1);
-    this.editing = null;
+    if (this.editing === card) this.editing = null;
     this.did({ do: "revoked", rule: at });
     this.list();
   }
@@ -272,8 +300,9 @@ class Telling extends LivePanel {
   /** @param {Card} card @param {number} at @param {RulesReply} reply @param {RuleShown} shown */
   picture(card, at, reply, shown) {
     const label = this.own("rules.picture", { then: this.then(card.rule) });
-    const svg = floorPicture(reply.floor, { zones: shown.zones, holds: shown.holds_in, path: points(reply.path.track), label });
     const zone = card.rule.zones.findIndex(({ kind }) => kind === "here");
+    const zones = this.isOpen(card) && zone < 0 ? [] : shown.zones; // who drew one knows where it is
+    const svg = floorPicture(reply.floor, { zones, holds: shown.holds_in, path: this.blind ? [] : points(reply.path.track), label });
     if (zone < 0) return svg;
     const drawn = card.rule.zones[zone].drawn ?? null;
     const box = document.createElement("div");
@@ -284,7 +313,7 @@ class Telling extends LivePanel {
     /** @param {number} x @param {number} y @param {number} length @param {number} width */
     const set = (x, y, length, width) => {
       const zones = card.rule.zones.map((one, k) => (k === zone ? { ...one, drawn: { x, y, yaw: 0, length, width, place: this.place } } : one));
-      this.put(at, { zones }, { do: "drawn" });
+      this.put(card, { zones }, { do: "drawn" });
     };
     /** @type {[number, number] | null} */
     let from = null;
@@ -310,16 +339,16 @@ class Telling extends LivePanel {
     return box;
   }
 
-  /** @param {RuleAsked} asked @param {number} at */
-  question(asked, at) {
+  /** @param {RuleAsked} asked @param {Card} card @param {number} at */
+  question(asked, card, at) {
     const box = document.createElement("div");
     box.className = "words-question";
     box.append(this.paragraph("rule-note", this.own(`rules.asked.${asked.about}`, { words: asked.text })));
-    const { rule } = this.cards[at];
+    const { rule } = card;
     /** @param {Partial<Rule>} to */
     const settle = (to) => {
-      this.cards[at].asked = this.cards[at].asked.filter((one) => one !== asked);
-      this.put(at, to, { do: "answered" });
+      card.asked = card.asked.filter((one) => one !== asked);
+      this.put(card, to, { do: "answered" });
     };
     for (const objective of asked.offered) {
       const button = this.button("rules.none", `meant-${at}-${objective}`, () => settle({ wishes: [...rule.wishes, { objective, more: true }] }));
@@ -327,7 +356,7 @@ class Telling extends LivePanel {
       box.append(button);
     }
     if (asked.about === "context") box.append(this.button("rules.always_then", `always-${at}`, () => settle({})));
-    box.append(this.button("rules.edit", `reword-${at}`, () => this.edit(at)));
+    box.append(this.button("rules.edit", `reword-${at}`, () => this.edit(card)));
     return box;
   }
 
@@ -352,64 +381,60 @@ class Telling extends LivePanel {
 
   // ---- obeyed and broken ---------------------------------------------------------------------------------------------
 
-  /** @param {Card} card @param {number} at */
+  /** Both pictures without zones, and the first choice stands: afterwards the way that keeps the rule is drawn. @param {Card} card @param {number} at */
   looked(card, at) {
     const box = document.createElement("div");
     box.className = "rule-pair";
     if (!card.seen) {
-      box.append(this.button("rules.look", `look-${at}`, () => void this.look(at)));
+      box.append(this.button("rules.look", `look-${at}`, () => void this.look(card)));
       return box;
     }
-    if (!card.pair || !this.reply) {
+    const { pair } = card;
+    if (!pair) {
       box.append(this.paragraph("rule-note", this.own("rules.no_difference")));
       return box;
     }
     box.append(this.paragraph("rule-note", this.own("rules.which")));
-    for (const side of /** @type {const} */ (["a", "b"])) {
-      const button = this.button("rules.none", `pick-${side}-${at}`, () => this.pick(at, side));
-      const label = this.own("rules.picture_of", { letter: side.toUpperCase() });
-      const zones = this.reply.shown[at]?.zones ?? [];
-      const here = card.pair.place === this.place;
-      button.replaceChildren(floorPicture(this.floors[card.pair.place] ?? this.reply.floor, { zones: here ? zones : this.zones[at] ?? [], path: card.pair[side], label, near: true }), side.toUpperCase());
+    /** @param {"a" | "b" | "neither"} side */
+    const choice = (side) => {
+      const button = this.button("rules.neither", `pick-${side}-${at}`, () => this.pick(card, side), Boolean(card.picked));
       button.setAttribute("aria-pressed", String(card.picked === side));
       box.append(button);
+      return button;
+    };
+    for (const side of /** @type {const} */ (["a", "b"])) {
+      const label = this.own("rules.picture_of", { letter: side.toUpperCase() });
+      choice(side).replaceChildren(floorPicture(pair.floor, { path: pair[side], label, near: true }), side.toUpperCase());
     }
-    const neither = this.button("rules.neither", `pick-neither-${at}`, () => this.pick(at, "neither"));
-    neither.setAttribute("aria-pressed", String(card.picked === "neither"));
-    box.append(neither);
+    choice("neither");
     return box;
   }
 
-  /** Floors of places, and rules' zones in the place of their pair. @type {Record<number, RulesReply["floor"]>} */
-  floors = {};
-  /** @type {Record<number, number[][][]>} */
-  zones = {};
-
-  /** Finds a place in which the rule makes a difference. @param {number} at */
-  async look(at) {
-    const { rule } = this.cards[at];
+  /** Finds a place in which the rule makes a difference. @param {Card} card */
+  async look(card) {
+    const { rule } = card;
     const order = Array.from({ length: this.places }, (_, k) => (this.place + k) % this.places);
     for (const place of order) {
       /** @type {RulesReply} */
-      const { pair, floor, shown } = await this.needs.post("rules", { rules: this.rules, place, check: at });
-      if (this.over || this.cards[at]?.rule !== rule) return;
-      this.floors[place] = floor;
-      this.zones[at] = shown[at].zones;
-      this.cards[at].seen = true;
+      const { pair, floor } = await this.needs.post("rules", { rules: this.rules, place, check: this.cards.indexOf(card) });
+      if (this.over || !this.cards.includes(card) || card.rule !== rule) return;
       if (pair) {
-        this.cards[at].pair = { place, a: points(pair[0].track), b: points(pair[1].track) };
+        card.pair = { place, floor, a: points(pair[0].track), b: points(pair[1].track) };
         break;
       }
     }
+    card.seen = true;
+    if (card.pair) this.rest();
     this.note();
     this.list();
   }
 
-  /** @param {number} at @param {"a" | "b" | "neither"} side */
-  pick(at, side) {
-    this.cards[at].picked = side;
+  /** @param {Card} card @param {"a" | "b" | "neither"} side */
+  pick(card, side) {
+    card.picked = side;
     this.note();
     this.list();
+    this.want(); // its way may be drawn now
   }
 
   // ---- the panel -----------------------------------------------------------------------------------------------------
