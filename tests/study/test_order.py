@@ -165,6 +165,14 @@ def test_one_block_mixes_them_and_one_posterior_data_set_and_models_have_all(dat
         ({"groups": [[1], [3, 2]], "ask": "groups"}, True),
         ({"groups": [[1], [3, 4]], "ask": "groups"}, False),
         ({"choice": "a"}, False),
+        ({"order": [[1], [2], [3]], "ask": "order"}, False),
+        ({"order": [True, 2, 3], "ask": "order"}, False),
+        ({"order": [1.0, 2, 3], "ask": "order"}, False),
+        ({"order": [2, 1, 3]}, False),
+        ({"groups": 5, "ask": "groups"}, False),
+        ({"groups": [1, 2, 3], "ask": "groups"}, False),
+        ({"groups": None, "order": [2, 1, 3], "ask": "order"}, False),
+        ({"groups": [[1], [3, 2]], "ask": "order"}, False),
     ],
 )
 def test_what_was_imported_is_an_answer_only_where_it_can_be(value, fits):

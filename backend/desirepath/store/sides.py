@@ -29,13 +29,21 @@ def chosen_and_rejected(choice: Side, trajectory_a: str, trajectory_b: str) -> t
 
 
 def is_answer_to_several(value: Mapping[str, Any], count: int) -> bool:
-    """Whether a stored answer puts so many trajectories, numbered from 1, in order or into piles, or picks the best."""
-    piles = value.get("groups")
-    said = value.get("order") if piles is None else [n for pile in piles for n in pile]
-    wanted = 1 if value.get("ask") == "best" else count
-    if not isinstance(said, list) or not len(said) == len(set(said)) == wanted:
+    """Whether a stored answer puts so many trajectories, numbered from 1, in order or into piles, or picks the best;
+    what was imported may say anything."""
+    ask = value.get("ask")
+    if ask not in ("order", "best", "groups"):
         return False
-    return set(said) <= set(range(1, count + 1))
+    field = "groups" if ask == "groups" else "order"
+    if value.keys() & {"groups", "order"} != {field}:
+        return False
+    piles = value[field] if ask == "groups" else [value[field]]
+    if not isinstance(piles, list) or not all(isinstance(pile, list) for pile in piles):
+        return False
+    said = [number for pile in piles for number in pile]
+    if not all(type(number) is int for number in said):  # True is an int, too
+        return False
+    return len(said) == len(set(said)) == (1 if ask == "best" else count) and set(said) <= set(range(1, count + 1))
 
 
 def is_tie(value: Mapping[str, Any]) -> bool:
