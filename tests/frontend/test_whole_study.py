@@ -352,6 +352,7 @@ def test_several_drives_are_watched_in_turn_and_put_in_order_by_their_numbers(st
     expect(page.locator("#live")).to_have_text("Still open: 1.")
     page.locator("[data-play='3']").press("Enter")
     expect(page.locator("#playing-number")).to_have_text("3")
+    page.keyboard.press("Backspace")  # what was said stands while something plays
     room_says(page, "moved", poses=[[0, 0, 0]], clocks=[3], over=True)
     page.keyboard.press("3")
     expect(page.locator("#live")).to_have_text("Drive 3: place 3 All is said: press Continue.")

@@ -43,7 +43,7 @@ class Orders(Part):
     of: int = Field(4, ge=FEWEST, le=MOST)
     ask: Ask = "order"
     piles: int = Field(3, ge=2, le=PILES)
-    question: Localized | None = Field(None, description="default: which one they would rather live with")
+    question: Localized | None = Field(None, description="default: which one they like best")
 
     def seconds_each(self, pace: Pace) -> float:
         """How long one takes."""

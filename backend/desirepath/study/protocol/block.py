@@ -29,10 +29,9 @@ class BlockStage(Crossed, PagesAround):
     queries, the same ones, with the sides kept, in an order of each one's own. before, after: pages of every condition;
     between: pages between two conditions. attention_checks: so many pages among the regular trials of each condition
     that say which letter to press (a preference has no wrong answer). answers: what may be said besides A or B.
-    orders: several
-    trajectories of a scene to put in order, among the regular trials at places drawn by lot. feedback: after every
-    regular answer, how the robot would drive now; a condition of its own, which a study with anything blind cannot
-    have.
+    orders: several trajectories of a scene to put in order, among the regular trials at places drawn by lot. feedback:
+    after every regular answer, how the robot would drive now; a condition of its own, which a study with anything blind
+    cannot have.
     """
 
     model_config = an_example({"view": "top_down", "trials": [{"queries": {"count": 15}}]})

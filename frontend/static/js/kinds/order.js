@@ -148,7 +148,7 @@ class Order extends StageBar {
   }
 
   undo() {
-    if (!this.ranking.length || this.busy || this.fixed) return;
+    if (!this.choosing || !this.ranking.length || this.busy || this.fixed) return;
     this.changed(/** @type {number} */ (this.ranking.pop()));
   }
 
