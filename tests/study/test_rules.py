@@ -8,13 +8,14 @@ import json
 import pytest
 
 from desirepath.learning.rules.reading import read_rule
+from desirepath.report import tidy_tables
 from desirepath.report.findings import analyse
 from desirepath.report.tidy_tables import read_folder
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.erasure import erase_participant
 from desirepath.store.models import Participant, Response
 from desirepath.study.kinds.rules import SPOKEN, obeyed_side
-from desirepath.study.personalising.rule_pictures import paths_of, picture, read
+from desirepath.study.personalising.rule_pictures import driven_by, paths_of, picture, read
 from desirepath.study.refusals import Refused
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.simulated.participant import Character
@@ -82,6 +83,18 @@ def test_a_page_is_shown_where_a_rule_applies_and_both_ways():
     assert read("Not here", "en")["asked"] == [{"about": "place", "text": "here", "offered": []}]
 
 
+def test_the_same_rule_in_other_words_is_driven_once():
+    one = read_rule(FRONT, "en").rule
+    assert driven_by([one], 0) is driven_by([one.model_copy(update={"words": "Mind my knees"})], 0)
+
+
+def test_what_an_imported_data_set_has_that_is_no_rule_is_passed_over():
+    value = {"rules": [{"whenever": []}, rule(FRONT)], "read": [False, True], "picked": [], "edits": 0}
+    row = {"kind": "rules", "value": value, "session": "s", "step": "rules", "participant": "p"}
+    (told,) = tidy_tables._told_rules([row], {})
+    assert ([one.words for one in told.rules], told.read) == ([FRONT], [True])
+
+
 def test_simulated_participants_tell_rules_which_are_exported_and_erased(database, files, tmp_path, twenty_queries):
     frozen = small_protocol(tmp_path, [RULES, BLOCK], query_set=str(twenty_queries))
     with database.transaction() as s:
@@ -96,6 +109,7 @@ def test_simulated_participants_tell_rules_which_are_exported_and_erased(databas
     assert found is not None
     assert (found.people, found.told.n) == (2, 2)
     assert 0 < found.obeyed.mean <= 1
+    assert 0 < found.arrived.mean <= 1
     with database.session() as s:
         people = [one.id for one in s.query(Participant).all()]
     for person in people:

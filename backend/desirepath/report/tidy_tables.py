@@ -11,6 +11,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
@@ -157,14 +158,27 @@ def _told_rules(responses: Sequence[Row], plans: Mapping[str, Sequence[Row]]) ->
         if row["kind"] == "rules":
             value = row["value"]
             step = next((one for one in plans.get(row["session"], ()) if one["key"] == row["step"]), {})
+            read = [
+                (known, own)
+                for told, own in zip(value["rules"], value["read"], strict=False)
+                if (known := _known(told))
+            ]
             yield ToldRules(
                 row["participant"],
-                tuple(Rule.model_validate(rule) for rule in value["rules"]),
-                value["read"],
+                tuple(rule for rule, _ in read),
+                [own for _, own in read],
                 [one["shown"] for one in value["picked"]],
                 value["edits"],
                 int(step.get("scenes", 1)),
             )
+
+
+def _known(rule: Any) -> Rule | None:
+    """None of what is no rule here: an imported data set may be of another version."""
+    try:
+        return Rule.model_validate(rule)
+    except ValidationError:
+        return None
 
 
 def _degrees(tables: Tables) -> Iterator[Degree]:

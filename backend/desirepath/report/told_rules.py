@@ -9,7 +9,7 @@ from functools import lru_cache
 from desirepath.analysis.intervals import end_at_scale
 from desirepath.analysis.tested import Mean, mean_of
 from desirepath.explain.printed import Section
-from desirepath.learning.rules.rule import Rule
+from desirepath.learning.rules.rule import Rule, acted_on
 from desirepath.report.report_cells import interval_cell, number_words, table_section
 from desirepath.report.study_data import ToldRules
 
@@ -18,13 +18,15 @@ from desirepath.report.study_data import ToldRules
 class OfRules:
     """Over people. told: rules of a person; as_read: share that stand as their sentence was read; as_meant: of the
     rules that were shown obeyed and broken, the share whose obeyed picture was picked; obeyed: share of the steps in
-    which a rule holds (rolled out in the step's homes); edits: changes after telling."""
+    which a rule holds, arrived: share of the drives that reach their goal (rolled out in the step's homes: who stands
+    still or collides obeys a zone, too); edits: changes after telling."""
 
     people: int
     told: Mean
     as_read: Mean
     as_meant: Mean
     obeyed: Mean
+    arrived: Mean
     edits: Mean
 
 
@@ -34,29 +36,32 @@ def summarise_rules(told: Sequence[ToldRules]) -> OfRules | None:
     if not some:
         return None
     picked = [[shown == "obeyed" for shown in one.picked] for one in some if one.picked]
-    shares = [share for one in some if (share := _obeyed(one.rules, one.places)) is not None]
+    driven = [_obeyed(acted_on(one.rules), one.places) for one in some]
     return OfRules(
         people=len(some),
         told=mean_of([len(one.rules) for one in some]),
         as_read=end_at_scale(mean_of([sum(one.read) / len(one.read) for one in some]), 0.0, 1.0),
         as_meant=end_at_scale(mean_of([sum(of) / len(of) for of in picked]), 0.0, 1.0),
-        obeyed=end_at_scale(mean_of(shares), 0.0, 1.0),
+        obeyed=end_at_scale(mean_of([share for share, _ in driven if share is not None]), 0.0, 1.0),
+        arrived=end_at_scale(mean_of([share for _, share in driven]), 0.0, 1.0),
         edits=mean_of([one.edits for one in some]),
     )
 
 
 @lru_cache(maxsize=1024)
-def _obeyed(rules: tuple[Rule, ...], places: int) -> float | None:
-    """Mean over the rules that held there at some time; None where none did."""
+def _obeyed(rules: tuple[Rule, ...], places: int) -> tuple[float | None, float]:
+    """(mean over the rules that held there at some time, None where none did; share of the drives that arrived)."""
     from desirepath.learning.rules.homes import rule_places  # numba comes with it
     from desirepath.learning.rules.obedience import drive_by, obeyed_steps
+    from desirepath.simulation.trajectory import arrived
 
-    shares = []
+    shares, drives = [], []
     for place, scene in enumerate(rule_places()[:places]):
         trajectory = drive_by(rules, [scene], [place])[0]
+        drives.append(trajectory)
         counted = [obeyed_steps(rule, trajectory, place) for rule in rules]
         shares += [obeyed / held for held, obeyed in counted if held]
-    return sum(shares) / len(shares) if shares else None
+    return sum(shares) / len(shares) if shares else None, float(arrived(drives).mean())
 
 
 def rules_section(of: OfRules | None) -> Section:
@@ -69,6 +74,7 @@ def rules_section(of: OfRules | None) -> Section:
         "share that stand as their sentence was read": (of.as_read, "{:.2f}"),
         "understood as meant: share whose obeyed picture was picked": (of.as_meant, "{:.2f}"),
         "obeyed: share of the steps in which a rule holds": (of.obeyed, "{:.2f}"),
+        "arrived: share of the homes in which their robot reaches its goal": (of.arrived, "{:.2f}"),
         "changes after telling": (of.edits, "{:.1f}"),
     }
     return table_section(

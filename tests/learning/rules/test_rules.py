@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from desirepath.learning.errors import LearningError
 from desirepath.learning.policies.shipped import load_conditioned
-from desirepath.learning.rules.homes import rooms_of, rule_scene, unavailable
-from desirepath.learning.rules.obedience import obeyed_steps
+from desirepath.learning.rules.homes import rooms_of, rule_places, rule_scene, unavailable
+from desirepath.learning.rules.obedience import drive_by, obeyed_steps
 from desirepath.learning.rules.obeying import ObeyingPolicy, Situation
 from desirepath.learning.rules.reading import read_rule
 from desirepath.learning.rules.rule import Rectangle, Rule, Wish, Zone, collisions, weights_by
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
+from desirepath.simulation.trajectory import arrived
 from desirepath_experiments.benchmarks.rules import LabelledRule, judge_change, judge_context
 
 HOMES = 24
@@ -104,6 +107,32 @@ def test_a_robot_obeys_more_than_without_the_rule(homes, sentence, least_gain) -
         counted = [obeyed_steps(rule, one) for one in driven]
         shares.append(sum(did for _, did in counted) / sum(held for held, _ in counted))
     assert shares[0] > shares[1] + least_gain
+
+
+def test_a_robot_is_led_around_somebody_who_walks_past_a_room_it_must_not_enter() -> None:
+    rule = read_rule("Don't go into the kitchen", "en").rule
+    walks = next(place for place, scene in enumerate(rule_places()) if scene.walk)
+    assert arrived(drive_by([rule], [rule_places()[walks]], [walks])).all()
+
+
+def test_a_zone_that_no_home_has_holds_nowhere_and_is_said_to(homes) -> None:
+    bathroom = read_rule("Don't go into the bathroom", "en").rule
+    assert bathroom.complete
+    assert obeyed_steps(bathroom, drive_by([bathroom], homes[:1])[0])[0] == 0
+    assert [one.label for one in unavailable(bathroom, tuple(homes))] == ["room:bathroom"]
+    assert unavailable(read_rule("Don't go into the kitchen", "en").rule, tuple(homes)) == []
+
+
+def test_a_zone_is_obeyed_where_the_whole_robot_keeps_out(homes) -> None:
+    driven = drive_by([], homes[:1])[0]
+    x, y = map(float, driven.poses[1, :2])
+    beside = get_setup("study_room").robot.radius_m / 2
+    counted = []
+    for gap in (beside, 3 * beside):
+        drawn = Rectangle(x=x, y=y + gap + 0.05, length=0.1, width=0.1)
+        first = replace(driven, poses=driven.poses[:2], actions=driven.actions[:1])
+        counted.append(obeyed_steps(Rule(zones=(Zone(kind="here", drawn=drawn),)), first))
+    assert counted == [(1, 0), (1, 1)]
 
 
 def test_a_drawn_zone_counts_in_its_place_alone(homes) -> None:

@@ -108,7 +108,7 @@ def rooms_of(scene: Scene) -> tuple[Area, ...]:
 
 
 def unavailable(rule: Rule, scenes: tuple[Scene, ...]) -> list[Condition]:
-    """The rule's conditions that these scenes cannot tell."""
+    """What these scenes cannot tell: of the rule's conditions, and of the places of its zones, as conditions."""
     rooms = {area.name for scene in scenes for area in rooms_of(scene)}
     things = {one.kind for scene in scenes for one in scene.solids()} | {"furniture", "person"}
     people = any(scene.crowd for scene in scenes)
@@ -119,9 +119,14 @@ def unavailable(rule: Rule, scenes: tuple[Scene, ...]) -> list[Condition]:
         "others": people,
         "hurry": False,
     }
+    places = [
+        Condition(kind="room" if zone.kind == "room" else "near", of=zone.of)
+        for zone in rule.zones
+        if zone.of is not None
+    ]
     return [
         one
-        for one in rule.when
+        for one in dict.fromkeys((*rule.when, *places))
         if not (
             can.get(one.kind, False)
             or (one.kind == "room" and ALIASES.get(str(one.of), one.of) in rooms)

@@ -1,6 +1,8 @@
 """How far a robot does as it was told: in the steps in which a rule holds, the share in which it is obeyed.
 
-What counts as obeyed, wish by wish, is in OBEYED; a zone is obeyed where the robot's body keeps out of it. All ours.
+What counts as obeyed, wish by wish, is in OBEYED; a zone is obeyed where the robot's body keeps out of it. A rule of
+zones alone holds where one of them is somewhere: a home without a bathroom tells nothing of who keeps out of it. All
+ours.
 """
 
 from __future__ import annotations
@@ -68,7 +70,8 @@ def obeyed_steps(rule: Rule, trajectory: Trajectory, place: int = 0) -> tuple[in
     held = obeyed = 0
     for number in range(len(trajectory.actions)):
         moment = Situation.at(scene, poses[number], number * CONTROL_DT_S, place)
-        if not moment.in_force([rule]):
+        areas = [area for zone in rule.zones for area in moment.areas(zone)]
+        if not moment.in_force([rule]) or not (areas or rule.wishes):
             continue
         held += 1
         before, after = poses[number], poses[number + 1]
@@ -84,7 +87,7 @@ def obeyed_steps(rule: Rule, trajectory: Trajectory, place: int = 0) -> tuple[in
             (to_goal[0] - to_goal[1]) / max(moved, 1e-6),
             setup.robot.limits.v_max,
         )
-        outside = all(float(area.distance_m(*after[:2])) > 0 for zone in rule.zones for area in moment.areas(zone))
+        outside = all(float(area.distance_m(*after[:2])) >= setup.robot.radius_m for area in areas)
         obeyed += outside and all(_is_obeyed(wish, step) for wish in rule.wishes)
     return held, obeyed
 

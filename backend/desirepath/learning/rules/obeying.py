@@ -220,19 +220,20 @@ class ObeyingPolicy(SensingPolicy):
 
 
 class _Around:
-    """What one robot is made to see of zones, and where it is led around them. Ways are found anew where zones move."""
+    """What one robot is made to see of zones, and where it is led around them. Ways are found anew where a zone or the
+    person has moved."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene, self._setup = scene, get_setup(scene.setup)
         self._beams, self._ground = beams_of(self._setup), ground_of(scene)
-        self._areas: list[Obstacle] | None = None
+        self._found_for: tuple[list[Obstacle], tuple[float, float, float]] | None = None
 
     def lead(self, moment: Situation, areas: list[Obstacle], seen: Floats) -> float:
         """Change what is observed (obs,): the lidar's ranges, and which way the goal is. Returns how far the way there
         is, as much as it costs (m)."""
         x, y, yaw = moment.robot
-        if self._areas != areas:
-            self._areas = areas
+        if self._found_for != (areas, moment.person):
+            self._found_for = areas, moment.person
             self._row = scene_to_row(self._with(moment, areas))
             self._find_ways(moment)
         goal, radius = self._scene.goal, self._setup.robot.radius_m

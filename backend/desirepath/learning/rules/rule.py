@@ -135,6 +135,11 @@ class Rule(BaseModel):
         return bool(self.changes) and all(zone.kind != "here" or zone.drawn for zone in self.zones)
 
 
+def acted_on(rules: Sequence[Rule]) -> tuple[Rule, ...]:
+    """What a robot drives by: those that are on, whatever words they were told in."""
+    return tuple(rule.model_copy(update={"words": ""}) for rule in rules if rule.on)
+
+
 def check_rules(rules: Sequence[Rule]) -> None:
     """Raises LearningError for more than a robot is told."""
     if len(rules) > MOST_RULES:

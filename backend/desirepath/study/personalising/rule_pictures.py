@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from desirepath.learning.rules.rule import Rule, collisions
+from desirepath.learning.rules.rule import Rule, acted_on, collisions
 from desirepath.learning.words.lexicon import Language
 from desirepath.study.personalising.live_rollouts import LivePath, path_of
 
@@ -21,8 +21,12 @@ LEAST_SEEN = 0.1
 """By how much more of the steps a rule must be obeyed in one picture than in the other."""
 
 
+def driven_by(rules: Sequence[Rule], place: int) -> Trajectory:
+    return _driven(acted_on(rules), place)
+
+
 @lru_cache(maxsize=256)
-def driven_by(rules: tuple[Rule, ...], place: int) -> Trajectory:
+def _driven(rules: tuple[Rule, ...], place: int) -> Trajectory:
     from desirepath.learning.rules.homes import rule_places
     from desirepath.learning.rules.obedience import drive_by
 
@@ -61,7 +65,7 @@ def picture(rules: Sequence[Rule], place: int) -> dict[str, Any]:
     """The reply `RulesReply` without what was asked besides."""
     from desirepath.learning.rules.homes import rule_places
 
-    trajectory = driven_by(tuple(rules), place)
+    trajectory = driven_by(rules, place)
     clashes = [{"first": i, "second": j, "about": about} for i, j, about in collisions(rules)]
     return {
         "floor": _floor(place),
