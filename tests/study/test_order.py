@@ -19,7 +19,7 @@ from desirepath.store.dataset.writing import export_study
 from desirepath.store.erasure import erase_participant
 from desirepath.store.models import Participant, Response, Session, TrajectoryRow, Trial
 from desirepath.store.sides import is_answer_to_several
-from desirepath.store.snapshots import Snapshot, implied_choices, load_snapshot, take_snapshot
+from desirepath.store.snapshots import Snapshot, TooFewAnswers, implied_choices, load_snapshot, take_snapshot
 from desirepath.study.personalising import next_query
 from desirepath.study.refusals import Refused
 from desirepath.study.session import machine
@@ -79,6 +79,18 @@ def test_who_cannot_have_watched_all_is_asked_to(walk):
     with pytest.raises(Refused, match="Watching all takes") as refused:
         walker.submit("order.order_01", {"order": [3, 1, 4, 2]})
     assert refused.value.code == "too_early"
+
+
+@pytest.mark.parametrize("said", [{"choice": "a"}, {"rating": 3}, {"order": [[1], [2], [3], [4]], "ask": "order"}])
+def test_nothing_is_learned_from_what_was_imported_as_an_order_and_is_none(walk, said):
+    walker = walk(ORDER)
+    with walker.database.transaction() as s:
+        trial = s.scalars(select(Trial)).one()
+        asked = {"session_id": trial.session_id, "trial_id": trial.id, "step_key": trial.step_key}
+        s.add(Response(**asked, kind="order", value=said, request_id="imported"))
+        with pytest.raises(TooFewAnswers) as refused:
+            take_snapshot(s, walker.files, study_id=walker.session.study_id)
+    assert refused.value.left_out == {"no_choice": 1}
 
 
 def test_what_was_rolled_back_or_erased_is_there_again_for_whoever_comes_next(database, files, tmp_path):
@@ -145,7 +157,14 @@ def test_one_block_mixes_them_and_one_posterior_data_set_and_models_have_all(dat
         assert shown <= {row["trajectory"] for row in csv.DictReader(file)}
 
     with database.transaction() as s:
-        snapshot = load_snapshot(s, files, take_snapshot(s, files, study_id=study.id, whose="simulated").id)
+        taken = take_snapshot(s, files, study_id=study.id, whose="simulated")
+        snapshot = load_snapshot(s, files, taken.id)
+    assert {name: taken.card.get(name) for name in ("answers", "orders", "ratings")} == {
+        "answers": 6,
+        "orders": 12,
+        "ratings": None,
+    }
+    assert "18 answers of 2" in taken.name
     assert Snapshot.from_bytes(snapshot.to_bytes()) == snapshot
     implied = implied_choices(snapshot.ratings)
     assert {better.block for better, _ in implied} == {worse.block for _, worse in implied}, "one scene at a time"

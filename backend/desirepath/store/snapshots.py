@@ -327,6 +327,7 @@ def _freeze(
     answers: list[Answer] = []
     ratings: list[RatedTrajectory] = []
     ties: list[NoDifference] = []
+    orders = 0
     setups: dict[str, str] = {}
     for response, trial, participant, setup in rows:
         reason = _reason_to_leave_out(response, trial, participant, whose)
@@ -340,6 +341,7 @@ def _freeze(
             ratings.append(RatedTrajectory(*rated, rating=response.value["rating"], source=source))
             continue
         if trial.kind == "order":
+            orders += 1
             ranked = (response.id, trial.id, participant.code, trial.view, trial.id)
             places = _places(trial, response.value)
             ratings += [RatedTrajectory(*ranked, of, rating=place, source=source) for of, place in places]
@@ -376,11 +378,13 @@ def _freeze(
         ties=tuple(ties),
     )
     evidence: list[Answer | RatedTrajectory | NoDifference] = [*answers, *ratings, *ties]
+    given = {answer.response: answer.source for answer in evidence}  # an order says something of each trajectory
+    rated_alone = len({rating.response for rating in ratings}) - orders
     people = sorted({answer.participant for answer in evidence})
     # in lists, different people's models differ
     many = "participants" if whose == "all" else WHOSE_WORDS[whose]
     whom = people[0] if len(people) == 1 else f"{len(people)} {many}"
-    ending = f", {len(evidence)} answers of {whom}{f' in {view}' if view else ''}"
+    ending = f", {len(given)} answers of {whom}{f' in {view}' if view else ''}"
     return save_artefact(
         s,
         files,
@@ -395,13 +399,14 @@ def _freeze(
             "protocol_hash": study.protocol_hash,
             "answers": len(answers),
             "probes": len(answers) - len(usable),
-            **({"ratings": len(ratings)} if ratings else {}),
+            **({"ratings": rated_alone} if rated_alone else {}),
+            **({"orders": orders} if orders else {}),
             **({"ties": len(ties)} if ties else {}),
             "participants": len({answer.participant for answer in evidence}),
-            "human": sum(answer.source == "human" for answer in evidence),
+            "human": sum(source == "human" for source in given.values()),
             "left_out": left_out,
         },
-        answers=list(dict.fromkeys(answer.response for answer in evidence)),
+        answers=list(given),
         study_id=study.id,
         simulated=snapshot.simulated,
     )
@@ -422,6 +427,8 @@ def _reason_to_leave_out(
     if reason is None and is_practice(trial.role):
         return "learning"
     said = response.value
-    several = trial.kind == "order" and is_answer_to_several(said, len(trial.shown))
-    answered = "rating" in said or several or is_answer_to_pair(said)
+    if trial.kind == "order":
+        answered = is_answer_to_several(said, len(trial.shown))
+    else:
+        answered = "rating" in said or is_answer_to_pair(said)
     return reason or (None if answered else "no_choice")
