@@ -173,6 +173,7 @@ STEPS: dict[str, dict[str, Any]] = {
         "longest": 300,
         "least": 1,
         "most": 12,
+        "most_wishes": 4,
         "most_changes": 400,
     },
     "feedback": {

@@ -183,3 +183,36 @@ def test_keys_that_draw_one_zone_are_one_change_and_a_refused_answer_loses_nothi
     ready(page)
     expect(page.locator("[data-card]")).to_have_count(2)
     page.close()
+
+
+def test_a_question_back_offers_both_ways_and_none_and_the_page_says_what_is_new(chromium: Browser, pages: str) -> None:
+    page = chromium.new_page()
+    opened(page, pages)
+    page.locator("[data-done]").click(force=True)
+    expect(page.locator("#live")).to_have_text("Please tell your rules first: 0 of at least 1.")
+    tell(page, "When I sit, drive less smoothly")
+    expect(page.locator("#rules-list")).not_to_have_attribute("aria-live", "polite")
+    expect(page.locator("#live")).to_contain_text("When: you sit")
+    page.locator("[data-does='meant-0-smoother-less']").click()
+    expect(page.locator(".rule-then")).to_contain_text("less:")
+    tell(page, "In the kitchen drive carefully")
+    expect(page.locator("[data-does^='meant-1']").first).to_be_visible()
+    page.evaluate("document.querySelector('#live-panel').dataset.mostWishes = 0")  # a rule with all its wishes
+    page.locator("[data-does='on-1']").click()
+    expect(page.locator("[data-does^='meant-1']")).to_have_count(0)
+    page.locator("[data-does='none-1']").click()
+    expect(page.locator("#rules-sentence")).to_have_value("In the kitchen drive carefully")
+    page.close()
+
+
+def test_a_zone_that_was_drawn_in_another_home_is_said_to_be(chromium: Browser, pages: str) -> None:
+    page = chromium.new_page()
+    page.route("**/live/*/place", lambda route: route.fulfill(json={}))
+    opened(page, pages)
+    tell(page, "Not here")
+    page.locator("[data-card='0'] .drawable").press("ArrowUp")
+    expect(page.locator("[data-card='0'] .drawable .zone")).to_have_count(1)
+    page.locator("[data-place][aria-disabled=false]").click()
+    room_says(page, "ready")
+    expect(page.locator("[data-card='0']")).to_contain_text("You drew this place in home 1")
+    page.close()

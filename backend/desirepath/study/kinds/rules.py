@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from desirepath.grammar.parts import an_example
 from desirepath.grammar.source import Path, Problem, Source
 from desirepath.grammar.texts import local
+from desirepath.learning.rules.rule import MOST_CHANGES as MOST_WISHES
 from desirepath.learning.rules.rule import MOST_RULES, Rule
 from desirepath.learning.words.lexicon import LONGEST
 from desirepath.simulation.setup_parts import PLACES
@@ -132,8 +133,9 @@ class Rules(LiveKind[RulesStep, RulesAnswer]):
         stage = page.stage_of(step, RulesStage)
         asked = local(stage.question, page.language) if stage is not None and stage.question else None
         shown = {"setup": step.setup, "scenes": step.scenes, "view": step.view, "controls": []}
-        bounds = {"longest": LONGEST, "least": step.least, "most": MOST_RULES, "most_changes": MOST_CHANGES}
-        return shown | bounds | {"question": asked}
+        bounds = {"longest": LONGEST, "least": step.least, "most": MOST_RULES}
+        more = {"most_wishes": MOST_WISHES, "most_changes": MOST_CHANGES}
+        return shown | bounds | more | {"question": asked}
 
     def check(self, step: RulesStep, answer: RulesAnswer, page: Page) -> dict[str, Any]:
         from desirepath.learning.rules.reading import read_rule

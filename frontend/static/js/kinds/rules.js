@@ -170,6 +170,7 @@ class Telling extends LivePanel {
       this.field.value = "";
       this.did({ do: place < 0 ? "told" : "edited", rule: at, words: sentence });
       this.list();
+      this.needs.announce(this.read(card));
       this.root.querySelector(`[data-card="${at}"]`)?.scrollIntoView({ block: "nearest" });
     } finally {
       this.reading = false;
@@ -287,12 +288,21 @@ class Telling extends LivePanel {
     return said.length ? said.join(" + ") : this.own("rules.always");
   }
 
+  /** What a sentence was read as, and what is asked back. @param {Card} card */
+  read({ rule, asked }) {
+    const lines = [this.own("rules.when_line", { when: this.when(rule) }), this.own("rules.then_line", { then: this.then(rule) })];
+    return [...lines, ...asked.map(({ about, text }) => this.own(`rules.asked.${about}`, { words: text }))].join(". ");
+  }
+
+  /** @param {Rule["wishes"][number]} wish */
+  wish({ objective, more }) {
+    if (more !== false) return this.names[objective].name;
+    return objective === "faster" ? this.own("rules.slower") : this.own("rules.less", { what: this.names[objective].name });
+  }
+
   /** @param {Rule} rule */
   then(rule) {
-    const wishes = rule.wishes.map(({ objective, more }) => {
-      if (more !== false) return this.names[objective].name;
-      return objective === "faster" ? this.own("rules.slower") : this.own("rules.less", { what: this.names[objective].name });
-    });
+    const wishes = rule.wishes.map((wish) => this.wish(wish));
     const zones = rule.zones.map(({ kind, of }) => this.own(`rules.zones.${kind}`, { what: of ? this.own(`rules.names.${of}`) : "" }));
     return [...wishes, ...zones].join("; ") || this.own("rules.nothing_yet");
   }
@@ -304,7 +314,8 @@ class Telling extends LivePanel {
     const zones = this.isOpen(card) && zone < 0 ? [] : shown.zones; // who drew one knows where it is
     const svg = floorPicture(reply.floor, { zones, holds: shown.holds_in, path: this.blind ? [] : points(reply.path.track), label });
     if (zone < 0) return svg;
-    const drawn = card.rule.zones[zone].drawn ?? null;
+    const last = card.rule.zones[zone].drawn ?? null;
+    const drawn = last?.place === this.place ? last : null;
     const box = document.createElement("div");
     svg.setAttribute("tabindex", "0");
     svg.setAttribute("role", "application");
@@ -336,6 +347,7 @@ class Telling extends LivePanel {
       set(now.x + STEP_M * step[0], now.y + STEP_M * step[1], now.length, now.width);
     });
     box.append(svg, this.paragraph("rule-note", this.own(drawn ? "rules.draw_again" : "rules.draw")));
+    if (last && !drawn) box.append(this.paragraph("rule-note", this.own("rules.drawn_elsewhere", { number: (last.place ?? 0) + 1 })));
     return box;
   }
 
@@ -350,10 +362,17 @@ class Telling extends LivePanel {
       card.asked = card.asked.filter((one) => one !== asked);
       this.put(card, to, { do: "answered" });
     };
-    for (const objective of asked.offered) {
-      const button = this.button("rules.none", `meant-${at}-${objective}`, () => settle({ wishes: [...rule.wishes, { objective, more: true }] }));
-      button.textContent = this.names[objective].name;
+    const directions = asked.offered.length === 1 ? [true, false] : [true]; // of one alone it is not clear which way
+    const full = rule.wishes.length >= Number(this.root.dataset.mostWishes);
+    for (const wish of full ? [] : asked.offered.flatMap((objective) => directions.map((more) => ({ objective, more })))) {
+      const id = `meant-${at}-${wish.objective}${wish.more ? "" : "-less"}`;
+      const button = this.button("rules.none", id, () => settle({ wishes: [...rule.wishes, wish] }));
+      button.textContent = this.wish(wish);
       box.append(button);
+    }
+    if (asked.offered.length) {
+      const left = rule.wishes.length + rule.zones.length > 0 || card.asked.length > 1;
+      box.append(this.button("rules.none", `none-${at}`, () => (left ? settle({}) : this.edit(card)))); // who means nothing of it says it anew
     }
     if (asked.about === "context") box.append(this.button("rules.always_then", `always-${at}`, () => settle({})));
     box.append(this.button("rules.edit", `reword-${at}`, () => this.edit(card)));
@@ -427,6 +446,7 @@ class Telling extends LivePanel {
     if (card.pair) this.rest();
     this.note();
     this.list();
+    this.needs.announce(this.own(card.pair ? "rules.which" : "rules.no_difference"));
   }
 
   /** @param {Card} card @param {"a" | "b" | "neither"} side */
@@ -446,8 +466,9 @@ class Telling extends LivePanel {
     if (button && "tell" in button.dataset) {
       if (!resting) void this.tell1();
     } else if (button && "done" in button.dataset && resting && this.missing) {
-      this.needs.announce(this.own(this.missing));
-      this.text("#live-way", this.own(this.missing));
+      const said = this.own(this.missing, { told: this.cards.length, least: Number(this.root.dataset.least) });
+      this.needs.announce(said);
+      this.text("#live-way", said);
     } else super.clicked(event);
   }
 
