@@ -27,6 +27,11 @@ COUNT_RENDERS = """() => {
     return render(...given);
   };
 }"""
+INKED = """() => {
+  const canvas = document.getElementById("desire-path-ribbon");
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  return data.some((value) => value > 0);
+}"""
 STILL = "performance.now() - window.renderedAt > 1000"
 
 
@@ -74,6 +79,14 @@ def test_a_robot_under_way_changes_its_style_without_restarting(rig: StageRig, v
     assert math.dist(after["poses"][0][:2], begun) > 0.5 * math.dist(here[:2], begun)
     end = visitor.wait_for("moved", over=True)["poses"][0]
     assert math.dist(end[:2], (SCENE.goal.x, SCENE.goal.y)) < 0.05
+
+    assert visitor.frame.evaluate(INKED)
+    steer(visitor, do="paths", id="4", onward=False, since=None, paths=[], legend=[])
+    visitor.wait_for("drawn", id="4")
+    assert not visitor.frame.evaluate(INKED)
+    steer(visitor, do="paths", id="5", onward=False, since=None, paths=[path(first)], legend=[])
+    visitor.wait_for("drawn", id="5")
+    assert visitor.frame.evaluate(INKED)
 
 
 def test_who_walks_there_walks_while_the_robots_drive_and_on_with_a_new_path(rig: StageRig, visit: Visit) -> None:
