@@ -48,7 +48,7 @@ world:
     way_m: [2.5, 4.5]
 preferences: {longest_shown_s: 60}  # what has hardly learned is slow
 """
-EFFORT = 0.03
+EFFORT = 0.05
 ASKED = ("--effort", f"{EFFORT}", "--queries", "10", "--json")
 
 

@@ -122,7 +122,7 @@ def train_setup_folder(
     effort: Annotated[
         float,
         typer.Option(
-            min=0.001, max=10, help="Multiple of the default updates: 1 to use it, 0.03 to check that everything runs."
+            min=0.001, max=10, help="Multiple of the default updates: 1 to use it, 0.05 to check that everything runs."
         ),
     ] = 1.0,
     randomise: Annotated[

@@ -18,7 +18,7 @@ from desirepath.study.protocol.freezing import FrozenProtocol, find_shipped_prot
 from desirepath.study.protocol.schema import Protocol
 
 QUESTIONS: Mapping[str, tuple[str, ...]] = {
-    "does": ("choose", "draw", "tell", "rank"),
+    "does": ("choose", "draw", "tell", "rule", "rank"),
     "moves": ("nobody", "people", "self"),
     "minutes": ("12", "15", "30", "60"),
 }
@@ -82,7 +82,9 @@ def _answers(protocol: Protocol, kinds: Sequence[str]) -> dict[str, str]:
     """What a protocol is, for the three questions."""
     if "importance_ranking" in kinds:
         does = "rank"
-    elif {"words", "rules", "tuning", "methods"} & set(kinds):
+    elif "rules" in kinds:
+        does = "rule"
+    elif {"words", "tuning", "methods"} & set(kinds):
         does = "tell"
     else:
         does = "draw" if "demonstrations" in kinds else "choose"
@@ -124,7 +126,7 @@ def _picture(protocol: Protocol, answers: Mapping[str, str]) -> Markup:
             parts += [_path(path, f"line-{side}"), _badge(*path[len(path) // 2], letter)]
     elif does == "draw":
         parts += [_path(a, "drawn"), _pen(*a[-1])]
-    elif does == "tell":
+    elif does in ("tell", "rule"):
         parts += [_path(a, "line-1"), _bubble()]
     else:
         parts.append(_path(a, "line-1"))
