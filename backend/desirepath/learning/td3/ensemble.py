@@ -102,7 +102,8 @@ def agent_of(policy: Policy, config: Td3Config, *, seed: int, updates: int) -> T
     agent.actor.load_arrays(policy.actor)
     agent.critic.load_arrays(policy.critic)
     agent.synchronise_targets()
-    agent.actor_waits = min(CRITIC_ALONE, updates // 4) if policy.held else 0
+    before_first = updates // 13  # the actor has moved at the first of twelve checkpoints
+    agent.actor_waits = min(CRITIC_ALONE, before_first) if policy.held else 0
     return agent
 
 
