@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from desirepath.analysis.intervals import clustered_share, end_at_scale
 from desirepath.analysis.tested import Mean, mean_of
 from desirepath.explain.printed import Section
-from desirepath.report.report_cells import interval_cell, number_words, table_section
+from desirepath.report.report_cells import means_section
 from desirepath.report.study_data import FARTHEST, Meeting
 
 AGREEMENT = (1.0, 5.0)
@@ -51,14 +51,10 @@ def meeting_section(met: Met | None) -> Section:
         "distance from learned to corrected weights (Euclidean; 0: kept)": (met.distance, "{:.3f}"),
         "the same, of those who corrected": (met.moved, "{:.3f}"),
     }
-    return table_section(
+    return means_section(
         title,
         "Of those who met an own robot: means with 95 % intervals.",
-        ["what", "mean", "95 %", "people"],
-        [
-            [what, number_words(mean.mean, form), interval_cell(mean.low, mean.high, form), str(mean.n)]
-            for what, (mean, form) in means.items()
-        ],
+        means,
         f"After everything blind, {met.shown} people met the robot that learned from them, beside the usual one. "
         "Who was shown none, or chose theirs less often than the protocol asks for, is not among them. "
         "They knew which was theirs, so nothing of this is in any test above or in what models learn from.",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from desirepath.analysis.tested import Mean, Tested, p_in_words
 from desirepath.explain.printed import Section, Table
@@ -16,6 +16,15 @@ def table_section(
 ) -> Section:
     """A part of one table with what is said of it; empty where the table has no rows."""
     return Section(title, sentences, [Table(caption, heads, rows)]) if rows else Section(title)
+
+
+def means_section(title: str, caption: str, means: Mapping[str, tuple[Mean, str]], *sentences: str) -> Section:
+    """A part of means over people with their 95 % intervals, each in its own form."""
+    rows = [
+        [what, number_words(mean.mean, form), interval_cell(mean.low, mean.high, form), str(mean.n)]
+        for what, (mean, form) in means.items()
+    ]
+    return table_section(title, caption, ["what", "mean", "95 %", "people"], rows, *sentences)
 
 
 def significant_points(tests: Sequence[Tested], pairs: Sequence[Tested], alpha: float) -> list[str]:

@@ -10,7 +10,7 @@ from desirepath.analysis.intervals import end_at_scale
 from desirepath.analysis.tested import Mean, mean_of
 from desirepath.explain.printed import Section
 from desirepath.learning.rules.rule import Rule, acted_on
-from desirepath.report.report_cells import interval_cell, number_words, table_section
+from desirepath.report.report_cells import means_section
 from desirepath.report.study_data import ToldRules
 
 
@@ -77,14 +77,10 @@ def rules_section(of: OfRules | None) -> Section:
         "arrived: share of the homes in which their robot reaches its goal": (of.arrived, "{:.2f}"),
         "changes after telling": (of.edits, "{:.1f}"),
     }
-    return table_section(
+    return means_section(
         title,
         "Means over people with 95 % intervals.",
-        ["what", "mean", "95 %", "people"],
-        [
-            [what, number_words(mean.mean, form), interval_cell(mean.low, mean.high, form), str(mean.n)]
-            for what, (mean, form) in means.items()
-        ],
+        means,
         f"{of.people} people told rules. Whether a rule is obeyed is found by rolling their robot out in the homes "
         "that they saw; what counts as obeyed is declared in learning/rules/obedience.py.",
     )
