@@ -17,6 +17,7 @@ from desirepath.demonstrations.judging import judge, judge_rollouts, unseen_scen
 from desirepath.demonstrations.planned_walks import walking_scene
 from desirepath.demonstrations.td3_bc.configuration import DemonstrationConfig
 from desirepath.demonstrations.td3_bc.loss import Balance, balance, cloning_term, demonstration_batch, update
+from desirepath.demonstrations.td3_bc.path_guide import PathGuide
 from desirepath.demonstrations.td3_bc.placement import Placements
 from desirepath.demonstrations.td3_bc.training import DemonstrationTraining, train_with_demonstrations
 from desirepath.learning.policies.networks import Layer, actor_forward, critic_forward
@@ -24,11 +25,13 @@ from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.scene_sets import Purpose
 from desirepath.learning.td3.replay import concatenate
 from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
+from desirepath.learning.td3.way_guide import WayGuide
 from desirepath.simulation import kernels as k
 from desirepath.simulation.demonstration_scenes import demonstration_scene
 from desirepath.simulation.fast import make_engine, rollout
 from desirepath.simulation.scenes import check_scene, row_to_scene
 from desirepath.simulation.setups import SetupError, get_setup
+from desirepath.simulation.trajectory import Outcome
 
 ROOM = get_setup("room")
 
@@ -160,6 +163,41 @@ def test_training_begins_to_follow_and_is_repeatable(slow_ones) -> None:
     untrained = DemonstrationTraining(slow_ones, config).policy()
     begun, before = judge(trained.policy, slow_ones), judge(untrained, slow_ones)
     assert begun.t_star - begun.frechet_m > before.t_star - before.frechet_m
+
+
+def test_who_imitates_first_follows_after_few_updates_and_is_held_to_that(slow_ones) -> None:
+    config = replace(QUICK, updates=96, imitated=480, actor_learning_rate=1e-4)
+    training = DemonstrationTraining(slow_ones, config)
+    while training.imitated < config.imitated:
+        training.vector_step()
+    assert training.agent.updates == 0
+    followed = judge(training.policy(), slow_ones)
+    assert (followed.frechet_m, followed.t_star) < (0.25, 0.8)
+    trained = train_with_demonstrations(slow_ones, config)
+    assert trained.policy.digest() == train_with_demonstrations(slow_ones, config).policy.digest()
+    assert trained.selection["followed_rate"] >= followed.followed_rate > 0.0
+
+
+def test_the_guide_drives_down_the_drawn_path_and_back_to_it_and_elsewhere_as_one_that_knows_the_scene(
+    slow_ones,
+) -> None:
+    shown = slow_ones[::2]
+    aside = [
+        replace(d.scene, start=replace(d.scene.start, x=d.scene.start.x + 0.1, y=d.scene.start.y + 0.1)) for d in shown
+    ]
+    for scenes in ([d.scene for d in shown], aside):
+        engine = make_engine(ROOM, len(scenes), auto_reset=False, scenes=scenes)
+        guide, places = PathGuide(engine, [d.trajectory for d in shown]), [engine.poses[:, :2].copy()]
+        while not engine.dones.all():
+            engine.step(guide.act())
+            places.append(engine.poses[:, :2].copy())
+        assert (engine.outcomes == Outcome.SUCCESS).all()
+        for path, d in zip(np.stack(places, axis=1), shown, strict=True):
+            away = np.linalg.norm(path[:, None] - d.trajectory.poses[None, :, :2], axis=2).min(axis=1)
+            assert away[len(path) // 3 :].max() < 0.08
+    drawn = unseen_scenes([d.drawn_in for d in shown], "anywhere", 8, purpose=Purpose.SELECT, seed=1)
+    engine = make_engine(ROOM, len(drawn), auto_reset=False, scenes=drawn)
+    assert (PathGuide(engine, [d.trajectory for d in shown]).act() == WayGuide(engine).act()).all()
 
 
 def test_demonstrations_of_two_environments_do_not_mix(slow_ones) -> None:

@@ -7,6 +7,7 @@ import pytest
 from desirepath.demonstrations.controllers import DWA, roll_out
 from desirepath.demonstrations.demonstration import Demonstration
 from desirepath.demonstrations.depth.depth_controller import DepthController
+from desirepath.demonstrations.td3_bc.configuration import AFTER_IMITATION, IMITATION
 from desirepath.jobs import controller_training
 from desirepath.jobs.context import JobContext, Progress
 from desirepath.jobs.demonstrating import train_demonstrations
@@ -37,7 +38,7 @@ def services(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, Databa
 
 def run(services: tuple[Settings, Database, ArtefactStore, str], **changes: object) -> dict[str, object]:
     settings, database, files, snapshot = services
-    params = TrainDemonstrationsParams(**{"snapshot": snapshot, "updates": 60, **changes})
+    params = TrainDemonstrationsParams(**{"snapshot": snapshot, "updates": 60, "imitated": 0, **changes})
     with database.transaction() as s:
         job = enqueue_job(s, "train_demonstrations", params.model_dump())
         job.state = "running"
@@ -124,3 +125,14 @@ def test_demonstrations_beside_a_walking_person_in_homes_become_a_controller_tha
         run((settings, database, files, of_room), sensor="depth")
     with pytest.raises(JobParamsError, match="sensor = 'places': the paths were drawn in home"):
         run((settings, database, files, taken), sensor="places")
+
+
+def test_a_controller_imitates_first_unless_told_otherwise(services) -> None:
+    _, database, _, snapshot = services
+    assert TrainDemonstrationsParams(snapshot=snapshot).imitated > 0
+    made = run(services, updates=None, imitated=240, gate_min_success=0.0)
+    with database.session() as s:
+        card = s.get_one(Artefact, made["policy"]).card
+    assert (card["config"]["imitated"], card["config"]["updates"]) == (240, AFTER_IMITATION)
+    assert IMITATION in card["departures"]
+    assert made["judged"]["success_rate"] > 0

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from desirepath.demonstrations.controllers import roll_out
@@ -25,6 +25,7 @@ from desirepath.simulation.setups import has_depth_camera
 from desirepath.simulation.trajectory import Trajectory
 
 EXPLORED_HOMES = 200  # ours: drawn in seconds
+DEPTH_UPDATES = 40_000  # where nobody waits
 EXPLORED_SEED = 2**32 + 40_000  # homes that nothing is judged in
 
 
@@ -61,7 +62,12 @@ def learn(demonstrations: Sequence[Demonstration], params: TrainDemonstrationsPa
 
 
 def _by_places(demonstrations: Sequence[Demonstration], params: TrainDemonstrationsParams, progress: Part) -> Learned:
-    config = configuration.DemonstrationConfig(seed=params.seed, updates=params.updates)
+    if params.imitated:
+        updates = params.updates or configuration.AFTER_IMITATION
+        config = configuration.imitating_config(params.seed, updates, params.imitated)
+    else:
+        usual = configuration.DemonstrationConfig(seed=params.seed)
+        config = replace(usual, updates=params.updates or usual.updates)
     trained = train_with_demonstrations(demonstrations, config, progress)
     policy = trained.policy.without_critic()
     return Learned(
@@ -71,7 +77,7 @@ def _by_places(demonstrations: Sequence[Demonstration], params: TrainDemonstrati
         config.as_dict(),
         {"history": trained.history, "chosen": trained.chosen},
         {"select": describe(Purpose.SELECT, config.selection_scenes, params.seed)},
-        configuration.DEPARTURES,
+        [*configuration.DEPARTURES, *([configuration.IMITATION] if config.imitated else [])],
         lambda scenes: roll_out(policy, scenes),
     )
 
@@ -88,7 +94,7 @@ def _by_depth(demonstrations: Sequence[Demonstration], params: TrainDemonstratio
     )
     from desirepath.perception.beta_vae import DepthEncoder
 
-    config = DepthTrainingConfig(seed=params.seed, updates=params.updates)
+    config = DepthTrainingConfig(seed=params.seed, updates=params.updates or DEPTH_UPDATES)
     encoder = resolve(SHIPPED_ENCODER).read_bytes()
     configured = CONFIGURATIONS["VAE-HA"]
     make = senses_of(configured, DepthEncoder.from_bytes(encoder), None, params.seed)

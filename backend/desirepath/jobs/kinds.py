@@ -158,13 +158,15 @@ class TrainDemonstrationsParams(Params):
     """Learn a personal controller from a snapshot of demonstrations of one environment.
 
     sensor: what it goes by: `places` of person, walls and things (chapter 2), or its `depth` camera (chapter 3), which
-    is for homes; None: what the environment was made for.
+    is for homes; None: what the environment was made for. imitated: updates before all others, of `places` alone; 0:
+    as in the thesis. updates: None: as many as that needs.
     """
 
     snapshot: str = artefact("demonstrations")
     sensor: Literal["places", "depth"] | None = from_source("from_environment", None)
     seed: int = from_source("ours", 0, ge=0, le=LARGEST_SEED)
-    updates: int = from_source("ours_demonstrations", 40_000, ge=16, le=2_000_000)
+    updates: int | None = from_source("ours_demonstrations", None, ge=16, le=2_000_000)
+    imitated: int = from_source("ours_demonstrations", 4_800, ge=0, le=100_000, advanced=True)
     comparisons: int = from_source("thesis_2_6_1", 4, ge=0, le=4, advanced=True)
     gate_min_success: float = from_source("ours_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
 

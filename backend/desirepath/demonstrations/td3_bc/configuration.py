@@ -22,6 +22,12 @@ DEPARTURES = [
     "likeness to the demonstrations and success in unseen scenes of the selection set.",
     "A beginning drawn beside the robot is drawn to it, the shift fading out along the path.",
 ]
+IMITATION = (
+    "Before it learns by reward, the actor imitates (DAgger, Ross et al. 2011): down a drawn path from beside it, and "
+    "elsewhere a planner that knows the scene. After that it is held to what it did then."
+)
+AFTER_IMITATION = 1_800
+"""Updates of TD3+BC where the actor has imitated; they bring it closer to the paths."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +62,24 @@ class DemonstrationConfig:
     average_decay: float = 0.999  # running average of the actor's weights, per update; ours, as in base training
     checkpoints: int = 8  # evenly spread, each as it is and averaged; the best is kept
     selection_scenes: int = 200
+    imitated: int = 0  # ours: updates of the actor alone, before all others
+    imitated_per_step: int = 12
+    imitating_rates: tuple[float, float] = (1e-3, 3e-5)  # of the first of them and of the last
+    held: float = 20.0  # after these: weight of the mean squared distance from what the actor did then
 
     def as_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        """Without imitation where it has no part, as before there was any."""
+        later = ("imitated", "imitated_per_step", "imitating_rates", "held")
+        return {name: value for name, value in asdict(self).items() if self.imitated or name not in later}
+
+
+def imitating_config(seed: int, updates: int = AFTER_IMITATION, imitated: int = 4_800) -> DemonstrationConfig:
+    """How a controller is trained in seconds: by imitation first, then few updates and small ones."""
+    return DemonstrationConfig(
+        seed=seed,
+        updates=updates,
+        imitated=imitated,
+        actor_learning_rate=1e-4,
+        final_learning_rate=2e-5,
+        checkpoints=3,
+    )

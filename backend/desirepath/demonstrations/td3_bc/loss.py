@@ -81,7 +81,15 @@ def cloning_term(demonstrated: Floats, weights: Balance) -> ActorTerm:
     return term
 
 
-def update(agent: Td3Agent, explored: Batch, demonstrated: Batch, weights: Balance) -> None:
-    """One step down all of the above."""
-    term = cloning_term(demonstrated.actions.numpy(), weights) if weights.bc > 0 else None
-    agent.update(concatenate(explored, demonstrated), term)
+def update(
+    agent: Td3Agent, explored: Batch, demonstrated: Batch, weights: Balance, hold: ActorTerm | None = None
+) -> None:
+    """One step down all of the above, and of what holds the actor to what it was, if anything does (ours)."""
+    cloning = cloning_term(demonstrated.actions.numpy(), weights) if weights.bc > 0 else None
+    terms = [term for term in (cloning, hold) if term is not None]
+
+    def term(observations: Floats, actions: Floats) -> Floats:
+        together: Floats = np.sum([one(observations, actions) for one in terms], axis=0, dtype=np.float32)
+        return together
+
+    agent.update(concatenate(explored, demonstrated), term if terms else None)

@@ -1,4 +1,5 @@
-"""The training loop of TD3 with demonstrations, and which of its checkpoints is kept. What is learned: `loss.py`."""
+"""The training loop of TD3 with demonstrations, and which of its checkpoints is kept. What is learned: `loss.py`; whom
+it imitates before, where it does: `path_guide.py`."""
 
 from __future__ import annotations
 
@@ -6,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import torch
 
 from desirepath.analysis.metrics import success_rate
@@ -13,16 +15,26 @@ from desirepath.demonstrations.demonstration import Demonstration
 from desirepath.demonstrations.judging import KINDS, judge, unseen_scenes
 from desirepath.demonstrations.td3_bc.configuration import DemonstrationConfig
 from desirepath.demonstrations.td3_bc.loss import Balance, balance, demonstration_batch, update
+from desirepath.demonstrations.td3_bc.path_guide import PathGuide
 from desirepath.demonstrations.td3_bc.placement import Placements
 from desirepath.demonstrations.td3_bc.returns import ReturnsBuffer
 from desirepath.learning.policies.networks import use_one_thread
 from desirepath.learning.policies.policy import Policy
 from desirepath.learning.policies.shape import NetworkShape
 from desirepath.learning.scene_sets import Purpose
-from desirepath.learning.td3.base import OnProgress, no_progress, policy_of
+from desirepath.learning.td3.backprop import Floats
+from desirepath.learning.td3.base import (
+    CHANCE_FIRST,
+    CLONING_DECAY,
+    GUIDED_LATER,
+    GUIDED_SHARE,
+    OnProgress,
+    no_progress,
+    policy_of,
+)
 from desirepath.learning.td3.checkpoints import checkpoints
 from desirepath.learning.td3.replay import ReplayCollector
-from desirepath.learning.td3.td3 import Batch, Td3Agent, Td3Config
+from desirepath.learning.td3.td3 import CRITIC_ALONE, ActorTerm, Batch, Td3Agent, Td3Config, held_to
 from desirepath.simulation.fast import evaluate, make_engine
 from desirepath.simulation.setups import get_setup, require_same
 
@@ -60,6 +72,13 @@ class DemonstrationTraining:
             self.setup, config.n_envs, seed=config.seed, pool=pool, progress_weight=config.progress_weight
         )
         self._collector = ReplayCollector(engine, noise=config.exploration, seed=config.seed)
+        self.imitated = 0
+        self._guide = PathGuide(engine, [d.trajectory for d in demonstrations]) if config.imitated else None
+        guided = config.n_envs * self._imitating_steps()
+        self._seen = np.zeros((guided, self.setup.observation_size), dtype=np.float32)
+        self._guided = np.zeros((guided, 2), dtype=np.float32)
+        """What the guide would have done where the actor has been."""
+        self._hold: ActorTerm | None = None
         self.explored_buffer = ReturnsBuffer(
             min(config.buffer_size, self.planned_transitions() + config.n_envs),
             self.setup.observation_size,
@@ -74,16 +93,28 @@ class DemonstrationTraining:
     def planned_transitions(self) -> int:
         """How many interactions the whole training has."""
         config = self.config
-        return config.random_transitions + config.n_envs * -(-config.updates // config.updates_per_step)
+        steps = self._imitating_steps() + -(-config.updates // config.updates_per_step)
+        return config.random_transitions + config.n_envs * steps
+
+    def _imitating_steps(self) -> int:
+        return -(-self.config.imitated // self.config.imitated_per_step)
 
     @property
     def done(self) -> float:
-        """Share of the updates."""
+        """Share of the updates of TD3+BC."""
         return self.agent.updates / self.config.updates
+
+    @property
+    def all_done(self) -> float:
+        """Share of all updates."""
+        return (self.imitated + self.agent.updates) / (self.config.imitated + self.config.updates)
 
     def vector_step(self) -> None:
         """One step of all environments, then `updates_per_step` updates (none while the buffer fills at random)."""
         config = self.config
+        if self._guide is not None and self.imitated < config.imitated:
+            self._imitate(self._guide)
+            return
         warm = self.transitions >= config.random_transitions
         self._collector.step(self.agent.act if warm else None, self.explored_buffer)
         self.transitions += config.n_envs
@@ -97,6 +128,36 @@ class DemonstrationTraining:
             self._update(weights)
             self._average.lerp_(self.agent.actor.flat, 1 - config.average_decay)
 
+    def _imitate(self, guide: PathGuide) -> None:
+        """The actor drives, in some environments the guide does; the actor alone is drawn to what the guide does, and
+        to what was demonstrated. Then it is a policy whose critic has to be taught."""
+        config, done = self.config, self.imitated / self.config.imitated
+        guided = guide.act()
+        rows = slice(self.transitions, self.transitions + config.n_envs)
+        self._seen[rows], self._guided[rows] = self._collector.engine.observations, guided
+        share = GUIDED_SHARE if done < CHANCE_FIRST else GUIDED_LATER
+        drives = np.arange(1, config.n_envs + 1) * share % 1 < share
+
+        def act(observations: Floats) -> Floats:
+            return np.where(drives[:, None], guided, self.agent.act(observations))
+
+        self._collector.step(act, self.explored_buffer)
+        self.transitions += config.n_envs
+        first, last = config.imitating_rates
+        self.agent.set_learning_rate(last + (1 + math.cos(math.pi * done)) / 2 * (first - last))
+        shown, did = (part.numpy() for part in self.demonstrated[:2])
+        for _ in range(config.imitated_per_step):
+            at = torch.randint(self.transitions, (2 * config.batch_each,), generator=self._sampler).numpy()
+            of = torch.randint(len(shown), (config.batch_each,), generator=self._sampler).numpy()
+            self.agent.clone(np.concatenate([self._seen[at], shown[of]]), np.concatenate([self._guided[at], did[of]]))
+            self._average.lerp_(self.agent.actor.flat, 1 - CLONING_DECAY)
+        self.imitated += config.imitated_per_step
+        if self.imitated >= config.imitated:
+            self.agent.actor.flat.copy_(self._average)
+            self.agent.synchronise_targets()
+            self.agent.actor_waits = min(CRITIC_ALONE, config.updates // 4)
+            self._hold = held_to(self.agent.actor.to_arrays(), self.agent.shape, config.held)
+
     def _update(self, weights: Balance) -> None:
         """One update on transitions drawn anew."""
         config = self.config
@@ -105,7 +166,8 @@ class DemonstrationTraining:
             return
         explored = self.explored_buffer.sample(config.batch_each, self._sampler)
         rows = torch.randint(len(self.demonstrated.rewards), (config.batch_each,), generator=self._sampler)
-        update(self.agent, explored, Batch(*(part.index_select(0, rows) for part in self.demonstrated)), weights)
+        demonstrated = Batch(*(part.index_select(0, rows) for part in self.demonstrated))
+        update(self.agent, explored, demonstrated, weights, self._hold)
 
     def policy(self, *, averaged: bool = False) -> Policy:
         """The current controller, with its critic; `averaged` takes the running average of the actor's weights."""
@@ -156,7 +218,7 @@ def train_with_demonstrations(
 
     def between(updates: int) -> None:
         if updates % (50 * config.updates_per_step) == 0:
-            on_progress(training.done, {"updates": updates, **training.agent.losses})
+            on_progress(training.all_done, {"updates": updates, **training.agent.losses})
 
     for updates in checkpoints(step, marks, between):
         for averaged in (False, True):
@@ -175,7 +237,7 @@ def train_with_demonstrations(
                     "score": score,
                 }
             )
-            on_progress(min(1.0, training.done), {name: v for name, v in history[-1].items() if v is not None})
+            on_progress(min(1.0, training.all_done), {name: v for name, v in history[-1].items() if v is not None})
             if score > best:
                 best, best_policy = score, policy
     return TrainedController(

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session as DatabaseSession
 
+from desirepath.simulation.setups import has_depth_camera
 from desirepath.store.demonstration_snapshots import StrokeError, take_demonstrations
 from desirepath.store.events import log_event
 from desirepath.store.job_results import AlignResult, Learned
@@ -33,8 +34,7 @@ PATHS_JOB = "train_demonstrations"
 REFINEMENTS = {"instant": "conditioning_search", "each_scene": "each_scene_trained"}
 """What looks for something better behind what is there at once, and takes its place."""
 UPDATES_WHILE_ONE_WAITS = 16_000
-"""Of the job above, instead of its own default: demonstrated starts are followed after half of these already, and
-somebody waits for them. What more would buy is unseen goals (experiments/notebook)."""
+"""Of the job above with a depth camera, instead of its own default: somebody waits for them."""
 EVERY_PAIR = 4  # ch. 2: situations of an environment
 SURELY_BETTER = 0.9
 """With what probability a policy has to be better for this very person before it is shown as theirs."""
@@ -162,6 +162,7 @@ def _learn_from_paths(acting: Acting, training: Training) -> None:
         for environment in training.environments
     ]
     for snapshot in snapshots:
+        by_depth = has_depth_camera(snapshot.setup)
         job = enqueue_job(
             s,
             PATHS_JOB,
@@ -169,7 +170,8 @@ def _learn_from_paths(acting: Acting, training: Training) -> None:
                 "snapshot": snapshot.id,
                 "comparisons": scenes,
                 "seed": session.seed % (LARGEST_JOB_SEED + 1),
-                "updates": UPDATES_WHILE_ONE_WAITS,
+                "sensor": "depth" if by_depth else "places",
+                "updates": UPDATES_WHILE_ONE_WAITS if by_depth else None,
             },
             priority=_priority(session, training),
             study_id=session.study_id,

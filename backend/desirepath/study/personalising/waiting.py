@@ -29,7 +29,8 @@ USUAL_S = {
     "each_scene": 10.0,
     "conditioning_search": 60.0,
     "each_scene_trained": 45.0,
-    "train_demonstrations": 45.0,
+    "places": 15.0,
+    "depth": 85.0,
 }
 """Where nothing of that sort was learned here yet: experiments/notebook, processor seconds of one core."""
 OTHERWISE_USUAL_S = 90.0
@@ -127,9 +128,14 @@ def _left_s(s: DatabaseSession, job: Job) -> float:
 _known: dict[tuple[str, ...], tuple[float, float]] = {}  # what is usual, and until when that is believed
 
 
+def _sort_of(kind: str, params: Mapping[str, Any]) -> str:
+    """By which recipe, or by which sensor, it learns."""
+    return str(params.get("recipe") or params.get("sensor") or kind)
+
+
 def _usual_s(s: DatabaseSession, job: Job) -> float:
     """How long a training of that sort takes: the median of the last ones here."""
-    sort = str(job.params.get("recipe") or job.kind)
+    sort = _sort_of(job.kind, job.params)
     key = (str(s.get_bind().engine.url), job.kind, sort)
     usual, until = _known.get(key, (0.0, 0.0))
     if time.monotonic() >= until:
@@ -142,7 +148,7 @@ def _usual_s(s: DatabaseSession, job: Job) -> float:
         took = [
             (finished - started).total_seconds()
             for started, finished, params in done
-            if started and finished and str(params.get("recipe") or job.kind) == sort
+            if started and finished and _sort_of(job.kind, params) == sort
         ]
         usual = median(took[:LAST_ONES]) if took else USUAL_S.get(sort, OTHERWISE_USUAL_S)
         _known[key] = (usual, time.monotonic() + KNOWN_FOR_S)
