@@ -3,8 +3,8 @@
 Sentences: `datasets/words/rules_test_LANGUAGE.tsv` (columns manner, context, change, sentence), by somebody who had
 not seen the grammar. context: labels of `Condition`, several that must hold together with `+`, `not:` before one that
 must not; `always`; `unknown`: must be asked back. change: labels of `Wish` and `Zone`, several with `;`; `ask`: must be
-asked back. Of every four in a row the last was never looked at (`held_out`). Obedience: TOLD, each in fresh homes,
-against the same policy without rules in the same homes.
+asked back. All of these were looked at when the reader was made; --sentences measures others. Obedience: TOLD, each in
+fresh homes, against the same policy without rules in the same homes.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 import pydantic
@@ -21,6 +22,7 @@ from desirepath.analysis.estimates import wilson
 from desirepath.learning.rules.homes import rule_scene
 from desirepath.learning.rules.obedience import drive_by, measure_obedience
 from desirepath.learning.rules.reading import RuleRead, read_rule
+from desirepath.learning.rules.rule import OPPOSITE
 from desirepath.learning.scene_sets import Purpose, first_seed
 from desirepath.learning.words.lexicon import FOLDER, LANGUAGES, Language
 from desirepath_experiments.benchmarks.results import Progress
@@ -52,9 +54,9 @@ class LabelledRule:
     sentence: str
 
 
-def read_labelled(language: Language) -> list[LabelledRule]:
+def read_labelled(language: Language, folder: Path = FOLDER) -> list[LabelledRule]:
     """Nothing where nobody has written them."""
-    file = FOLDER / f"rules_test_{language}.tsv"
+    file = folder / f"rules_test_{language}.tsv"
     if not file.is_file():
         return []
     with file.open(encoding="utf-8", newline="") as opened:
@@ -107,12 +109,17 @@ def judge_change(labelled: LabelledRule, got: RuleRead) -> str:
 
 
 def _as_meant(context: frozenset[str], change: frozenset[str]) -> tuple[frozenset[str], frozenset[str]]:
-    """Slower near the person, said either way; a negative `closer` as `farther`."""
-    change = frozenset({"closer:-": "farther:+", "farther:-": "closer:+"}.get(label, label) for label in change)
+    """Slower near the person, or not, said either way; less of one of two opposites as more of the other."""
+    change = frozenset(_LESS.get(label, label) for label in change)
+    if "near:person" in context and "slower_near_person:-" in change:
+        context = context - {"near:person"} or frozenset({"always"})
     if "near:person" in context and change & {"faster:-", "slower_near_person:+"}:
         context = context - {"near:person"} or frozenset({"always"})
         change = change - {"faster:-"} | {"slower_near_person:+"}
     return context, change
+
+
+_LESS = {f"{name}:-": f"{other}:+" for name, other in OPPOSITE.items()}
 
 
 def _turned(label: str) -> str:
@@ -129,22 +136,23 @@ def _turned(label: str) -> str:
 
 @pydantic.dataclasses.dataclass(frozen=True)
 class RulesConfig:
-    """In how many fresh homes a robot is watched."""
+    """Which sentences are read, and in how many fresh homes a robot is watched."""
 
     scenes: Annotated[int, Field(ge=20, le=2_000, description="Homes.")] = 300
     seed: Annotated[int, Field(ge=0, le=1_000, description="Of the homes.")] = 0
+    sentences: Annotated[
+        Path | None,
+        Field(description="A folder of rules_test_en.tsv and rules_test_de.tsv; then no robot drives."),
+    ] = None
 
 
 def benchmark_rules(config: RulesConfig, progress: Progress | None = None) -> dict[str, Any]:
     """Shares with 95 % intervals: Wilson's of sentences, resampled homes of obedience."""
     progress = progress or Progress()
-    read: dict[str, Any] = {}
-    for language in LANGUAGES:
-        labelled = read_labelled(language)
-        read[language] = {
-            "looked_at": _summarise([one for k, one in enumerate(labelled) if k % 4 != 3], language),
-            "held_out": _summarise(labelled[3::4], language),
-        }
+    folder = config.sentences or FOLDER
+    read = {language: _summarise(read_labelled(language, folder), language) for language in LANGUAGES}
+    if config.sentences is not None:
+        return {"sentences": read}
     first = first_seed(Purpose.REPORT, config.seed)
     scenes = [rule_scene(first + number) for number in range(config.scenes)]
     usual = drive_by([], scenes)

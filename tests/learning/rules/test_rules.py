@@ -13,11 +13,18 @@ from desirepath.learning.rules.obedience import drive_by, obeyed_steps
 from desirepath.learning.rules.obeying import ObeyingPolicy, Situation
 from desirepath.learning.rules.reading import read_rule
 from desirepath.learning.rules.rule import Rectangle, Rule, Wish, Zone, collisions, weights_by
+from desirepath.learning.rules.spelling import mend
 from desirepath.simulation.fast import rollout
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import arrived
-from desirepath_experiments.benchmarks.rules import LabelledRule, judge_change, judge_context
+from desirepath_experiments.benchmarks.rules import (
+    LabelledRule,
+    RulesConfig,
+    benchmark_rules,
+    judge_change,
+    judge_context,
+)
 
 HOMES = 24
 
@@ -43,6 +50,18 @@ def homes() -> list[Scene]:
         ("de", "Halt dich von der Lampe fern", "always", "zone:lamp"),
         ("de", "Fahr langsamer am Sofa vorbei", "near:sofa", "faster:-"),
         ("de", "Wenn ich gehe, halt mich auf deiner linken Seite", "walking", "person_on_left:+"),
+        ("de", "Besuch da und ich sitze: mehr Abstand", "others+sitting", "farther:+"),
+        ("de", "Zügig fahren, bloß im Wohnzimmer nicht", "not:room:living_room", "faster:+"),
+        ("de", "Ich will nicht, dass du hinter mir fährst", "always", "zone:behind"),
+        ("de", "in der küchhe nihct vor mir farhen", "room:kitchen", "zone:front"),
+        ("de", "Halt dich vom Ohrensessel fern", "always", "zone:chair"),
+        ("de", "Fahr so, dass du mich nicht rechts hast", "always", "person_on_left:+"),
+        ("en", "guests here = more distance", "others", "farther:+"),
+        ("en", "Go faster, but not in the bedroom", "not:room:bedroom", "faster:+"),
+        ("en", "When I stand or walk, keep more distance", "not:sitting", "farther:+"),
+        ("en", "Only when I'm sitting may you drive behind me", "not:sitting", "zone:behind"),
+        ("en", "When I'm in the bedroom, don't come in", "always", "zone:room:bedroom"),
+        ("en", "You needn't slow down near me", "always", "slower_near_person:-"),
     ],
 )
 def test_a_sentence_becomes_a_situation_and_a_change(language, sentence, context, change) -> None:
@@ -55,12 +74,25 @@ def test_a_sentence_becomes_a_situation_and_a_change(language, sentence, context
     ("sentence", "about"),
     [
         ("Go slower when it is raining", "context"),
+        ("slowly in front of the mirror", "context"),
+        ("When I sit, you may drive behind me", "nothing"),
         ("Bring me tea when I sit", "nothing"),
         ("Not here", "place"),
     ],
 )
 def test_what_is_not_clear_is_asked_back(sentence, about) -> None:
     assert about in [one.about for one in read_rule(sentence, "en").asked]
+
+
+def test_what_is_asked_back_is_quoted_as_it_was_typed() -> None:
+    typed = "langsahmer wenns regnet"
+    (asked,) = read_rule(typed, "de").asked
+    assert typed[asked.start : asked.end] == "wenns regnet"
+
+
+@pytest.mark.parametrize("word", ["closet", "setting", "music"])
+def test_another_word_is_no_typing_error(word) -> None:
+    assert mend(word, "en").text == word
 
 
 def test_two_rules_that_ask_for_opposites_collide_unless_they_never_hold_at_once() -> None:
@@ -147,6 +179,14 @@ def test_a_drawn_zone_counts_in_its_place_alone(homes) -> None:
 def test_more_rules_than_anybody_keeps_are_refused() -> None:
     with pytest.raises(LearningError, match="at most"):
         ObeyingPolicy(load_conditioned("study_room/conditioned"), {}, [Rule()] * 13)
+
+
+def test_sentences_of_another_folder_are_measured(tmp_path) -> None:
+    rows = "manner\tcontext\tchange\tsentence\nshort\tsitting\tcloser:+\tWhen I sit, come closer\n"
+    (tmp_path / "rules_test_en.tsv").write_text(rows, encoding="utf-8")
+    read = benchmark_rules(RulesConfig(sentences=tmp_path))["sentences"]
+    assert (read["en"]["n"], read["de"]["n"]) == (1, 0)
+    assert read["en"]["change"]["right"]["value"] == 1
 
 
 def test_labelled_sentences_are_judged_by_situation_and_by_change() -> None:

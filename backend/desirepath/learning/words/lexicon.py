@@ -63,7 +63,7 @@ _BEFORE_TOO = known_words(
 )
 _OBJECTS = known_words("down up a an the my your its it me us that this in on")
 _RATHER = known_words("rather prefer preferred prefers than favour from sooner")
-_KEYS = "qwertyuiop asdfghjkl zxcvbnm qwertzuiop yxcvbnm"
+KEYS = "qwertyuiop asdfghjkl zxcvbnm qwertzuiop yxcvbnm"
 """Keys beside each other, English and German."""
 _SHORTENED = re.compile(r"^(it|that|there|what|he|she|here)['’]s$", re.IGNORECASE)
 
@@ -149,9 +149,11 @@ class Lexicon:
     nearly: Mapping[str, tuple[str, ...]]
     longest: int
 
-    def tokens(self, text: str) -> list[Token]:
-        """The text as tokens, the longest known phrase first; no phrase goes across punctuation."""
-        words = self._corrected(words_of(text, self.language))
+    def tokens(self, text: str, mends: bool = True) -> list[Token]:
+        """The text as tokens, the longest known phrase first; no phrase goes across punctuation. mends: typing errors,
+        which is no use where most words are another lexicon's."""
+        words = words_of(text, self.language)
+        words = self._corrected(words) if mends else words
         found: list[Token] = []
         at = 0
         while at < len(words):
@@ -169,7 +171,7 @@ class Lexicon:
                     break
             else:
                 many = 1
-                found.append(self._guessed(words[at]))
+                found.append(self._guessed(words[at], mends))
             at += many
         return found
 
@@ -198,13 +200,13 @@ class Lexicon:
         return sum((word.form,) in self.entries or word.form.isdigit() for word in words), len(words)
 
     @cached_property
-    def _forms(self) -> frozenset[str]:
+    def forms(self) -> frozenset[str]:
         """Every word of an entry."""
         return frozenset(form for forms in self.entries for form in forms) | self.apart.keys()
 
     def _corrected(self, words: list[Word]) -> list[Word]:
         """The words with typing errors mended, so that phrases are found of them, too: "slwo down", "way to fast"."""
-        found = [word if word.form in self._forms else self._respelled(word) for word in words]
+        found = [word if word.form in self.forms else self._respelled(word) for word in words]
         if self.language == "en":
             for k, word in enumerate(found):
                 if word.form in ("to", "2") and _means_too(found, k):
@@ -215,7 +217,7 @@ class Lexicon:
         short = re.sub(r"(.)\1", r"\1", word.form)  # "slooow"
         if (short,) in self.entries and len(short) > 1:
             return replace(word, form=short)
-        if word.form.isdigit() or (self.language == "de" and self._parted(word.form)):
+        if word.form.isdigit() or (self.language == "de" and self.parted(word.form)):
             return word
         close = {known for form in _shorter(word.form) for known in self.nearly.get(form, ())}
         if any(self.entries[(known,)] in self._turning for known in close):
@@ -224,13 +226,15 @@ class Lexicon:
         senses = {self.entries[(known,)] for known in close}
         return replace(word, form=min(close)) if len(senses) == 1 else word
 
-    def _guessed(self, word: Word) -> Token:
+    def _guessed(self, word: Word, mends: bool) -> Token:
         if word.form.isdigit():
             return Token(frozenset({"filler"}), (word,))
+        if not mends:
+            return Token(UNKNOWN, (word,))
         likely = self.entries.get((self._respelled(word).form,))  # of a word that is known in phrases only
-        return Token(likely or (self._parted(word.form) if self.language == "de" else None) or UNKNOWN, (word,))
+        return Token(likely or (self.parted(word.form) if self.language == "de" else None) or UNKNOWN, (word,))
 
-    def _parted(self, form: str) -> frozenset[str] | None:
+    def parted(self, form: str) -> frozenset[str] | None:
         """The senses of prefix and verb of a separable verb: `vorbeizurasen` is past, and fast."""
         for cut in range(min(len(form) - 3, 9), 1, -1):
             sense = _PREFIXES.get(form[:cut])
@@ -262,7 +266,7 @@ def _one_slip(typed: str, known: str) -> bool:
         differ = [k for k in range(len(typed)) if typed[k] != known[k]]
         if len(differ) == 1:
             keys = {typed[differ[0]] + known[differ[0]], known[differ[0]] + typed[differ[0]]}
-            return differ[0] > 0 and len(typed) >= SURELY_MISTYPED and any(key in _KEYS for key in keys)
+            return differ[0] > 0 and len(typed) >= SURELY_MISTYPED and any(key in KEYS for key in keys)
         a, b = (differ[0], differ[-1]) if differ else (0, 0)
         return len(differ) == 2 and b == a + 1 and typed[a] == known[b] and typed[b] == known[a]
     longer, shorter = (typed, known) if len(typed) > len(known) else (known, typed)

@@ -133,11 +133,18 @@ class Understood:
 
 class WordsReader:
     """Reads sentences of a page's language, and of the other one where they are clearly of that. second: of a language,
-    who doubts what the rules read; nobody where it returns None."""
+    who doubts what the rules read; nobody where it returns None. doubts_unsaid: whether it is heard where it finds that
+    nothing was said, which it was trained to of whole sentences."""
 
-    def __init__(self, language: Language, second: Callable[[Language], SecondReader | None] = second_reader) -> None:
+    def __init__(
+        self,
+        language: Language,
+        second: Callable[[Language], SecondReader | None] = second_reader,
+        doubts_unsaid: bool = True,
+    ) -> None:
         self.language = language
         self.second = second
+        self.doubts_unsaid = doubts_unsaid
 
     def understand(self, text: str) -> Understood:
         """Raises ValueError for more than LONGEST characters."""
@@ -158,7 +165,10 @@ class WordsReader:
         read = _unanswered(doubted(clauses, _asked_once(_compared(clauses, read), clauses)))
         second = self.second(language)
         some = second is not None and any(one.sure and not one.waived for one in read)
-        return _understood(read, missed, language, second.doubts(text, tokens) if second and some else None)
+        doubts = second.doubts(text, tokens) if second and some else None
+        if doubts is not None and not self.doubts_unsaid:
+            doubts = replace(doubts, unsaid=frozenset())
+        return _understood(read, missed, language, doubts)
 
 
 def language_of_text(text: str, expected: Language) -> Language:
