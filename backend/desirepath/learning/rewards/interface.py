@@ -98,11 +98,11 @@ def fit_interface(preferences: Sequence[Preference], config: InterfaceConfig | N
         for pairs in np.array_split(random.permutation(train), max(1, len(train) // config.pairs_per_step)):
             rows = _drawn(spans[pairs], config.steps_per_trajectory, random)
             optimiser.zero_grad()
-            _loss(network(steps[rows].flatten(0, 2)).view(rows.shape).mean(2)).backward()  # type: ignore[no-untyped-call]
+            bradley_terry_mean_loss(network(steps[rows].flatten(0, 2)).view(rows.shape).mean(2)).backward()  # type: ignore[no-untyped-call]
             optimiser.step()
         network.eval()
         with torch.no_grad():
-            loss = float(_loss(_whole(network, steps, spans[judged])))
+            loss = float(bradley_terry_mean_loss(_whole(network, steps, spans[judged])))
         if loss < best_loss:
             best_loss, best, since = loss, _layers(network), 0
         elif (since := since + 1) >= config.patience:
@@ -145,7 +145,7 @@ def _whole(network: nn.Module, steps: Tensor, spans: NDArray[np.int64]) -> Tenso
     return (summed / torch.as_tensor(flat[:, 1])).view(-1, 2)
 
 
-def _loss(means: Tensor) -> Tensor:
+def bradley_terry_mean_loss(means: Tensor) -> Tensor:
     """-log P[chosen > rejected] of mean rewards (pairs, 2), averaged."""
     return nn.functional.softplus(means[:, 1] - means[:, 0]).mean()
 

@@ -88,7 +88,7 @@ class MlpRewardModel(RewardModel):
         return cls(meta["setup"], shape, layers, float(meta["shift"]), float(meta["scale"]), reduction)
 
 
-def pair_losses(pairs: Sequence[Preference], parameters: Parameters, reduction: Reduction) -> Tensor:
+def bradley_terry_losses(pairs: Sequence[Preference], parameters: Parameters, reduction: Reduction) -> Tensor:
     """Equation 6.4: -log P[chosen > rejected] of each pair, (pairs,)."""
     trajectories = [trajectory for pair in pairs for trajectory in (pair.chosen, pair.rejected)]
     observations = torch.as_tensor(np.concatenate([trajectory.observations for trajectory in trajectories]))
@@ -125,10 +125,10 @@ def fit_mlp(preferences: Sequence[Preference], config: MlpConfig | None = None) 
         for first in range(0, len(order), config.pairs_per_step):
             parameters.zero_grad()
             together = [train[k] for k in order[first : first + config.pairs_per_step]]
-            pair_losses(together, parameters, config.reduction).mean().backward()  # type: ignore[no-untyped-call]
+            bradley_terry_losses(together, parameters, config.reduction).mean().backward()  # type: ignore[no-untyped-call]
             optimiser.step()
         with torch.no_grad():
-            loss = float(pair_losses(held_out or train, parameters, config.reduction).mean())
+            loss = float(bradley_terry_losses(held_out or train, parameters, config.reduction).mean())
         if loss < best_loss:
             best_loss, best = loss, parameters.to_arrays()
     raw = MlpRewardModel(setup.name, shape, tuple(best), shift=0.0, scale=1.0, reduction=config.reduction)

@@ -1,4 +1,5 @@
-"""What a learned reward is, whatever its kind, and the loss that all kinds share (Bradley-Terry, equation 6.4).
+"""What a learned reward is, whatever its kind. The Bradley-Terry loss (equation 6.4) stands here in NumPy, as answers
+that were held out are scored by it and `linear` is fitted; networks have it in torch (`grep bradley_terry`).
 
 Each kind has a file of its own, found by looking, or a module of another package by an entry point of
 `desirepath.reward_models`. `held_out.py` says how well they predict, `auto.py`

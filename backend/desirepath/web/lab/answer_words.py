@@ -145,7 +145,13 @@ class AnswerWords:
             else t(f"{own}.less", what=t(f"live.weights.{one.objective}.name"))
             for one in rule.wishes
         ]
-        then += [t(f"{own}.zones.{one.kind}", what=t(f"{own}.names.{one.of}") if one.of else "") for one in rule.zones]
+        then += [
+            t(
+                f"{own}.zones.{zone.kind}",
+                what=t(f"{own}.{'into' if zone.kind == 'room' else 'things'}.{zone.of}") if zone.of else "",
+            )
+            for zone in rule.zones
+        ]
         lines = [t(f"{own}.when_line", when=" + ".join(when)), t(f"{own}.then_line", then="; ".join(then))]
         return Said(t("live.script.quoted", words=rule.words), ". ".join(lines) + ("" if rule.on else " (–)"))
 
@@ -154,8 +160,10 @@ class AnswerWords:
         label = one.label.removeprefix("not:")
         if one.of is None:
             said = self.t(f"{own}.conditions.{label}")
+        elif one.kind == "room":
+            said = self.t(f"{own}.room.{one.of}")
         else:
-            said = self.t(f"{own}.{one.kind}", what=self.t(f"{own}.names.{one.of}"))
+            said = self.t(f"{own}.{one.kind}", what=self.t(f"{own}.things.{one.of}"))
         return self.t(f"{own}.not", what=said) if one.label.startswith("not:") else said
 
     def _degree(self, value: Mapping[str, Any]) -> Said:

@@ -278,7 +278,7 @@ class Telling extends LivePanel {
     const parts = label.split(":");
     const denied = parts[0] === "not";
     const [kind, of] = denied ? parts.slice(1) : parts;
-    const said = of ? this.own(`rules.${kind}`, { what: this.own(`rules.names.${of}`) }) : this.own(`rules.conditions.${kind}`);
+    const said = kind === "room" ? this.own(`rules.room.${of}`) : of ? this.own(`rules.${kind}`, { what: this.own(`rules.things.${of}`) }) : this.own(`rules.conditions.${kind}`);
     return denied ? this.own("rules.not", { what: said }) : said;
   }
 
@@ -303,7 +303,9 @@ class Telling extends LivePanel {
   /** @param {Rule} rule */
   then(rule) {
     const wishes = rule.wishes.map((wish) => this.wish(wish));
-    const zones = rule.zones.map(({ kind, of }) => this.own(`rules.zones.${kind}`, { what: of ? this.own(`rules.names.${of}`) : "" }));
+    const zones = rule.zones.map(({ kind, of }) =>
+      this.own(`rules.zones.${kind}`, { what: of ? this.own(`rules.${kind === "room" ? "into" : "things"}.${of}`) : "" }),
+    );
     return [...wishes, ...zones].join("; ") || this.own("rules.nothing_yet");
   }
 
