@@ -46,7 +46,7 @@ IN_WORDS = {
         "consent": "Version 2026-11; Learning from the answers yes; Publishing the answers no",
         "attention": "A, asked for B: failed",
         "rules": "“Slow, unless I sit in the kitchen” When: not: you sit + in the kitchen. "
-        "Then: slower; not between you and this: sofa (–)",
+        "Then: slower; not between you and the sofa (–)",
         "order": "piles, the least liked first: 2 | – | 3, 1",
         "importance_ranking": "1. wall, +x, 2. box 2, 3. person",
         "demonstration": "kept this path",
