@@ -16,6 +16,7 @@ from fastapi.staticfiles import StaticFiles
 from fastapi.templating import Jinja2Templates
 from starlette.responses import Response
 
+from desirepath.store.marks import MOST_MARKS, WHYS
 from desirepath.study.kinds.live import CONTROLS, CROWD_CONTROLS
 from desirepath.study.kinds.order import COLOURS
 from desirepath.web.core.catalogues import Texts
@@ -137,6 +138,15 @@ STEPS: dict[str, dict[str, Any]] = {
         "question": None,
         "colours": COLOURS,
         "durations_s": [4.2, 6.0, 5.4, 8.8],
+    },
+    "mark": {
+        "view": "top_down",
+        "number": 1,
+        "of": 10,
+        "good": True,
+        "question": None,
+        "reasons": list(WHYS),
+        "most": MOST_MARKS,
     },
     "tuning": {
         "setup": "study_room",

@@ -99,10 +99,10 @@ class Walker:
         with self.database.session() as s:
             return machine.current(s, s.get_one(Session, self.session.id), now=self.now)
 
-    def watch(self, key: str) -> None:
-        """Start the trial and see both drives to their ends."""
+    def watch(self, key: str, drives: str = "ab") -> None:
+        """Start the trial and see both drives, or A alone, to their ends."""
         play = self.do(machine.start_trial, key, request_id=None, now=self.now)
-        for drive in ("a", "b"):
+        for drive in drives:
             self.later(2.0 + self.view.trial[f"duration_{drive}_s"] + 0.1)
             play = self.do(machine.trajectory_seen, key, drive, play.playback_id, now=self.now)
 

@@ -1,7 +1,8 @@
 // @ts-check
 /**
  * The wire to the page that holds this stage: events go up; `hello`, orders for the pen (`draw`), for explained objects
- * (`explain`), paths to drive (`steer`), where a real robot is (`mirror`) what a headset shows (`headset`) and whether motors sound (`sound`) come down.
+ * (`explain`), paths to drive (`steer`), where a real robot is (`mirror`), a moment of what was played (`still`), what a headset shows (`headset`) and
+ * whether motors sound (`sound`) come down.
  * Origins are checked both ways.
  *
  * Every event is `{source: "desirepath-stage", type, ...}`; the types are listed in app/desirepath_stage/page.py.
@@ -27,6 +28,7 @@
     else if (event.data?.type === "mirror") window.desirePath.mirror?.show(event.data);
     else if (event.data?.type === "headset") window.desirePath.headset?.obey(event.data);
     else if (event.data?.type === "sound") window.desirePath.sound?.obey(event.data);
+    else if (event.data?.type === "still") window.desirePath.player?.still(Number(event.data.seconds));
     else if (event.data?.type === "explain") window.desirePath.explained?.obey(event.data);
   });
 

@@ -205,6 +205,7 @@ interface DesirePath {
     place(i: number, where: number[], watched: boolean): void;
     play(order: Orders["play"]): void;
     rest(start: number[]): void;
+    still(seconds: number): void;
     end(pose: number[]): void;
     replay(order: Orders["replay"]): void;
     interrupt(reason: string): void;

@@ -23,6 +23,8 @@
   let turn = 0;
   /** @type {string | null} */
   let running = null;
+  /** What was played last in this scene. @type {{tracks: Track[], walked: Track | null} | null} */
+  let played = null;
 
   /** @param {Track} track @param {number} t seconds @returns {number[]} [x, y, yaw] */
   function at(track, t) {
@@ -84,6 +86,7 @@
     use(names, who = "", where = [0, 0, 0], people = [], aim = null) {
       this.interrupt("another-scene");
       [robots, person, stands, crowd, goal] = [names, who, where, people, aim];
+      played = null;
     },
 
     /** The person stands where that walk has them at `t`. @param {Track} walked @param {number} t */
@@ -115,6 +118,7 @@
       let drawn = 0;
       let moving = false;
       running = id;
+      played = { tracks, walked };
       bridge.state.playback_id = id;
       window.desirePath.camera.hold();
       put(stands);
@@ -175,6 +179,11 @@
         walk.stop();
       };
       frames.next(step);
+    },
+
+    /** What was played stands as it was after so many seconds; nothing where something plays. @param {number} seconds */
+    still(seconds) {
+      if (played && running === null) pose(played.tracks, seconds, played.walked);
     },
 
     /** The robot stands where its rollout ended. @param {number[]} pose x, y, yaw */

@@ -92,7 +92,8 @@ def align(context: JobContext, params: AlignParams) -> dict[str, Any]:
     aligned = algorithm.align(context, params, base, model)
     believed, independent = None, of_participant
     if params.surely_better:  # else nobody asks, and it takes seconds
-        independent = preferences_of(context, snapshot, independent=True) if snapshot.ratings else of_participant
+        shared = snapshot.ratings or snapshot.marks  # choices that these imply are not independent
+        independent = preferences_of(context, snapshot, independent=True) if shared else of_participant
         earlier = earlier_people(context, params.earlier, setup, params.symmetry)
         before = people_in_general(setup) if params.prior == IN_GENERAL else prior_of_earlier(setup, earlier)
         believed = posterior_of_person(independent, params.symmetry, before)

@@ -5,7 +5,8 @@ How a reward model is fitted is `desirepath.learning.rewards`'; which job wants 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any, cast
 
 import numpy as np
@@ -22,13 +23,21 @@ from desirepath.learning.preferences.population_prior import EarlierPerson, Weig
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.predictive_check import PredictiveCheck, check_answers
 from desirepath.learning.preferences.preferences import Preference, usable
+from desirepath.learning.preferences.spans import marked_parts
 from desirepath.learning.rewards.held_out import CHANCE, Prediction, majority_share, predictions
 from desirepath.learning.rewards.kinds import FITTINGS
 from desirepath.learning.rewards.reward_model import Fit, FitSettings, Reduction, RewardModel
 from desirepath.simulation.trajectory import Trajectory, require_poses
 from desirepath.store.artefacts import ArtefactError, load_trajectory
 from desirepath.store.models import Artefact
-from desirepath.store.snapshots import Answer, Snapshot, implied_choices, independent_choices, load_snapshot
+from desirepath.store.snapshots import (
+    Answer,
+    MarkedMoment,
+    Snapshot,
+    implied_choices,
+    independent_choices,
+    load_snapshot,
+)
 
 log = structlog.get_logger("desirepath.jobs")
 
@@ -47,7 +56,8 @@ def preferences_of(
     """The answers by participant, also that there is no difference. Probes ask the same again: they measure, they do
     not teach.
 
-    independent: of the choices that ratings imply only such as share no rating, for what counts how sure it may be.
+    independent: of the choices that ratings and marks imply only such as share none of them, for what counts how sure
+    it may be.
     """
     loaded: dict[str, Trajectory] = {}
 
@@ -73,7 +83,24 @@ def preferences_of(
             trajectory(better.trajectory), trajectory(worse.trajectory), better.source, better.participant
         )
         by_participant.setdefault(better.participant, []).append(pair)
+    for mark, marked, other in _marked_parts(snapshot, trajectory, independent=independent):
+        shown = (marked, other) if mark.better else (other, marked)
+        by_participant.setdefault(mark.participant, []).append(Preference(*shown, mark.source, mark.participant))
     return by_participant
+
+
+def _marked_parts(
+    snapshot: Snapshot, load: Callable[[str], Trajectory], *, independent: bool
+) -> Iterator[tuple[MarkedMoment, Trajectory, Trajectory]]:
+    """Each marked part of a trajectory beside each part of it that was not marked so; independent: beside one that no
+    other is compared with."""
+    alike: dict[tuple[str, bool], list[MarkedMoment]] = {}
+    for mark in snapshot.marks:
+        alike.setdefault((mark.response, mark.better), []).append(mark)
+    for of_one in alike.values():
+        marked, others = marked_parts(load(of_one[0].trajectory), [mark.at_s for mark in of_one])
+        pairs = zip(marked, others, strict=False) if independent else product(marked, others)
+        yield from ((of_one[0], *pair) for pair in pairs)
 
 
 def fit_of(

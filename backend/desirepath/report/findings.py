@@ -31,6 +31,7 @@ from desirepath.report.choice_findings import (
 from desirepath.report.explanation_findings import Explained, analyse_rankings
 from desirepath.report.further_findings import Further, analyse_further
 from desirepath.report.item_tests import ItemResult, item_results
+from desirepath.report.marked_moments import Marked, describe_marks
 from desirepath.report.meeting import Met, summarise_meetings
 from desirepath.report.method_findings import Methods, analyse_methods
 from desirepath.report.own_findings import Guessed, Personalised, compare_own, count_guesses
@@ -111,6 +112,7 @@ class Findings:
     degrees: Mapping[str, OfDegrees]
     ruled: OfRules | None
     several: Sequence[OfSeveral]
+    marked: Marked | None
 
     @property
     def tests(self) -> list[Tested]:
@@ -202,6 +204,7 @@ def analyse(
         ruled=summarise_rules(own.told_rules),
         degrees={name: said for name in conditions if (said := describe_degrees(own.degrees, name)) is not None},
         several=describe_several(own.several),
+        marked=describe_marks(own.marked, load),
     )
 
 

@@ -17,6 +17,7 @@ from desirepath.report.choice_text import (
 from desirepath.report.explanation_text import RANKINGS_TITLE, RATED_TITLE, explanation_brief, explanation_sections
 from desirepath.report.findings import Findings
 from desirepath.report.further_text import further_sections
+from desirepath.report.marked_moments import marks_section
 from desirepath.report.meeting import meeting_section
 from desirepath.report.method_text import methods_section, methods_sentence
 from desirepath.report.rating_text import item_in_words, items_section, rankings_section, scales_section
@@ -65,6 +66,7 @@ def sections(findings: Findings, drawn: Sequence[Picture], folder: Path) -> list
         personalised_section(findings),
         methods_section(findings),
         meeting_section(findings.met),
+        marks_section(findings.marked),
         rules_section(findings.ruled),
         *further_sections(findings),
         _devices(findings),

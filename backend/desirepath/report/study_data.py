@@ -91,6 +91,17 @@ class SeveralAnswer:
 
 
 @dataclass(frozen=True)
+class MarkedDrive:
+    """One trajectory that was watched to mark moments in it. marks: (seconds to the tap, why), why None where nobody
+    said."""
+
+    person: str
+    condition: str
+    trajectory: str
+    marks: tuple[tuple[float, str | None], ...]
+
+
+@dataclass(frozen=True)
 class Rating:
     """One item of a questionnaire. condition: the block that it was about, None outside blocks. value: as answered; a
     ranking's is the list of options, best first. asking: the stage that asked, which tells before from after.
@@ -229,7 +240,7 @@ class ItemText:
 
 OF_PEOPLE = [
     "choices", "degrees", "several", "ratings", "comparisons", "guesses", "meetings", "importance", "method_choices",
-    "taught", "told_rules",
+    "taught", "told_rules", "marked",
 ]  # fmt: skip
 """What of a study's data are rows of somebody's."""
 
@@ -259,6 +270,7 @@ class StudyData:
     degrees: Sequence[Degree] = ()
     told_rules: Sequence[ToldRules] = ()
     several: Sequence[SeveralAnswer] = ()
+    marked: Sequence[MarkedDrive] = ()
 
     def of(self, codes: set[str]) -> StudyData:
         """The same study with only these people's answers; `people` stays whole."""

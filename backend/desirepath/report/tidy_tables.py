@@ -27,6 +27,7 @@ from desirepath.report.study_data import (
     ImportanceRanking,
     ItemText,
     Load,
+    MarkedDrive,
     Meeting,
     MethodChoice,
     ParticipantRow,
@@ -39,6 +40,7 @@ from desirepath.report.study_data import (
 from desirepath.store.artefacts import ArtefactStore, load_trajectory
 from desirepath.store.dataset.reading import read_dataset
 from desirepath.store.dataset.writing import answers_of
+from desirepath.store.marks import marks_in
 from desirepath.store.models import ProtocolVersion, Study
 from desirepath.store.sides import SIDES, chosen_and_rejected, is_answer_to_several, is_side, shown_on
 from desirepath.store.who_counts import FURTHER
@@ -150,6 +152,7 @@ def tidy(
         degrees=list(_degrees(tables)),
         told_rules=list(_told_rules(tables["responses"], plans)),
         several=list(_several(tables)),
+        marked=list(_marked(tables)),
     )
 
 
@@ -188,6 +191,16 @@ def _degrees(tables: Tables) -> Iterator[Degree]:
         if row["trial"] in regular and "possible" in row["value"]:
             trial = regular[row["trial"]]
             yield Degree(row["participant"], trial["block"] or trial["view"], row["value"].get("degree"))
+
+
+def _marked(tables: Tables) -> Iterator[MarkedDrive]:
+    """Also such in which nothing was marked."""
+    trials = {row["trial"]: row for row in tables["trials"] if row["kind"] == "mark"}
+    for row in tables["responses"]:
+        trial, marks = trials.get(row["trial"]), marks_in(row["value"])
+        if trial is not None and marks is not None:
+            said = tuple((mark.at_s, mark.why) for mark in marks)
+            yield MarkedDrive(row["participant"], trial["block"] or trial["view"], trial["trajectory_a"], said)
 
 
 def _several(tables: Tables) -> Iterator[SeveralAnswer]:

@@ -18,6 +18,7 @@ from sqlalchemy.orm import Session
 
 from desirepath.simulation.setups import require_same
 from desirepath.store.artefacts import ArtefactStore, load_artefact, save_artefact
+from desirepath.store.marks import marks_in
 from desirepath.store.models import (
     Artefact,
     ArtefactAnswer,
@@ -126,6 +127,21 @@ class RatedTrajectory:
     source: str
 
 
+@dataclass(frozen=True)
+class MarkedMoment:
+    """One moment of a trajectory that somebody marked. at_s: from the robot's first move to the tap; better: as good,
+    else as not right."""
+
+    response: str
+    trial: str
+    participant: str
+    view: str
+    trajectory: str
+    at_s: float
+    better: bool
+    source: str
+
+
 def implied_choices(ratings: Sequence[RatedTrajectory]) -> list[tuple[RatedTrajectory, RatedTrajectory]]:
     """(better, worse) of what one person rated differently under one condition: the choices that ratings imply.
 
@@ -165,6 +181,9 @@ def _group_ratings(ratings: Sequence[RatedTrajectory]) -> list[list[RatedTraject
     return list(alike.values())
 
 
+Evidence = Answer | RatedTrajectory | NoDifference | MarkedMoment
+
+
 @dataclass(frozen=True)
 class Snapshot:
     """The content of a snapshot: answers of one setup in the order they were given, and what was left out.
@@ -181,11 +200,12 @@ class Snapshot:
     left_out: dict[str, int]
     ratings: tuple[RatedTrajectory, ...] = ()
     ties: tuple[NoDifference, ...] = ()
+    marks: tuple[MarkedMoment, ...] = ()
 
     @property
     def simulated(self) -> bool:
         """Whether any answer came from an oracle."""
-        given: list[Answer | RatedTrajectory | NoDifference] = [*self.answers, *self.ratings, *self.ties]
+        given: list[Evidence] = [*self.answers, *self.ratings, *self.ties, *self.marks]
         return any(answer.source == "simulated" for answer in given)
 
     def training_answers(self) -> tuple[Answer, ...]:
@@ -197,7 +217,7 @@ class Snapshot:
         of A or B only where there is some, so that snapshots of choices are what they always were.
         """
         data = {"format": FORMAT, **asdict(self)}
-        for name in ("ratings", "ties"):
+        for name in ("ratings", "ties", "marks"):
             if not data[name]:
                 del data[name]
         for answer in data["answers"]:
@@ -215,7 +235,8 @@ class Snapshot:
             ratings = tuple(RatedTrajectory(**rated) for rated in data.pop("ratings", ()))
             answers = tuple(Answer(**answer) for answer in data.pop("answers"))
             ties = tuple(NoDifference(**tie) for tie in data.pop("ties", ()))
-            return cls(**data, answers=answers, ratings=ratings, ties=ties)
+            marks = tuple(MarkedMoment(**mark) for mark in data.pop("marks", ()))
+            return cls(**data, answers=answers, ratings=ratings, ties=ties, marks=marks)
         except (ValueError, KeyError, TypeError) as problem:
             raise SnapshotError(f"not a snapshot of this version ({FORMAT}): {problem}") from None
 
@@ -309,7 +330,7 @@ def _answers_of(study_id: str) -> Select[Response, Trial, Participant, str]:
         .join(SessionRow, SessionRow.id == Response.session_id)
         .join(Participant, Participant.id == SessionRow.participant_id)
         .join(TrajectoryRow, TrajectoryRow.id == Trial.trajectory_a)
-        .where(SessionRow.study_id == study_id, Trial.kind.in_(("query", "rating", "order")))
+        .where(SessionRow.study_id == study_id, Trial.kind.in_(("query", "rating", "order", "mark")))
         .order_by(Participant.code, Response.created_at, Trial.index, Response.id)
     )
 
@@ -327,6 +348,7 @@ def _freeze(
     answers: list[Answer] = []
     ratings: list[RatedTrajectory] = []
     ties: list[NoDifference] = []
+    marks: list[MarkedMoment] = []
     orders = 0
     setups: dict[str, str] = {}
     for response, trial, participant, setup in rows:
@@ -336,6 +358,11 @@ def _freeze(
             continue
         setups[f"answer {response.id}"] = setup
         source = "simulated" if participant.simulated else "human"
+        if trial.kind == "mark":
+            marked = (response.id, trial.id, participant.code, trial.view, trial.trajectory_a)
+            said = marks_in(response.value) or ()
+            marks += [MarkedMoment(*marked, at_s=one.at_s, better=one.better, source=source) for one in said]
+            continue
         if trial.kind == "rating":
             rated = (response.id, trial.id, participant.code, trial.view, trial.block, trial.trajectory_a)
             ratings.append(RatedTrajectory(*rated, rating=response.value["rating"], source=source))
@@ -360,10 +387,10 @@ def _freeze(
         if "choice" not in response.value:
             ties += [NoDifference(**about)] if trial.role not in PROBE_ROLES else []
             continue
-        said = {"choice": response.value["choice"], "degree": response.value.get("degree")}
-        answers.append(Answer(**about, **said, probe=trial.role in PROBE_ROLES))
+        chosen = {"choice": response.value["choice"], "degree": response.value.get("degree")}
+        answers.append(Answer(**about, **chosen, probe=trial.role in PROBE_ROLES))
     usable = [answer for answer in answers if not answer.probe]
-    says = len(usable) + len(implied_choices(ratings))
+    says = len(usable) + len(implied_choices(ratings)) + len(marks)
     if says < MIN_ANSWERS:
         raise TooFewAnswers(whose, says, left_out, len(answers) - len(usable))
     snapshot = Snapshot(
@@ -376,8 +403,9 @@ def _freeze(
         left_out=left_out,
         ratings=tuple(ratings),
         ties=tuple(ties),
+        marks=tuple(marks),
     )
-    evidence: list[Answer | RatedTrajectory | NoDifference] = [*answers, *ratings, *ties]
+    evidence: list[Evidence] = [*answers, *ratings, *ties, *marks]
     given = {answer.response: answer.source for answer in evidence}  # an order says something of each trajectory
     rated_alone = len({rating.response for rating in ratings}) - orders
     people = sorted({answer.participant for answer in evidence})
@@ -402,6 +430,7 @@ def _freeze(
             **({"ratings": rated_alone} if rated_alone else {}),
             **({"orders": orders} if orders else {}),
             **({"ties": len(ties)} if ties else {}),
+            **({"marks": len(marks)} if marks else {}),
             "participants": len({answer.participant for answer in evidence}),
             "human": sum(source == "human" for source in given.values()),
             "left_out": left_out,
@@ -429,6 +458,8 @@ def _reason_to_leave_out(
     said = response.value
     if trial.kind == "order":
         answered = is_answer_to_several(said, len(trial.shown))
+    elif trial.kind == "mark":
+        answered = marks_in(said) is not None  # none is an answer, too
     else:
         answered = "rating" in said or is_answer_to_pair(said)
     return reason or (None if answered else "no_choice")

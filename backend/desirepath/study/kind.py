@@ -193,6 +193,10 @@ class Simulated(Protocol):
         """How much each of the trial's several trajectories seems worth."""
         ...
 
+    def mark(self, step: Mapping[str, Any], *, good: bool) -> list[dict[str, Any]]:
+        """Watch the trial's trajectory and return the moments that it marks; good: also such as it likes."""
+        ...
+
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]: ...
     def choose_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
         """The preference weights that it would set: objective -> weight above 0."""

@@ -23,12 +23,13 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_people import NINE, people_of
 from desirepath.learning.people.card import people_card
 from desirepath.learning.people.families.base import FamilyMember
-from desirepath.learning.preferences.evidence.evidence import Evidence, Habits
+from desirepath.learning.preferences.evidence.evidence import Evidence
 from desirepath.learning.preferences.evidence.graded_pair import Degree, GradedPair, Possible
+from desirepath.learning.preferences.evidence.marked_moment import MarkedMoment
 from desirepath.learning.preferences.evidence.ranking import Ranking
 from desirepath.learning.preferences.evidence.rating import Rating
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
-from desirepath.learning.preferences.spans import moments, seen_measures
+from desirepath.learning.preferences.spans import MOMENT_S, moments, seen_measures
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.trajectory import Trajectory, arrived
 from desirepath.study.kinds.order import PLACE_S
@@ -42,7 +43,6 @@ SEED = 9_300  # of scenes, of no card
 LETTER_S, CHOICE_S = 2.0, 5.0  # before each drive, for an answer, as in `study/steps.py`
 IN_A_RANKING = 4
 POINTS = 7
-MOMENT_S = 2.0  # ours: what a mark is about
 
 
 @pydantic.dataclasses.dataclass(frozen=True)
@@ -71,14 +71,6 @@ class Drives:
     value: Doubles
     moments: Sequence[Sequence[tuple[Doubles, Doubles]]]
     """By scene and rollout: measured (m, spans, 7) and value (m,) of its parts of `MOMENT_S` each."""
-
-
-@dataclass(frozen=True, eq=False)
-class Worst(Ranking):
-    """The worst of several, put first: of the moments of one drive the one that is marked. No study asks for it yet."""
-
-    def log_likelihood(self, worth: Doubles, habits: Habits) -> Doubles:
-        return super().log_likelihood(-worth, habits)
 
 
 @dataclass
@@ -158,7 +150,7 @@ def _mark(person: Person) -> Answered:
     row = int(person.random.integers(person.drives.value.shape[1]))
     measured, value = person.drives.moments[scene][row]
     seems = value + person.random.normal(0, SEES_WITHIN / math.sqrt(2), len(value))
-    return [Worst(measured[np.argsort(seems)], 1)], float(person.drives.seconds[scene, row]) + DEGREE_S
+    return [MarkedMoment(measured[np.argsort(seems)])], float(person.drives.seconds[scene, row]) + DEGREE_S
 
 
 KINDS: Mapping[str, tuple[Callable[[Person], Answered], ...]] = {

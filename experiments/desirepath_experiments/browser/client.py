@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
@@ -20,7 +20,7 @@ import httpx
 
 from desirepath.grammar.words import PLAYING
 from desirepath.study.simulated.http import HttpSessionClient
-from desirepath.study.simulated.participant import Character, SimulationError, State, walk_all
+from desirepath.study.simulated.participant import Character, SaidMark, SimulationError, State, walk_all
 from desirepath_experiments.browser.hand import BrowserHand
 
 if TYPE_CHECKING:
@@ -141,9 +141,13 @@ class BrowserSessionClient:
         start.click()
         return self._until(lambda trial: trial["phase"] in PLAYING, f"{key}: the trajectory to play")
 
-    def report_seen(self, key: str, side: str, playback_id: str, *, worn: bool = False) -> State:
+    def report_seen(
+        self, key: str, side: str, playback_id: str, *, worn: bool = False, marks: Sequence[SaidMark] = ()
+    ) -> State:
         """Wait while the page plays the trajectory and tells the server itself."""
         phase = f"playing_{side}"
+        if marks:
+            self._mark(marks)
         if side == "a":
             self._page.wait_for_timeout(1000 * (self._http.state()["step"]["trial"]["label_s"] + WATCHED_FIRST_S))
             self._picture(f"playing_{self._view()}")
@@ -218,6 +222,8 @@ class BrowserSessionClient:
             self._rank(key, value["ranking"])
         elif kind == "order":
             self._order(key, value)
+        elif kind == "mark":
+            self._say_marks(value)
         else:
             self._fill(kind, value)
             self._press_on(key, value)
@@ -313,6 +319,24 @@ class BrowserSessionClient:
                 self._page.locator(f"[data-pile='{pile}']").click()
         self._picture(f"ordered_{key}")
         self._page.locator("[data-go-on][aria-disabled=false]").click()
+
+    def _mark(self, marks: Sequence[SaidMark]) -> None:
+        """Press the button at those times."""
+        self._page.locator("[data-mark=bad][aria-disabled=false]").wait_for()
+        began = time.monotonic()
+        for mark in marks:
+            self._page.wait_for_timeout(max(0.0, 1000 * (mark["at_s"] - time.monotonic() + began)))
+            self._page.locator(f"[data-mark={'good' if mark['why'] == 'good' else 'bad'}]").click()
+
+    def _say_marks(self, value: Mapping[str, Any]) -> None:
+        """What each was, where something is said of it."""
+        self._page.locator("#trial[data-shown=choosing]").wait_for()
+        for number, mark in enumerate(value["marks"]):
+            if mark["why"] not in (None, "good"):
+                self._page.locator(f"[data-held='{number}']").click()
+                self._page.locator(f"[data-why={mark['why']}]").click()
+        self._picture("marked")
+        self._page.locator("[data-go-on]").click()
 
     def _step(self, key: str) -> Locator:
         body = self._page.locator(f".step-body[data-key='{key}']")

@@ -70,8 +70,8 @@ class Response(Base):
     `value` by kind: preference / comparison {"choice": "a"|"b"}, or {"timed_out": true} where the protocol's time for
     the choice was over; questionnaire {item: answer} (a ranking's answer is a list, best first), with "passed" where
     items are instructed; comprehension the same with "passed"; attention {"choice", "instructed", "passed"}; consent
-    {"given": true, "version", "text_hash", "purposes"}; guess {"choice": "a"|"b"}. `consent_id`: the consent in force
-    (a response's id); None before it.
+    {"given": true, "version", "text_hash", "purposes"}; guess {"choice": "a"|"b"}; mark {"marks": [{"at_s", "why"}]}
+    (`store/marks.py`). `consent_id`: the consent in force (a response's id); None before it.
     """
 
     __tablename__ = "response"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
@@ -19,6 +19,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.learning.queries.choosing import STRATEGIES, Candidates, QueryStrategy, StoppingRule
 from desirepath.store.artefacts import ArtefactStore, load_artefact, load_trajectory
 from desirepath.store.database import Database
+from desirepath.store.marks import Mark, marks_in
 from desirepath.store.models import ProtocolVersion, Response, Session, Study, Trial
 from desirepath.store.query_sets import StoredQuery, queries_of
 from desirepath.store.sides import is_answer_to_several, shown_on
@@ -31,13 +32,15 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:  # numba and the simulator come with these; a server that never chooses need not load them
     from desirepath.learning.measures.pairs import PairDifferences
     from desirepath.learning.preferences.evidence.graded_pair import Degree, Possible
+    from desirepath.learning.preferences.evidence.marked_moment import MarkedMoment
     from desirepath.learning.preferences.evidence.ranking import Ranking
     from desirepath.learning.preferences.evidence.rating import Rating
     from desirepath.learning.preferences.free_posterior import FreePosterior
     from desirepath.learning.preferences.posterior import Posterior
+    from desirepath.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]
-Answers = tuple["Given | GivenRating | GivenOrder", ...]
+Answers = tuple["Given | GivenRating | GivenOrder | GivenMarks", ...]
 KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
 
 
@@ -97,6 +100,37 @@ class GivenOrder(NamedTuple):
             yield Ranking(measured, self.said)
         for k, pile in enumerate(self.in_pile):
             yield Rating(np.roll(measured, -1 - k, axis=0), pile, self.piles)  # itself last
+
+
+class GivenMarks(NamedTuple):
+    """Moments of a trajectory that were marked, seconds to the tap: bad ones, and good ones."""
+
+    query: str
+    trajectory: str
+    bad_s: tuple[float, ...]
+    good_s: tuple[float, ...]
+
+    @property
+    def chosen(self) -> None:
+        """It is no choice of two."""
+
+    @classmethod
+    def of(cls, query: str, trajectory: str, marks: Sequence[Mark]) -> GivenMarks:
+        bad, good = (tuple(mark.at_s for mark in marks if mark.better is better) for better in (False, True))
+        return cls(query, trajectory, bad, good)
+
+    def evidence(self, trajectory: Trajectory) -> Iterator[MarkedMoment]:
+        """What each of them says beside the parts of the trajectory that were not marked so."""
+        from desirepath.learning.preferences.evidence.marked_moment import MarkedMoment
+        from desirepath.learning.preferences.spans import marked_parts, seen_measures
+
+        for better, taps_s in ((False, self.bad_s), (True, self.good_s)):
+            marked, others = marked_parts(trajectory, taps_s)
+            if not (marked and others):
+                continue
+            seen = seen_measures([*marked, *others])
+            for k in range(len(marked)):
+                yield MarkedMoment(seen[[k, *range(len(marked), len(seen))]], better)
 
 
 @dataclass(frozen=True)
@@ -199,11 +233,12 @@ class Remembered:
         config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
         places = measured.index()
 
-        def believe(posterior: Posterior, given: Given | GivenRating | GivenOrder) -> Posterior:
+        def believe(posterior: Posterior, given: Given | GivenRating | GivenOrder | GivenMarks) -> Posterior:
+            if isinstance(given, GivenMarks):
+                trajectory = load_trajectory(measured.files, given.trajectory)
+                return reduce(Posterior.observed, given.evidence(trajectory), posterior)
             if isinstance(given, GivenOrder):
-                for evidence in given.evidence(measured.of_all(given.order)):
-                    posterior = posterior.observed(evidence)
-                return posterior
+                return reduce(Posterior.observed, given.evidence(measured.of_all(given.order)), posterior)
             if isinstance(given, GivenRating):
                 rated = measured.of_all((*given.before, given.trajectory))
                 return posterior.observed(Rating(rated, given.rating, given.points))
@@ -325,18 +360,20 @@ def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> 
 
 
 def answers_of(s: DatabaseSession, session: Session) -> Answers:
-    """Of regular and further trials, orders, and ratings that count at once, as they were asked."""
+    """Of regular and further trials, orders, marks, and ratings that count at once, as they were asked."""
     rows = s.execute(
         select(Trial, Response.value)
         .join(Response, Response.trial_id == Trial.id)
         .where(
-            Trial.session_id == session.id, Trial.kind.in_(("query", "rating", "order")), Trial.role.in_(TEACHING_ROLES)
+            Trial.session_id == session.id,
+            Trial.kind.in_(("query", "rating", "order", "mark")),
+            Trial.role.in_(TEACHING_ROLES),
         )
         .order_by(Trial.index)
     )
     points = {step["key"]: step["points"] for step in session.plan if step.get("at_once")}
     before: dict[str | None, list[str]] = {}
-    answers: list[Given | GivenRating | GivenOrder] = []
+    answers: list[Given | GivenRating | GivenOrder | GivenMarks] = []
     for trial, said in rows:
         if said.get("timed_out"):
             continue
@@ -345,6 +382,9 @@ def answers_of(s: DatabaseSession, session: Session) -> Answers:
             answers.append(Given(str(trial.query_id), chosen, said.get("degree"), said.get("possible", 2)))
         elif trial.kind == "order" and is_answer_to_several(said, len(trial.shown)):
             answers.append(GivenOrder.of(str(trial.query_id), trial.shown, said))
+        elif trial.kind == "mark":
+            if marks := marks_in(said):
+                answers.append(GivenMarks.of(str(trial.query_id), trial.trajectory_a, marks))
         elif trial.step_key in points:
             rated = before.setdefault(trial.block, [])
             told = (str(trial.query_id), trial.trajectory_a, said["rating"], points[trial.step_key])

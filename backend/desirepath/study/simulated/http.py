@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 from uuid import uuid4
 
@@ -16,6 +16,7 @@ from desirepath.study.links import next_token
 from desirepath.study.simulated.participant import (
     SIMULATED_HEADSET,
     Character,
+    SaidMark,
     SimulationError,
     State,
     walk_all,
@@ -78,7 +79,9 @@ class HttpSessionClient:
     def start(self, key: str) -> State:
         return self._post(f"{self._api}/trials/{key}/start", {"request_id": uuid4().hex})
 
-    def report_seen(self, key: str, side: Side, playback_id: str, *, worn: bool = False) -> State:
+    def report_seen(
+        self, key: str, side: Side, playback_id: str, *, worn: bool = False, marks: Sequence[SaidMark] = ()
+    ) -> State:
         body = {"side": side, "playback_id": playback_id, "headset": dict(SIMULATED_HEADSET) if worn else None}
         return self._post(f"{self._api}/trials/{key}/seen", body)
 

@@ -6,7 +6,7 @@ data.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 from uuid import uuid4
 
@@ -29,6 +29,7 @@ from desirepath.study.simulated.known import tell_simulated
 from desirepath.study.simulated.participant import (
     SIMULATED_HEADSET,
     Character,
+    SaidMark,
     SimulationError,
     State,
     walk_all,
@@ -89,7 +90,9 @@ class _InProcess:
     def start(self, key: str) -> State:
         return self._do("start", lambda s, x: machine.start_trial(s, x, key, request_id=None, now=utc_now()))
 
-    def report_seen(self, key: str, side: machine.Side, playback_id: str, *, worn: bool = False) -> State:
+    def report_seen(
+        self, key: str, side: machine.Side, playback_id: str, *, worn: bool = False, marks: Sequence[SaidMark] = ()
+    ) -> State:
         headset = dict(SIMULATED_HEADSET) if worn else None
 
         def act(s: DatabaseSession, session: Session) -> machine.Playback | None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NoReturn, Protocol
 
@@ -18,11 +18,13 @@ import numpy as np
 
 from desirepath.learning.people.card import FAMILIES
 from desirepath.learning.preferences.oracles import ALWAYS_RIGHT, Oracle, ResponseModel, make_oracle, preference_of
+from desirepath.learning.preferences.spans import MOMENT_S, REACTION_S, moments
 from desirepath.learning.queries.queries import Query
 from desirepath.report.simulated_cohorts import Cohort, SimulatedPerson
 from desirepath.simulation.scene import Scene
 from desirepath.simulation.setups import preference_setups
 from desirepath.simulation.trajectory import Trajectory
+from desirepath.store.marks import GOOD, Why
 from desirepath.store.sides import SIDES, Side
 from desirepath.study.kind import KINDS
 
@@ -32,8 +34,20 @@ COMPARED = ("comparison", "method_comparison")  # kinds of step that compare rob
 # Of who may say that two do not differ, or how clearly, in typical differences; each bot its own. Ours.
 NOTICES, MORE_TO_BE_CLEAR = (0.1, 0.5), (0.3, 1.5)
 SEES_WITHIN = 0.1  # standard deviation of what it sees of a difference, likewise
+REASONS: Mapping[str, Why] = {
+    "farther": "too_close",
+    "clearance": "too_close",
+    "person_on_left": "wrong_side",
+    "person_on_right": "wrong_side",
+    "slower_near_person": "too_fast",
+    "smoother": "jerky",
+    "shorter": "detour",
+}
+"""What somebody calls a moment that is bad by the objective that they care for most."""
 PATIENCE_S = 900.0  # a bot gives up on a session that stands still so long; the server's own limit comes first
 
+SaidMark = dict[str, Any]
+"""As an answer has it: {"at_s", "why"}."""
 State = Mapping[str, Any]
 """Where a session stands, as the API tells a bot: {"state", "step": {...}}."""
 
@@ -55,8 +69,10 @@ class SessionClient(Protocol):
 
     def state(self) -> State: ...
     def start(self, key: str) -> State: ...
-    def report_seen(self, key: str, side: Side, playback_id: str, *, worn: bool = False) -> State:
-        """worn: with a headset, which is a simulated one."""
+    def report_seen(
+        self, key: str, side: Side, playback_id: str, *, worn: bool = False, marks: Sequence[SaidMark] = ()
+    ) -> State:
+        """worn: with a headset, which is a simulated one; marks: made meanwhile, where a page makes them."""
         ...
 
     def trajectories(self) -> list[Trajectory]:
@@ -196,13 +212,16 @@ class SimulatedParticipant:
             stood_since = time.monotonic()
         return Walk(self._participant, state["state"] == "completed", self._responses, self._comparisons)
 
-    def watch(self, step: Mapping[str, Any], sides: str) -> tuple[Trajectory, Trajectory]:
-        """The way a page goes: start, A seen, B seen (or A alone)."""
+    def watch(
+        self, step: Mapping[str, Any], sides: str, marks: Sequence[SaidMark] = ()
+    ) -> tuple[Trajectory, Trajectory]:
+        """The way a page goes: start, A seen, B seen (or A alone). marks: made meanwhile."""
         state = self._client.start(step["key"])
         for side in sides:
             seen: Side = "a" if side == "a" else "b"
             shown = state["step"]["trial"]
-            state = self._client.report_seen(step["key"], seen, shown["playback_id"], worn=bool(shown.get("worn")))
+            worn = bool(shown.get("worn"))
+            state = self._client.report_seen(step["key"], seen, shown["playback_id"], worn=worn, marks=marks)
         a, b = self._client.trajectories()
         return a, b
 
@@ -258,6 +277,36 @@ class SimulatedParticipant:
             return [float(one) for one in noise]
         pairs = [Query(drives[0].scene, drives[0], drive, (0, 1)) for drive in drives]
         return [float(better + seen) for better, seen in zip(oracle.advantages(pairs), noise, strict=True)]
+
+    def mark(self, step: Mapping[str, Any], *, good: bool) -> list[SaidMark]:
+        """The part that seems worst to it, where that is clearly worse than the usual part, and the best one likewise;
+        who lapses marks any part. Half of the time it says why, where its preference has a word for that."""
+        marks = self._find_marks(step, self._client.trajectories()[0], good)
+        self.watch(step, "a", marks)
+        return marks
+
+    def _find_marks(self, step: Mapping[str, Any], trajectory: Trajectory, good: bool) -> list[SaidMark]:
+        name, recorded = self._prefers(step), trajectory.recorded
+        measured = name != "random" and (recorded is None or "poses" in recorded.has)
+        parts = moments(trajectory, MOMENT_S) if measured else [trajectory]
+        if len(parts) < 2:
+            return []
+        oracle = self._oracles[name]
+        seems = self._noise.normal(0, SEES_WITHIN / math.sqrt(2), len(parts))
+        if oracle.random.random() >= oracle.response_model.lapse_rate:
+            seems += oracle.advantages([Query(trajectory.scene, parts[0], part, (0, 1)) for part in parts])
+        noticed, usual = self._criteria[0], float(np.median(seems))
+        marks: dict[int, Why | None] = {}
+        if usual - seems.min() > noticed:
+            said = REASONS.get((preference_of(name).objectives or ("",))[0])
+            marks[int(seems.argmin())] = said if self._noise.random() < 0.5 else None
+        if good and seems.max() - usual > noticed:
+            marks[int(seems.argmax())] = GOOD
+        ends = np.cumsum([part.duration_s for part in parts]) + REACTION_S
+        return [
+            {"at_s": round(min(float(ends[k]), trajectory.duration_s), 2), "why": why}
+            for k, why in sorted(marks.items())
+        ]
 
     def choose_weights(self, step: Mapping[str, Any]) -> dict[str, float]:
         """Its preference as weights, the foremost 1; none where it is not made of objectives."""
@@ -329,6 +378,9 @@ class _OnPages:
         raise SimulationError(f"step {step['key']!r} is no page")
 
     def judge_several(self, step: Mapping[str, Any]) -> list[float]:
+        raise SimulationError(f"step {step['key']!r} is no page")
+
+    def mark(self, step: Mapping[str, Any], *, good: bool) -> list[SaidMark]:
         raise SimulationError(f"step {step['key']!r} is no page")
 
     def draw(self, step: Mapping[str, Any]) -> dict[str, Any]:

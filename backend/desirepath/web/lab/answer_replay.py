@@ -32,7 +32,7 @@ from desirepath.web.core.auth import check_csrf
 from desirepath.web.core.catalogues import Catalogue
 from desirepath.web.core.dependencies import Db, Files, contact, page, services_of
 from desirepath.web.core.lab_frame import LabRefusal, lab_language
-from desirepath.web.lab.answer_words import said_of_several
+from desirepath.web.lab.answer_words import said_of_marks, said_of_several
 from desirepath.web.lab.preview import QueryPreview, videos_in
 from desirepath.web.lab.replay_reasons import Reasons, policies_for, reasons_of
 from desirepath.web.lab.study_tabs import the_study
@@ -188,6 +188,8 @@ def _seen(s: DatabaseSession, files: ArtefactStore, session: Session, given: Ans
     if several:
         said = {"said": given.value, **kind_of(step).payload_now(step, moment)}
         return _Seen(step, shown, durations, trial.view, trial.block, payload=said, trial=trial)
+    if "marks" in given.value:
+        return _Seen(step, shown, durations, trial.view, trial.block, payload={"said": given.value}, trial=trial)
     ranked = {"ranked": given.value["ranking"], **kind_of(step).payload_now(step, moment)} if explained else {}
     return _Seen(step, shown, durations, trial.view, trial.block, payload=ranked, trial=trial)
 
@@ -266,6 +268,8 @@ def _bar(t: Catalogue, code: str, given: Answered, seen: _Seen, device: dict[str
         sentence = t("lab.replay.ranked", code=code, tau=_agreement(t, value))
     elif value.get("ask"):
         sentence = t("lab.replay.ordered", code=code, said=said_of_several(t, value))
+    elif "marks" in value:
+        sentence = t("lab.replay.marked", code=code, said=said_of_marks(t, value))
     elif "stroke" in value:
         sentence = t("lab.replay.drew", code=code)
     elif seen.step.rates and seen.step.rates in value:

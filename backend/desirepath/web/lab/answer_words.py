@@ -11,6 +11,7 @@ from desirepath.explain.flow_words import ExplanationWords
 from desirepath.grammar.questionnaires import MARKS, Item, Questionnaire
 from desirepath.grammar.texts import local
 from desirepath.learning.rules.rule import Condition, Rule
+from desirepath.store.marks import marks_in
 from desirepath.study.kinds import meet_your_robot, robot_drive
 from desirepath.study.kinds.rating import RATING, RatingStage
 from desirepath.study.protocol.freezing import FrozenProtocol
@@ -69,6 +70,8 @@ class AnswerWords:
             return [self._degree(value)]
         if kind == "order":
             return [Said("", said_of_several(self.t, value))]
+        if kind == "mark":
+            return [Said("", said_of_marks(self.t, value))]
         if RATING in value:
             return self._rating(step_key, value)
         return self._weights(value) if "weights" in value else []
@@ -219,6 +222,15 @@ def said_of_several(t: Catalogue, value: Mapping[str, Any]) -> str:
     return t(
         f"{WORDS}.{'best' if value.get('ask') == 'best' else 'in_order'}", order=", ".join(map(str, value["order"]))
     )
+
+
+def said_of_marks(t: Catalogue, value: Mapping[str, Any]) -> str:
+    """The moments that were marked, with what it was where that was said."""
+    marks = [
+        f"{t.number(mark.at_s, 1)} s" + (f" ({t(f'participant.mark.why.{mark.why}')})" if mark.why else "")
+        for mark in marks_in(value) or ()
+    ]
+    return t(f"{WORDS}.marked", marks=", ".join(marks)) if marks else t(f"{WORDS}.nothing_marked")
 
 
 def find_questionnaire(versions: Sequence[FrozenProtocol], value: Mapping[str, Any]) -> Questionnaire | None:

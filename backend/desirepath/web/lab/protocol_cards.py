@@ -18,7 +18,7 @@ from desirepath.study.protocol.freezing import FrozenProtocol, find_shipped_prot
 from desirepath.study.protocol.schema import Protocol
 
 QUESTIONS: Mapping[str, tuple[str, ...]] = {
-    "does": ("choose", "draw", "tell", "rule", "rank"),
+    "does": ("choose", "mark", "draw", "tell", "rule", "rank"),
     "moves": ("nobody", "people", "self"),
     "minutes": ("12", "15", "30", "60"),
 }
@@ -84,6 +84,8 @@ def _answers(protocol: Protocol, kinds: Sequence[str]) -> dict[str, str]:
         does = "rank"
     elif "rules" in kinds:
         does = "rule"
+    elif "mark" in kinds:
+        does = "mark"
     elif {"words", "tuning", "methods"} & set(kinds):
         does = "tell"
     else:
@@ -124,6 +126,8 @@ def _picture(protocol: Protocol, answers: Mapping[str, str]) -> Markup:
     if does == "choose":
         for path, letter, side in ((a, "A", 1), (b, "B", 2)):
             parts += [_path(path, f"line-{side}"), _badge(*path[len(path) // 2], letter)]
+    elif does == "mark":
+        parts += [_path(a, "line-1"), _badge(*a[len(a) // 3], "!"), _badge(*a[2 * len(a) // 3], "✓")]
     elif does == "draw":
         parts += [_path(a, "drawn"), _pen(*a[-1])]
     elif does in ("tell", "rule"):

@@ -1,0 +1,28 @@
+"""A moment that somebody marks while a trajectory plays: evaluative, of a part of it (critiques, Cui and Niekum 2018).
+
+Its part is the worst of the trajectory's parts, or the best, as a choice among them (Luce 1959). How parts are worth
+something to whoever judges whole trajectories is the posterior's own model: measured like small trajectories. Ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from desirepath.learning.preferences.evidence.evidence import Doubles, Evidence, Feedback, Habits, with_lapses
+
+
+@dataclass(frozen=True, eq=False)
+class MarkedMoment(Evidence):
+    """measured: of the marked part first, then of those that were not marked so. better: marked as good."""
+
+    feedback: ClassVar[Feedback] = "evaluative"
+    better: bool = False
+
+    def log_likelihood(self, worth: Doubles, habits: Habits) -> Doubles:
+        said = worth if self.better else -worth
+        ahead = said - said.max(axis=1, keepdims=True)
+        careful = np.exp(ahead[:, 0]) / np.exp(ahead).sum(axis=1)
+        return with_lapses(careful, habits.lapse_rate, worth.shape[1])
