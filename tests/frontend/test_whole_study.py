@@ -361,3 +361,38 @@ def test_several_drives_are_watched_in_turn_and_put_in_order_by_their_numbers(st
     assert [row.value for row in studies.rows(Response) if row.kind == "order"] == [
         {"order": [2, 1, 3], "ask": "order"}
     ]
+
+
+def test_moments_are_marked_by_keys_while_a_drive_plays_and_named_removed_and_kept_over_a_reload(
+    studies: Studies, page: Page
+) -> None:
+    before = "  - mark: {view: top_down, count: 1, good: true}\n  - block:\n"
+    to_the_first_pair(page, studies.link(("  - block:\n", before)), "mark")
+    begin(page)
+    expect(page.locator("#trial")).to_have_attribute("data-shown", "marking")
+    playback = trial_of(page)["playback_id"]
+    page.keyboard.press("1")  # it has not begun to drive
+    room_says(page, "playing", playback_id=playback)
+    expect(page.locator("[data-mark=bad]")).to_have_attribute("aria-disabled", "false")
+    expect(page.locator("[data-mark=bad]")).to_be_focused()
+    for key, count in (("Space", "1 mark"), ("2", "2 marks"), ("1", "3 marks")):
+        page.wait_for_timeout(500)
+        page.keyboard.press(key)
+        expect(page.locator("#mark-count")).to_have_text(count)
+    room_says(page, "played", playback_id=playback)
+    expect(page.locator("#question")).to_be_focused()
+    assert not violations_in_both_schemes(page)
+    expect(page.locator("[data-held]")).to_have_count(3)
+    page.keyboard.press("1")
+    expect(page.locator("[data-held='2']")).to_have_attribute(
+        "aria-pressed", "true"
+    )  # the next one of which nothing is said
+    page.locator("[data-remove]").press("Enter")
+    expect(page.locator("[data-held]")).to_have_count(2)
+    page.reload()
+    expect(page.locator("[data-held]")).to_have_count(2)
+    page.locator("[data-go-on]").press("Enter")
+    expect(page.locator(".step-body[data-kind=mark]")).to_have_count(0)
+    (said,) = [row.value["marks"] for row in studies.rows(Response) if row.kind == "mark"]
+    assert [mark["why"] for mark in said] == ["too_close", "good"]
+    assert 0 < said[0]["at_s"] <= said[1]["at_s"]

@@ -127,6 +127,21 @@ def test_a_bot_that_is_asked_on_is_told_so_and_answers_until_its_robot_is_surely
     assert [job.result["passed"] for job in jobs] == [False, True]
 
 
+def test_a_bot_marks_the_moments_that_it_thinks_least_of(client, services, link):
+    with services.database.transaction() as s:
+        text = s.scalars(select(Study.protocol_yaml).where(Study.recruiting_token == link)).one()
+        kept = [line for line in text.splitlines() if not re.search("- (train|comparison|meet_your_robot):", line)]
+        marking = "\n".join(kept).replace(
+            "  - block:\n", "  - mark: {view: top_down, count: 2, good: true}\n  - block:\n"
+        )
+        marked = create_study(s, services.files, freeze_text(marking), name="Marks", created_by=None).recruiting_token
+    assert simulate_study("", marked, 2, Character("min-human-distance"), client=client)["completed"] == 2
+    with services.database.session() as s:
+        said = [row.value["marks"] for row in s.scalars(select(Response).where(Response.kind == "mark"))]
+    assert len(said) == 4
+    assert {"good"} < {mark["why"] for marks in said for mark in marks} <= {"good", "too_close", None}
+
+
 def test_an_unknown_oracle_is_refused_before_anybody_joins(client, services, link):
     with pytest.raises(LearningError, match="min-human-distance"):
         simulate_study("", link, 1, Character("nearest"), client=client)

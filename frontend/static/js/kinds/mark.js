@@ -38,6 +38,8 @@ class MarkedTrajectory extends SingleTrajectory {
     this.held = 0;
     /** When the robot began to move, by the page's clock; null: it does not. @type {number | null} */
     this.since = null;
+    /** When something was marked last, likewise. */
+    this.tapped = -Infinity;
     for (const button of this.taps) button.addEventListener("click", (event) => this.tap(button.dataset.mark === "good", event.timeStamp));
     for (const button of this.reasons) button.addEventListener("click", () => this.give(/** @type {Mark["why"]} */ (button.dataset.why ?? null)));
     this.removeButton.addEventListener("click", () => this.remove());
@@ -63,9 +65,9 @@ class MarkedTrajectory extends SingleTrajectory {
       if (!this.fixed) this.needs.announce(this.own("not_yet"));
       return;
     }
+    if (now - this.tapped < 1000 * APART_S || this.marks.length >= this.most) return;
+    this.tapped = now;
     const at = Math.min(Math.max(0, (now - this.since) / 1000), this.state.duration_a_s);
-    const last = this.marks.at(-1);
-    if ((last && at - last.at_s < APART_S) || this.marks.length >= this.most) return;
     this.marks.push({ at_s: Number(at.toFixed(2)), why: good ? "good" : null });
     this.keep({ marks: this.marks });
     this.draw();
