@@ -177,7 +177,7 @@ def test_whoever_rates_all_alike_teaches_nothing_and_is_told_so_at_once(walk, fi
 def test_a_robot_can_learn_from_ratings_alone_in_the_same_appointment(tmp_path, twenty_queries):
     train, meet = {"train": {"give_up_after_s": 60}}, {"comparison": {"scenes": 1}}
     assert small_protocol(tmp_path, [RATING, train, meet], query_set=str(twenty_queries)).training
-    with pytest.raises(ProtocolError, match="stands before any block or order or rating"):
+    with pytest.raises(ProtocolError, match="stands before any block or mark or order or rating"):
         small_protocol(tmp_path, [train, RATING, meet], query_set=str(twenty_queries))
 
 
