@@ -140,7 +140,10 @@ def _is_denied(tokens: Sequence[Token], at: int) -> bool:
     """Whether what stands there must not be: by its own part of the sentence, else by another."""
     first, last = part(tokens, at)
     own = tokens[first:last]
-    if first and own[0].words[0].form in THAT:  # "I do not want that you ..."
+    bare = _is_infinitive([word.form for one in own for word in one.words]) and not any(
+        one.any("not", "bad") for one in own
+    )
+    if first and (own[0].words[0].form in THAT or bare):  # "I do not want that you ..."
         own = [*tokens[slice(*part(tokens, first - 1))], *own]
     if any("not" in token for token in own):
         return not any("bad" in token for token in own)
@@ -289,15 +292,28 @@ def read_side(tokens: Sequence[Token]) -> tuple[Wish, list[Token]] | None:
         if not person or any(form in _MINE for form in forms) or not (theirs or held):
             continue
         used = own
-        denied = any("not" in one for one in own)
-        if not denied and first:  # "not so | that I am on your left"
+        denied = _is_turned(own)
+        if not denied and first:  # "not so | that I am on your left", "ich mag es nicht, | links von dir zu sein"
             before = list(tokens[part(tokens, first - 1)[0] : first])
-            if own[0].words[0].form in THAT and any("not" in one for one in before):
+            if (own[0].words[0].form in THAT or _is_infinitive(forms)) and _is_turned(before):
                 denied, used = True, before + own
         name = SIDES[0] if ("left" in token) != denied else SIDES[1]
         return Wish(objective=name), used
     return None
 
+
+def _is_turned(own: Sequence[Token]) -> bool:
+    """Denied or disliked, not both."""
+    return any("not" in one for one in own) != any("bad" in one for one in own)
+
+
+def _is_infinitive(forms: Sequence[str]) -> bool:
+    """ "Dich hinter mir zu haben", "to have you behind me", "being on your left"; not "zu nah"."""
+    after = any((a == "zu" and b.endswith("n")) or (a == "to" and b in _STATES) for a, b in pairwise(forms))
+    return after or any(form in ("being", "having") for form in forms)
+
+
+_STATES = known_words("be have get see find know stand walk sit")
 
 _ME = known_words("me i im ich mich mir us uns person mit be sein bin")
 

@@ -196,6 +196,8 @@ def _only(text: str, tokens: Sequence[Token]) -> str:
     kept = [" "] * len(text)
     for token in tokens:
         for word in token.words:
+            if word.form == "you" and "not" in token:
+                continue  # "don't you drive so fast" is no question
             kept[word.start : word.end] = text[word.start : word.end]
     if tokens:
         for at in range(tokens[0].words[0].start, len(text)):
