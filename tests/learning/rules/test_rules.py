@@ -122,7 +122,7 @@ def test_of_opposites_that_hold_at_once_the_first_rule_counts() -> None:
 
 
 def test_a_home_says_which_rooms_it_has_and_what_nobody_can_tell_there(homes) -> None:
-    assert {area.name for area in rooms_of(homes[0])} == {"kitchen", "living_room", "bedroom", "study"}
+    assert {area.name for area in rooms_of(homes[0])} == {"kitchen", "living_room", "bedroom", "study", "doorway"}
     scene = homes[0]
     sofa = next(one for one in scene.obstacles if one.kind == "sofa")
     assert any(area.name == "living_room" and area.holds(sofa.pose.x, sofa.pose.y) for area in rooms_of(scene))
@@ -133,7 +133,12 @@ def test_a_home_says_which_rooms_it_has_and_what_nobody_can_tell_there(homes) ->
 
 @pytest.mark.parametrize(
     ("sentence", "least_gain"),
-    [("In the kitchen go slower", 0.3), ("Not in front of me", 0.1), ("When I sit, keep behind me", 0.05)],
+    [
+        ("In the kitchen go slower", 0.3),
+        ("Slow down in the doorway", 0.2),
+        ("Not in front of me", 0.1),
+        ("When I sit, keep behind me", 0.05),
+    ],
 )
 def test_a_robot_obeys_more_than_without_the_rule(homes, sentence, least_gain) -> None:
     rule = read_rule(sentence, "en").rule
@@ -204,3 +209,12 @@ def test_labelled_sentences_are_judged_by_situation_and_by_change() -> None:
     assert judged("unknown", "faster:-", "Go slower when it is raining") == ("right", "right")
     assert judged("sitting", "closer:+", "When I sit, keep your distance") == ("right", "wrong_direction")
     assert judged("walking", "ask", "When I sit, bring me tea") == ("wrong", "right")
+
+
+def test_a_doorway_is_a_situation_and_no_place_to_keep_out_of(homes) -> None:
+    doors = [area for area in rooms_of(homes[0]) if area.name == "doorway"]
+    assert len(doors) == 4
+    slow = read_rule("Slow down in the doorway", "en").rule
+    assert unavailable(slow, tuple(homes)) == []
+    out = read_rule("Don't go into the doorway", "en").rule
+    assert [one.of for one in unavailable(out, tuple(homes))] == ["doorway"]

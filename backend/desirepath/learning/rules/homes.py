@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from desirepath.learning.rules.rule import Condition, Rule
 from desirepath.simulation import kernels as k
@@ -25,6 +26,8 @@ SHORTEST_WALK_M, LONGEST_WALK_M, BESIDE_M = 1.0, 3.0, 0.12
 WALKS_FOR_S = 90.0
 _FIRST = {"living_room": WALLS, "kitchen": WALLS + 5, "bedroom": WALLS + 11, "study": WALLS + 14}
 """Rooms by the first piece of furniture that stands in each."""
+DOORWAY, BEFORE_DOOR_M = "doorway", 0.5  # to either side of the wall
+_AT_DOOR = ((0, 1), (1, 2), (3, 4), (5, 6))  # walls by whose ends a door is
 ALIASES: dict[str, str] = {"dining_room": "kitchen"}  # where the dining table stands
 
 
@@ -91,7 +94,7 @@ def _walking(scene: Scene) -> Scene:
 
 @lru_cache(maxsize=512)
 def rooms_of(scene: Scene) -> tuple[Area, ...]:
-    """The rooms of a home by name; none of a scene that is no home."""
+    """The rooms of a home by name, and its doorways; none of a scene that is no home."""
     if tuple(one.kind for one in scene.obstacles) != KINDS or scene.room is None:
         return ()
     half_x, half_y = scene.room.length / 2, scene.room.width / 2
@@ -104,7 +107,24 @@ def rooms_of(scene: Scene) -> tuple[Area, ...]:
         low = (-half_x if in_left else across, -half_y if at.y < wall_y else wall_y)
         high = (across if in_left else half_x, wall_y if at.y < wall_y else half_y)
         areas.append(Area(name, low, high))
+    corners = [np.array(one.corners()) for one in scene.obstacles[:WALLS]]
+    for one, other in _AT_DOOR:
+        low, high = _gap(corners[one], corners[other])
+        areas.append(Area(DOORWAY, low, high))
     return tuple(areas)
+
+
+def _gap(one: NDArray[np.float64], other: NDArray[np.float64]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """The door between two walls in a line, of their corners (4, 2), with the floor before and behind it."""
+    ends = sorted(
+        (one.max(axis=0), one.min(axis=0), other.max(axis=0), other.min(axis=0)), key=lambda end: float(end.sum())
+    )
+    along = int(np.argmax(np.ptp(np.concatenate([one, other]), axis=0)))
+    first, second = float(ends[1][along]), float(ends[2][along])
+    middle = float(np.concatenate([one, other])[:, 1 - along].mean())
+    across = (middle - BEFORE_DOOR_M, middle + BEFORE_DOOR_M)
+    (x_low, x_high), (y_low, y_high) = ((first, second), across) if along == 0 else (across, (first, second))
+    return (x_low, y_low), (x_high, y_high)
 
 
 def unavailable(rule: Rule, scenes: tuple[Scene, ...]) -> list[Condition]:
@@ -112,6 +132,7 @@ def unavailable(rule: Rule, scenes: tuple[Scene, ...]) -> list[Condition]:
     rooms = {area.name for scene in scenes for area in rooms_of(scene)}
     things = {one.kind for scene in scenes for one in scene.solids()} | {"furniture", "person"}
     people = any(scene.crowd for scene in scenes)
+    doors = [one for one in rule.zones if one.kind == "room" and one.of == DOORWAY]  # no way leads around all of them
     can = {
         "sitting": any(scene.person.sits for scene in scenes),
         "walking": any(scene.walk for scene in scenes),
@@ -122,9 +143,10 @@ def unavailable(rule: Rule, scenes: tuple[Scene, ...]) -> list[Condition]:
     places = [
         Condition(kind="room" if zone.kind == "room" else "near", of=zone.of)
         for zone in rule.zones
-        if zone.of is not None
+        if zone.of is not None and zone not in doors
     ]
-    return [
+    never = [Condition(kind="room", of=DOORWAY)] if doors else []
+    return never + [
         one
         for one in dict.fromkeys((*rule.when, *places))
         if not (

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from desirepath.deploy.steering import Progress, Recovery, Slowing, stand
 from desirepath.learning.policies.conditioned import ConditionedPolicy
 from desirepath.learning.policies.policy import Floats, Policy
-from desirepath.learning.rules.homes import ALIASES, rooms_of
+from desirepath.learning.rules.homes import ALIASES, DOORWAY, rooms_of
 from desirepath.learning.rules.rule import Condition, Rule, Zone, check_rules, weights_by
 from desirepath.simulation import kernels as k
 from desirepath.simulation.acting import ActFunction, EpisodeActs, Rows, SensingPolicy
@@ -81,7 +81,7 @@ class Situation:
     def where(self, condition: Condition) -> list[Obstacle]:
         """The part of the floor in which the robot is while a condition of a place holds; none of another."""
         if condition.kind == "room" and condition.holds:
-            return self.areas(Zone(kind="room", of=condition.of))
+            return self._rooms(str(condition.of))
         if condition.kind == "near" and condition.holds and condition.of not in ("person", "wall", "furniture"):
             wider = 2 * NEAR_THING_M
             things = _things(self.scene, str(condition.of))
@@ -113,20 +113,23 @@ class Situation:
                     _box(one.pose, one.length + wider, one.width + wider) for one in _things(self.scene, str(zone.of))
                 ]
             case "room":
-                name = ALIASES.get(str(zone.of), zone.of)
-                return [
-                    _box(
-                        Pose((area.low[0] + area.high[0]) / 2, (area.low[1] + area.high[1]) / 2),
-                        area.high[0] - area.low[0],
-                        area.high[1] - area.low[1],
-                    )
-                    for area in rooms_of(self.scene)
-                    if area.name == name
-                ]
+                return [] if zone.of == DOORWAY else self._rooms(str(zone.of))
         drawn = zone.drawn
         if drawn is None or drawn.place != self.place:
             return []
         return [_box(Pose(drawn.x, drawn.y, drawn.yaw), drawn.length, drawn.width)]
+
+    def _rooms(self, name: str) -> list[Obstacle]:
+        """Those of a name, as boxes on the floor."""
+        return [
+            _box(
+                Pose((area.low[0] + area.high[0]) / 2, (area.low[1] + area.high[1]) / 2),
+                area.high[0] - area.low[0],
+                area.high[1] - area.low[1],
+            )
+            for area in rooms_of(self.scene)
+            if area.name == ALIASES.get(name, name)
+        ]
 
 
 def _box(middle: Pose, length: float, width: float) -> Obstacle:
