@@ -85,6 +85,7 @@ def materials_of(
         _require_recorded(artefact, frozen)
         queries = queries_of(s, files, artefact.id)
         _require_several(artefact, frozen)
+        _require_same_room(artefact, frozen)
     except ValueError as problem:
         raise StudyError(f"query_set = {wanted!r}: {problem}") from problem
     try:
@@ -154,6 +155,16 @@ def _require_several(artefact: Artefact, frozen: FrozenProtocol) -> None:
         raise ArtefactError("order shows several trajectories of one scene; each recording has a scene of its own")
     if artefact.setup not in setups_with("conditioned"):
         raise ArtefactError(f"order needs a conditioned policy of {artefact.setup} for further trajectories; train one")
+
+
+def _require_same_room(artefact: Artefact, frozen: FrozenProtocol) -> None:
+    """Raise ArtefactError where paths count at once beside queries of another setup: one posterior is of one setup."""
+    for stage in frozen.protocol.stages_of(DemonstrationsStage):
+        if stage.at_once and stage.environment != artefact.setup:
+            raise ArtefactError(
+                f"demonstrations count at once in {stage.environment}, and these queries are of {artefact.setup}; "
+                f"choose queries of {stage.environment}"
+            )
 
 
 def study_by_link(s: DatabaseSession, recruiting_token: str) -> Study:

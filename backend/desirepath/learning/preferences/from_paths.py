@@ -23,6 +23,9 @@ from desirepath.simulation.stored import StoredArrays
 from desirepath.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]
+ALTERNATIVES = 12
+"""Other rollouts of a scene that a path is a choice among. Ours: with 40 it told less (experiments/notebook/asking.md).
+"""
 NOISE = 0.5
 """Of a measure, in typical differences: how far a hand's path is from the rollout it stands for. Ours."""
 
@@ -48,6 +51,13 @@ class WeightsOfPaths(StoredArrays):
     def from_parts(cls, header: dict[str, Any], arrays: Arrays) -> WeightsOfPaths:
         parts = {name: arrays[name].astype(np.float64) for name in ("shares", "measured", "mass")}
         return cls(str(header["setup"]), **parts)
+
+    def alternatives(self, scene: int) -> Doubles:
+        """(ALTERNATIVES, 7) of what the policy does there at weights drawn from the prior, the same for everybody."""
+        likely = self.mass / self.mass.sum()
+        rows = np.random.default_rng([scene, 81]).choice(len(likely), ALTERNATIVES, replace=False, p=likely)
+        measured: Doubles = self.measured[rows, scene]
+        return measured
 
     def given(self, scenes: NDArray[np.int64], drawn: Doubles) -> Doubles:
         """(n,) probabilities after paths that measure `drawn` (paths, 7) in these scenes:

@@ -16,6 +16,7 @@ from sqlalchemy.orm import Session as DatabaseSession
 from desirepath.grammar.parts import an_example
 from desirepath.grammar.words import PersonMode, View
 from desirepath.simulation.scene import Scene
+from desirepath.simulation.setups import setups_with
 from desirepath.store.models import Session
 from desirepath.study.drawing import paths, strokes, walks
 from desirepath.study.kind import Acting, Kind, Moment, Page, Simulated
@@ -30,7 +31,10 @@ class DemonstrationsStage(Stage):
     """Paths are drawn in `pairs` situations of an environment (ch. 2; `home`: ch. 3, whose controllers go by a depth
     camera), `per_pair` in each and up to `up_to`.
 
-    Situations come in an order drawn by lot, the first `pairs` of the environment's four.
+    Situations come in an order drawn by lot, the first `pairs` of the environment's four. at_once: each path counts in
+    the posterior of the session, as a choice among what the conditioned policy does there at other weights: queries
+    that are chosen after it follow it. That is in the study room, whose conditioned policy that is, and no controller
+    is trained of paths there.
     """
 
     model_config = an_example({"environment": "corridor", "pairs": 2, "per_pair": 2})
@@ -40,10 +44,11 @@ class DemonstrationsStage(Stage):
     sets_view = True
     draws = True
 
-    environment: Literal["corridor", "room", "home"]
+    environment: Literal["corridor", "room", "home", "study_room"]
     pairs: int = Field(4, ge=1, le=4)
     per_pair: int = Field(3, ge=1, le=10)  # ch. 2: three to five
     up_to: int | None = Field(None, ge=1, le=10, description="default: per_pair, so that nothing is left open")
+    at_once: bool = False
     view: View = "top_down"
     person: PersonMode = Field(
         "still",
@@ -59,6 +64,12 @@ class DemonstrationsStage(Stage):
             raise ValueError(
                 f"view = {self.view!r} must be top_down with person: recorded: the walk is shown on the floor"
             )
+        counted = setups_with("path_weights")
+        if self.at_once != (self.environment in counted):
+            where = " or ".join(counted)
+            raise ValueError(f"at_once = {self.at_once} in {self.environment}: paths count at once in {where} alone")
+        if self.at_once and self.person != "still":
+            raise ValueError(f"person = {self.person!r} must be still where paths count at once")
         return self
 
     @property
@@ -77,6 +88,7 @@ class DemonstrationsStage(Stage):
                     "pair": pair,
                     "view": self.view,
                     **({"person": self.person} if self.person != "still" else {}),
+                    **({"at_once": True} if self.at_once else {}),
                     "place": place,
                     "places": self.pairs,
                     "number": number,
@@ -96,13 +108,14 @@ class DemonstrationsStage(Stage):
 
 
 class DemonstrationStep(walks.PathStep):
-    """place: which of this participant's situations; number, of: its paths."""
+    """place: which of this participant's situations; number, of: its paths; at_once: as of the stage."""
 
     kind: Literal["demonstration"]
     place: int
     places: int
     number: int
     of: int
+    at_once: bool = False
 
 
 _WHICH = "must be the id of the stroke that is kept"

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Union, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from desirepath.learning.queries.choosing import STRATEGIES, Candidates, QuerySt
 from desirepath.store.artefacts import ArtefactStore, load_artefact, load_trajectory
 from desirepath.store.database import Database
 from desirepath.store.marks import Mark, marks_in
-from desirepath.store.models import ProtocolVersion, Response, Session, Study, Trial
+from desirepath.store.models import ProtocolVersion, Response, Session, StrokeRow, Study, Trial
 from desirepath.store.query_sets import StoredQuery, queries_of
 from desirepath.store.sides import is_answer_to_several, shown_on
 from desirepath.store.who_counts import TEACHING_ROLES
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 if TYPE_CHECKING:  # numba and the simulator come with these; a server that never chooses need not load them
     from desirepath.learning.measures.pairs import PairDifferences
+    from desirepath.learning.preferences.evidence.demonstrated import Demonstrated
     from desirepath.learning.preferences.evidence.graded_pair import Degree, Possible
     from desirepath.learning.preferences.evidence.marked_moment import MarkedMoment
     from desirepath.learning.preferences.evidence.ranking import Ranking
@@ -40,7 +41,8 @@ if TYPE_CHECKING:  # numba and the simulator come with these; a server that neve
     from desirepath.simulation.trajectory import Trajectory
 
 Doubles = NDArray[np.float64]
-Answers = tuple["Given | GivenRating | GivenOrder | GivenMarks", ...]
+AnyGiven = Union["Given", "GivenRating", "GivenOrder", "GivenMarks", "GivenPath"]
+Answers = tuple[AnyGiven, ...]
 KEPT_POSTERIORS = 64  # ours: about 1 MB each; a session needs its newest one
 
 
@@ -131,6 +133,34 @@ class GivenMarks(NamedTuple):
             seen = seen_measures([*marked, *others])
             for k in range(len(marked)):
                 yield MarkedMoment(seen[[k, *range(len(marked), len(seen))]], better)
+
+
+class GivenPath(NamedTuple):
+    """A path that counts at once. pair: in which of the environment's scenes it was drawn; trajectory: what the robot
+    made of it."""
+
+    environment: str
+    pair: int
+    trajectory: str
+
+    @property
+    def query(self) -> None:
+        """It is about no query."""
+
+    @property
+    def chosen(self) -> None:
+        """It is no choice of two."""
+
+    def evidence(self, trajectory: Trajectory) -> Demonstrated:
+        """What it says beside what the conditioned policy does there, all judged as wholes."""
+        from desirepath.learning.preferences.evidence.demonstrated import Demonstrated
+        from desirepath.learning.preferences.from_paths import shipped_weights_of_paths
+        from desirepath.learning.preferences.measures import measures
+        from desirepath.learning.preferences.spans import SPANS_S
+
+        others = shipped_weights_of_paths(self.environment).alternatives(self.pair)
+        whole = np.concatenate([measures([trajectory]), others])
+        return Demonstrated(np.repeat(whole[:, None], len(SPANS_S), axis=1))
 
 
 @dataclass(frozen=True)
@@ -233,7 +263,9 @@ class Remembered:
         config = PosteriorConfig(left_right_symmetry=measured.symmetry == "left_right")
         places = measured.index()
 
-        def believe(posterior: Posterior, given: Given | GivenRating | GivenOrder | GivenMarks) -> Posterior:
+        def believe(posterior: Posterior, given: AnyGiven) -> Posterior:
+            if isinstance(given, GivenPath):
+                return posterior.observed(given.evidence(load_trajectory(measured.files, given.trajectory)))
             if isinstance(given, GivenMarks):
                 trajectory = load_trajectory(measured.files, given.trajectory)
                 return reduce(Posterior.observed, given.evidence(trajectory), posterior)
@@ -360,7 +392,7 @@ def posterior_of(s: DatabaseSession, files: ArtefactStore, session: Session) -> 
 
 
 def answers_of(s: DatabaseSession, session: Session) -> Answers:
-    """Of regular and further trials, orders, marks, and ratings that count at once, as they were asked."""
+    """Of regular and further trials, orders, marks, and ratings and paths that count at once, as they were asked."""
     rows = s.execute(
         select(Trial, Response.value)
         .join(Response, Response.trial_id == Trial.id)
@@ -371,10 +403,14 @@ def answers_of(s: DatabaseSession, session: Session) -> Answers:
         )
         .order_by(Trial.index)
     )
-    points = {step["key"]: step["points"] for step in session.plan if step.get("at_once")}
+    rated_at_once = [step for step in session.plan if step["kind"] == "rating" and step.get("at_once")]
+    points = {step["key"]: step["points"] for step in rated_at_once}
     before: dict[str | None, list[str]] = {}
-    answers: list[Given | GivenRating | GivenOrder | GivenMarks] = []
+    answers: list[AnyGiven] = []
+    paths = _paths_at_once(s, session)
     for trial, said in rows:
+        while paths and paths[0][0] < trial.index:
+            answers.append(paths.pop(0)[1])
         if said.get("timed_out"):
             continue
         if trial.kind == "query":
@@ -390,7 +426,30 @@ def answers_of(s: DatabaseSession, session: Session) -> Answers:
             told = (str(trial.query_id), trial.trajectory_a, said["rating"], points[trial.step_key])
             answers.append(GivenRating(*told, tuple(rated)))
             rated.append(trial.trajectory_a)
-    return tuple(answers)
+    return (*answers, *(path for _, path in paths))
+
+
+def _paths_at_once(s: DatabaseSession, session: Session) -> list[tuple[int, GivenPath]]:
+    """(place in the plan, what was kept there) of steps at which a path counts at once, in their order."""
+    places = {
+        step["key"]: place
+        for place, step in enumerate(session.plan)
+        if step["kind"] == "demonstration" and step.get("at_once")
+    }
+    if not places:
+        return []
+    kept = select(StrokeRow).where(
+        StrokeRow.session_id == session.id,
+        StrokeRow.step_key.in_(places),
+        StrokeRow.state == "kept",
+        StrokeRow.left_out_at.is_(None),
+        StrokeRow.trajectory.is_not(None),
+    )
+    drawn = [
+        (places[stroke.step_key], GivenPath(stroke.environment, stroke.pair, str(stroke.trajectory)))
+        for stroke in s.scalars(kept)
+    ]
+    return sorted(drawn)
 
 
 def prepare(database: Database, files: ArtefactStore) -> None:

@@ -114,6 +114,10 @@ def _order(protocol: Protocol, source: Source) -> Iterator[Problem]:
                 f"stands before any {' or '.join(taught_by)}; there is nothing to learn from yet for job {learning.job}"
             )
             yield at(first("train"), message)
+        if learning.job == "demonstrations":
+            for index, entry in enumerate(protocol.stages):
+                if getattr(entry.stage, "at_once", False) and entry.stage.teaches == "demonstrations":
+                    yield at(index, "paths count at once here, which no controller learns from: train on own_answers")
         at_prior = ("stages", first("train"), "train", "prior")
         if learning.prior == "earlier_participants":
             yield from _earlier(protocol, learning, at_prior, source)

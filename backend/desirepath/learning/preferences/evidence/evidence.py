@@ -42,6 +42,14 @@ def with_lapses(careful: Doubles, lapse_rate: Doubles, possible: int) -> Doubles
     return np.log(np.clip((1 - lapse_rate) * careful + lapse_rate / possible, LEAST, 1.0))
 
 
+def of_best(worth: Doubles) -> Doubles:
+    """(n,) probability that the first of (n, k) alternatives is taken: Luce's choice (1959), Boltzmann's of what they
+    are worth."""
+    ahead = worth - worth.max(axis=1, keepdims=True)
+    probability: Doubles = np.exp(ahead[:, 0]) / np.exp(ahead).sum(axis=1)
+    return probability
+
+
 def of_level(position: Doubles, criteria: Doubles, level: int) -> Doubles:
     """(n,) probability of a level, 0 the lowest, where somebody is at `position` (n,) with logistic noise and rising
     criteria (n, levels - 1) part the levels: the cumulative link (McCullagh 1980)."""

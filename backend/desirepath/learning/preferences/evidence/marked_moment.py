@@ -9,9 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from desirepath.learning.preferences.evidence.evidence import Doubles, Evidence, Feedback, Habits, with_lapses
+from desirepath.learning.preferences.evidence.evidence import Doubles, Evidence, Feedback, Habits, of_best, with_lapses
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +20,5 @@ class MarkedMoment(Evidence):
     better: bool = False
 
     def log_likelihood(self, worth: Doubles, habits: Habits) -> Doubles:
-        said = worth if self.better else -worth
-        ahead = said - said.max(axis=1, keepdims=True)
-        careful = np.exp(ahead[:, 0]) / np.exp(ahead).sum(axis=1)
+        careful = of_best(worth if self.better else -worth)
         return with_lapses(careful, habits.lapse_rate, worth.shape[1])

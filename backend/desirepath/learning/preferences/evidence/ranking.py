@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from desirepath.learning.preferences.evidence.evidence import Doubles, Evidence, Feedback, Habits, with_lapses
+from desirepath.learning.preferences.evidence.evidence import Doubles, Evidence, Feedback, Habits, of_best, with_lapses
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +21,6 @@ class Ranking(Evidence):
         """Place by place: the best of those that are left, or any of them without looking."""
         together = np.zeros(len(worth))
         for place in range(min(self.said, worth.shape[1] - 1)):
-            left = worth[:, place:] - worth[:, place:].max(axis=1, keepdims=True)
-            careful = np.exp(left[:, 0]) / np.exp(left).sum(axis=1)
-            together += with_lapses(careful, habits.lapse_rate, left.shape[1])
+            left = worth[:, place:]
+            together += with_lapses(of_best(left), habits.lapse_rate, left.shape[1])
         return together
