@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from desirepath.learning.errors import LearningError
@@ -155,6 +156,15 @@ def test_a_robot_is_led_around_somebody_who_walks_past_a_room_it_must_not_enter(
     rule = read_rule("Don't go into the kitchen", "en").rule
     walks = next(place for place, scene in enumerate(rule_places()) if scene.walk)
     assert arrived(drive_by([rule], [rule_places()[walks]], [walks])).all()
+
+
+def test_a_robot_whose_goal_lies_in_the_room_drives_as_without_the_rule(homes) -> None:
+    rule = read_rule("Don't go into the kitchen", "en").rule
+    kitchens = [(one, area) for one in homes for area in rooms_of(one) if area.name == "kitchen"]
+    inside = [scene for scene, area in kitchens if area.holds(scene.goal.x, scene.goal.y)][:2]
+    assert inside
+    for told, usual in zip(drive_by([rule], inside), drive_by([], inside), strict=True):
+        np.testing.assert_array_equal(told.poses, usual.poses)
 
 
 def test_a_zone_that_no_home_has_holds_nowhere_and_is_said_to(homes) -> None:

@@ -180,7 +180,13 @@ class ObeyingPolicy(SensingPolicy):
                 rules = moment.in_force(self._rules)
                 weights, shares[at] = weights_by(self._weights, rules)
                 by_weights.setdefault(tuple(sorted(weights.items())), []).append(at)
-                areas = [area for rule in rules for zone in rule.zones for area in moment.areas(zone)]
+                goal, zones = scenes[i].goal, [zone for rule in rules for zone in rule.zones]
+                areas = [
+                    area
+                    for zone in zones
+                    for area in moment.areas(zone)
+                    if zone.kind != "room" or float(area.distance_m(goal.x, goal.y)) > 0  # told to go in there
+                ]
                 if areas:
                     led[at], left_m[at] = True, leads[i].lead(moment, areas, seen[at])
             progress.begin_anew(rows[led != before[rows]])  # a way around is another distance
