@@ -89,6 +89,7 @@ def find_zones(tokens: Sequence[Token]) -> tuple[list[Zone], list[Token], list[T
     if target is not None and target.any(*PIECES) and not _is_of_furniture(tokens, target):
         of = cast(Thing, next(one for one in PIECES if one in target))
         used = segment(tokens, tokens.index(target))
+        used += [one for k, two in enumerate(tokens) if "away" in two for one in segment(tokens, k) if one not in used]
         others = [one for one in placed if one is not target]
         return [Zone(kind="thing", of=of)], others, [*used, *_where(tokens, others, away=False)]
     if target is not None and target.any(*PIECES):  # "more distance to the chairs"
@@ -178,6 +179,7 @@ _PAST = known_words("vorbei vorueber entlang lang herum past by along")
 
 _TIGHT = ("dicht", "eng", "nah", "knapp", "close", "tight", "hug", "schrapp")
 
+_MINDING = ("kuemmer", "mind", "acht", "ruecksicht", "sorg", "worry", "care")
 _DETERMINERS = known_words(
     "the a an my our your this that its his her der die das den dem des ein eine einen einem einer mein meine meinen "
     "meinem meiner unser unsere unserem unserer unseren dein deine deinem deiner direkt gleich of am im zum zur old"
@@ -206,7 +208,7 @@ def _where(tokens: Sequence[Token], placed: Sequence[Token], away: bool) -> list
 def _is_hugged(tokens: Sequence[Token], at: int) -> bool:
     """ "Eng an der Wand", "close to the furniture" is what is wished, not where."""
     before = [word.form for token in tokens[max(0, at - MOST_BETWEEN - 1) : at] for word in token.words]
-    tight = any(form.startswith(_TIGHT) for form in before)
+    tight = any(form.startswith((*_TIGHT, *_MINDING)) for form in before)
     first, last = part(tokens, at)
     return tight and not any(one.form in PERSONS for one in tokens[first:last])
 

@@ -116,6 +116,8 @@ def _read(text: str, language: Language) -> tuple[Rule, list[Asked]]:
             continue  # "do not come near me", "don't crash into the chairs"
         if condition not in conditions and all(zone.of != condition.of for zone in zones):
             conditions.append(condition)
+    if any(one.kind == "near" and one.of != "person" for one in conditions) and not any("me" in one for one in rest):
+        wishes = [_OF_THINGS.get((one.objective, one.more), one) for one in wishes]  # "closer past the pillar"
     asked += [Asked("wish", one.start, one.end, one.offered) for one in questions]
     if not wishes and not zones and not questions:
         asked.append(Asked("nothing", 0, len(text)))
@@ -128,6 +130,9 @@ def _read(text: str, language: Language) -> tuple[Rule, list[Asked]]:
     return rule, asked
 
 
+_OF_THINGS = {("closer", True): Wish(objective="clearance", more=False), ("farther", True): Wish(objective="clearance")}
+
+
 def _is_hit(rest: Sequence[Token], left: Sequence[Token]) -> bool:
     """Whether things are named only as what must not be touched."""
     return any("not" in token for token in rest) and not any(token.any(*PIECES) for token in left)
@@ -135,16 +140,18 @@ def _is_hit(rest: Sequence[Token], left: Sequence[Token]) -> bool:
 
 def _wishes(text: str, language: Language) -> tuple[list[Wish], list[Question]]:
     """What the words room reads of what is left, and what it asks; what need not be is less of it."""
-    got = _reader(language).understand(text)
+    needless = _needless(text, language)
+    got = _reader(language, not needless).understand(text)
     wishes: list[Wish] = []
     for mark in got.marks:
         wish = Wish(objective=mark.objective, more=mark.wanted)
         if not mark.waived and wish not in wishes:
             wishes.append(wish)
-    if not wishes and not got.questions and _needless(text, language):
+    waived = {one.objective for one in got.marks if one.waived}
+    if not wishes and not got.questions and (needless or waived == {"clearance"}):
         wishes = list({Wish(objective=one.objective, more=not one.wanted): 0 for one in got.marks if one.waived})
     questions = [one for one in got.questions if one.about != "slowness"]
-    if not wishes and questions and (ordered := _ordered(text, language)):
+    if not wishes and (ordered := _ordered(text, language)):
         wishes, questions = ordered, []
     if not wishes and questions and all(one.offered == CALM for one in questions):
         wishes = [Wish(objective="smoother")]  # "gently"
@@ -157,10 +164,11 @@ def _wishes(text: str, language: Language) -> tuple[list[Wish], list[Question]]:
     return wishes, questions
 
 
-@lru_cache(maxsize=2)
-def _reader(language: Language) -> WordsReader:
-    """Of short stretches, of which the second reader can only say that they mean the contrary."""
-    return WordsReader(language, doubts_unsaid=False)
+@lru_cache(maxsize=4)
+def _reader(language: Language, doubts: bool = True) -> WordsReader:
+    """Of short stretches, of which the second reader can only say that they mean the contrary. doubts: whether it is
+    heard at all: "need not be so smooth" it takes for the contrary."""
+    return WordsReader(language, doubts_unsaid=False) if doubts else WordsReader(language, lambda _: None)
 
 
 def _ordered(text: str, language: Language) -> list[Wish]:

@@ -213,7 +213,7 @@ def _is_turned_round(tokens: Sequence[Token], at: int, language: Language) -> bo
         return True
     if ends is None:
         return False
-    verb = tokens[at].any(*POSTURES) or tokens[at].words[0].form in _BEING
+    verb = tokens[at].words[0].form in _BEING
     asks = after[ends].before == "?" and any(one.any(*SITUATIONS) for one in tokens[at : at + 1 + ends])
     says = any(one.any(*SITUATIONS) for one in tokens[at : at + 1 + ends])
     then = "then" in after[ends]
