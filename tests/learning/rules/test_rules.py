@@ -228,3 +228,17 @@ def test_a_doorway_is_a_situation_and_no_place_to_keep_out_of(homes) -> None:
     assert unavailable(slow, tuple(homes)) == []
     out = read_rule("Don't go into the doorway", "en").rule
     assert [one.of for one in unavailable(out, tuple(homes))] == ["doorway"]
+
+
+@pytest.mark.parametrize(
+    ("language", "sentence", "change"),
+    [
+        ("en", "Don't drive in front of me but behind me", "zone:front"),
+        ("en", "Stay behind me and don't come closer", "zone:front"),
+        ("de", "Statt hinter mir fahr lieber vor mir", "zone:behind"),
+        ("de", "Dass du hinter mir fährst, gefällt mir nicht", "zone:behind"),
+    ],
+)
+def test_what_is_denied_of_two_places_is_where_it_must_not_be(language, sentence, change) -> None:
+    assert change in read_rule(sentence, language).rule.changes
+    assert len(read_rule(sentence, language).rule.zones) == 1

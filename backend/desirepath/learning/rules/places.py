@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import cast
+from typing import Literal, cast
 
 from desirepath.learning.rules.rule import RoomName, Thing, Wish, Zone
 from desirepath.learning.rules.sentence import (
@@ -70,6 +70,10 @@ def find_zones(tokens: Sequence[Token]) -> tuple[list[Zone], list[Token], list[T
             return [], [], []
         rooms = [token for token in placed if token.any(*ROOMS) and not token.any(*PIECES)]
         return [Zone(kind="between", of=cast(Thing, thing))], rooms, [*segment(tokens, between), *rooms]
+    either = {sense for token in tokens for sense in ("front", "behind") if sense in token}
+    contrast = _contrasted(tokens) if len(either) == 2 else None
+    if contrast is not None:
+        return contrast, placed, list(tokens)
     for sense, kept in (("sight", "front"), ("seen", "behind"), ("behind", "front"), ("front", "behind")):
         at = next((k for k, token in enumerate(tokens) if sense in token), None)
         if at is None:
@@ -77,7 +81,7 @@ def find_zones(tokens: Sequence[Token]) -> tuple[list[Zone], list[Token], list[T
         denied = _is_denied(tokens, at)
         own = tokens[slice(*part(tokens, at))]
         clear = sense != "front" or not any(one.any("unknown", "away", "out", "into") for one in own)
-        allowed = any(one.any("may") for one in own)  # "you may drive behind me" is no order
+        allowed = any(one.any("may") for one in own) or _is_doubtful(tokens, at)  # "you may drive behind me"
         if not denied and (allowed or not (clear and any("stay" in token for token in own))):
             continue  # nothing says that it should be there
         contrary = {"behind": "behind", "front": "front", "sight": "behind", "seen": "front"}
@@ -104,6 +108,30 @@ def find_zones(tokens: Sequence[Token]) -> tuple[list[Zone], list[Token], list[T
         placed,
         _where(tokens, placed, away=target is not None or any(one.any(*ROOMS) or one.form in NEARER for one in tokens)),
     )
+
+
+def _contrasted(tokens: Sequence[Token]) -> list[Zone] | None:
+    """ "Not in front of me but behind me", "statt hinter mir lieber vor mir": what is denied of both; None: neither."""
+    first, second = [k for k, token in enumerate(tokens) if token.any("front", "behind")][:2]
+    before = tokens[part(tokens, first)[0] : first]
+    between = tokens[first + 1 : second]
+    kinds: list[Literal["front", "behind"]] = ["front" if "front" in tokens[k] else "behind" for k in (first, second)]
+    turned = any("not" in one or one.words[0].form in _INSTEAD for one in before)
+    turns = any("not" in one or one.words[-1].form in _INSTEAD for one in between)
+    if turned and not turns and any(one.form in _EITHER for one in between):
+        return [Zone(kind=kind) for kind in kinds]
+    return [Zone(kind=kinds[0 if turned else 1])] if turned != turns else None
+
+
+_INSTEAD = known_words("statt anstatt instead rather")
+_EITHER = known_words("or nor oder noch")
+
+
+def _is_doubtful(tokens: Sequence[Token], at: int) -> bool:
+    """Whether another part of the sentence denies or dislikes without saying what: no order is sure beside that."""
+    first, last = part(tokens, at)
+    parts = {part(tokens, k) for k, token in enumerate(tokens) if token.any("not", "bad") and not first <= k < last}
+    return any(not any(one.any("stay", "front", "behind") for one in tokens[a:b]) for a, b in parts)
 
 
 def _not_neared(tokens: Sequence[Token]) -> Token | None:
@@ -144,6 +172,8 @@ def _is_denied(tokens: Sequence[Token], at: int) -> bool:
     bare = _is_infinitive([word.form for one in own for word in one.words]) and not any(
         one.any("not", "bad") for one in own
     )
+    if not first and own[0].words[0].form in THAT and last < len(tokens):  # "that you drive there, I dislike"
+        own = [*own, *tokens[slice(*part(tokens, last))]]
     if first and (own[0].words[0].form in THAT or bare):  # "I do not want that you ..."
         own = [*tokens[slice(*part(tokens, first - 1))], *own]
     if any("not" in token for token in own):

@@ -55,7 +55,12 @@ THAT = known_words("dass that so sodass")
 
 def part(tokens: Sequence[Token], at: int) -> tuple[int, int]:
     """Where the part between punctuation and "and" begins and ends that a token stands in."""
-    joins = ("and", "und")
-    first = next((k for k in range(at, 0, -1) if tokens[k].before or tokens[k].form in joins), 0)
-    last = next((k for k in range(at + 1, len(tokens)) if tokens[k].before or tokens[k].form in joins), len(tokens))
+
+    def begins(k: int) -> bool:
+        return (
+            bool(tokens[k].before) or tokens[k].form in ("and", "und") or tokens[k - 1].form.endswith((" and", " und"))
+        )
+
+    first = next((k for k in range(at, 0, -1) if begins(k)), 0)
+    last = next((k for k in range(at + 1, len(tokens)) if begins(k)), len(tokens))
     return first, last
