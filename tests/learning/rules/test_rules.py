@@ -62,6 +62,8 @@ def homes() -> list[Scene]:
         ("de", "in der küchhe nihct vor mir farhen", "room:kitchen", "zone:front"),
         ("de", "Halt dich vom Ohrensessel fern", "always", "zone:chair"),
         ("de", "Fahr so, dass du mich nicht rechts hast", "always", "person_on_left:+"),
+        ("en", "It would be nice if you didn't go so fast in the hall", "room:corridor", "faster:-"),
+        ("de", "Mir ist wohler, wenn du hinter mir bleibst", "always", "zone:front"),
         ("en", "guests here = more distance", "others", "farther:+"),
         ("en", "Go faster, but not in the bedroom", "not:room:bedroom", "faster:+"),
         ("en", "When I stand or walk, keep more distance", "not:sitting", "farther:+"),

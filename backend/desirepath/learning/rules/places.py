@@ -209,6 +209,7 @@ _PAST = known_words("vorbei vorueber entlang lang herum past by along")
 
 _TIGHT = ("dicht", "eng", "nah", "knapp", "close", "tight", "hug", "schrapp")
 
+_STAYS = known_words("stay keep remain be bleib bleibe bleiben halt halte sei come komm")
 _MINDING = ("kuemmer", "mind", "acht", "ruecksicht", "sorg", "worry", "care")
 _DETERMINERS = known_words(
     "the a an my our your this that its his her der die das den dem des ein eine einen einem einer mein meine meinen "
@@ -254,6 +255,8 @@ def _placed(tokens: Sequence[Token]) -> list[Token]:
         if token.any(*PIECES):
             if any(one.any("near", "in", "through") for one in before) or token is _kept_from(tokens):
                 found.append(token)
+        elif "passing" in token and at and tokens[at - 1].form in _STAYS:
+            continue  # "stay near me" is a wish
         elif token.any("passing", *ROOMS):
             found.append(token)
     return found

@@ -20,7 +20,7 @@ from desirepath.learning.rules.places import (
     read_side,
 )
 from desirepath.learning.rules.rule import MOST_CHANGES, MOST_CONDITIONS, Condition, Rule, Wish, Zone
-from desirepath.learning.rules.sentence import ORDERS, PIECES, SIDES, words_tokens
+from desirepath.learning.rules.sentence import ORDERS, PIECES, POSTURES, SIDES, words_tokens
 from desirepath.learning.rules.situations import (
     find_situations,
     find_unknown_place,
@@ -77,6 +77,9 @@ def _read(text: str, language: Language) -> tuple[Rule, list[Asked]]:
         conditions = [one for one in conditions if one not in turned and one not in found] + found  # what is said last
         if not found and len(span.tokens) + span.main > 1 and not only_passes(span.tokens):
             asked.append(Asked("context", span.tokens[0].words[0].start, span.tokens[-1].words[-1].end))
+    held = [one for one in conditions if one.holds and one.kind in (*POSTURES, "room")]
+    if len({one.label for one in held if one.kind != "room"}) > 1 or sum(one.kind == "room" for one in held) > 1:
+        asked.append(Asked("context", 0, len(text)))  # two rules in one: never both at once
     side = read_side(rest)
     allowed = allowed_only(rest, spans)
     zones, placed, used = find_zones(rest) if allowed is None else ([], [], [])

@@ -18,6 +18,7 @@ from desirepath.learning.rules.sentence import (
     SITUATIONS,
     THINGS,
     is_wish,
+    part,
     segment,
     words_tokens,
 )
@@ -75,6 +76,10 @@ def find_situations(tokens: Sequence[Token], language: Language) -> tuple[list[S
             continue
         if token.any("when", "unless") or _is_turned_round(tokens, at, language):
             end = _end_of_clause(tokens, at, language)
+            if _is_what_is_liked(tokens, at, language):
+                rest.append(token)
+                at += 1
+                continue
             if at and tokens[at - 1].form in _CONCEDING:  # "even if it takes longer": no condition
                 if not any(one.any(*SITUATIONS) for one in tokens[at:end]):
                     rest += tokens[at:end]
@@ -109,6 +114,27 @@ def find_situations(tokens: Sequence[Token], language: Language) -> tuple[list[S
         spans.append(Span(rest[first:last], main=True))
         del rest[first:last]
     return spans, rest
+
+
+def _is_what_is_liked(tokens: Sequence[Token], at: int, language: Language) -> bool:
+    """ "It would be nice if you went slower", "I hate it when you race": what is wished, not when. Of places a dislike
+    stays a situation, which is read as a complaint."""
+    after = tokens[at + 1 : at + 2]
+    if not at or tokens[at].form not in _LIKED_IF or not after or after[0].words[0].form not in _ROBOT:
+        return False
+    before = tokens[part(tokens, at - 1)[0] : at]
+    said = [one for token in before for one in words_tokens(token.form, language)]
+    liked = any("good" in one for one in said) or any(token.form in _LIKED for token in before)
+    disliked = any(one.any("bad", "not") for one in [*said, *before])
+    if any(token.any("stay") and token.form in ORDERS for token in before):
+        return False
+    own = tokens[slice(*part(tokens, at))]
+    where = any(one.any("front", "behind", "between", "left", "right") for one in own)
+    return (liked or disliked) and not (disliked and where)
+
+
+_LIKED_IF = known_words("if when wenn")
+_LIKED = known_words("mind wohler lieber nice kind grateful appreciate nett lieb schoen recht froh dankbar")
 
 
 def _heading(tokens: Sequence[Token]) -> int:
