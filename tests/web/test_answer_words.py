@@ -40,6 +40,7 @@ STORED = {
         "edits": 1,
     },
     "order": {"groups": [[2], [], [3, 1]], "ask": "groups"},
+    "mark": {"marks": [{"at_s": 1.25, "why": "too_close"}, {"at_s": 3.0, "why": None}]},
 }
 IN_WORDS = {
     "en": {
@@ -48,6 +49,7 @@ IN_WORDS = {
         "rules": "“Slow, unless I sit in the kitchen” When: not: you sit + in the kitchen. "
         "Then: slower; not between you and the sofa (–)",
         "order": "piles, the least liked first: 2 | – | 3, 1",
+        "mark": "marked: 1.2 s (Too close), 3.0 s",
         "importance_ranking": "1. wall, +x, 2. box 2, 3. person",
         "demonstration": "kept this path",
         "think_aloud": "recorded, 12 s",
@@ -65,6 +67,7 @@ IN_WORDS = {
         "attention": "A, verlangt war B: nicht bestanden",
         "preference": "wie viel besser B: Etwas",
         "order": "Stapel, am wenigsten gemocht zuerst: 2 | – | 3, 1",
+        "mark": "markiert: 1,2 s (Zu nah), 3,0 s",
         "tuning": "Gewichte am Ende weniger und sanftere Kurven 0,54, weiter weg vom Menschen 1,00",
     },
 }
