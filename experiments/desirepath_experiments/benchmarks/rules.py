@@ -1,10 +1,10 @@
 """`desirepath benchmark rules`: are rules in plain words read as they were meant, and does a robot obey them?
 
 Sentences: `datasets/words/rules_test_LANGUAGE.tsv` (columns manner, context, change, sentence), by somebody who had
-not seen the grammar. context: labels of `Condition`, several that must hold together with `+`, `not:` before one that
-must not; `always`; `unknown`: must be asked back. change: labels of `Wish` and `Zone`, several with `;`; `ask`: must be
-asked back. All of these were looked at when the reader was made; --sentences measures others. Obedience: TOLD, each in
-fresh homes, against the same policy without rules in the same homes.
+not seen the grammar, and not looked at since. context: labels of `Condition`, several that must hold together with
+`+`, `not:` before one that must not; `always`; `unknown`: must be asked back. change: labels of `Wish` and `Zone`,
+several with `;`; `ask`: must be asked back. --sentences measures others. Obedience: TOLD, each in fresh homes, against
+the same policy without rules in the same homes.
 """
 
 from __future__ import annotations
