@@ -101,8 +101,10 @@ class RecordingDraft:
 
     @property
     def is_working(self) -> bool:
-        beat = self.folder / "working"
-        return beat.is_file() and time.time() - beat.stat().st_mtime < STALE_S
+        try:
+            return time.time() - (self.folder / "working").stat().st_mtime < STALE_S
+        except FileNotFoundError:  # not begun, or ended just now
+            return False
 
     def claim(self) -> None:
         """Have it to oneself until `working` goes. Raises UploadError while files are read or placed."""
