@@ -115,12 +115,12 @@ def benchmark_people(
     measured_people: list[dict[str, Any]] = []
     total = len(config.seeds) * (len(config.families) * config.people + len(more or {}))
     for seed in config.seeds:
-        room = _Room.of(setup, seed, config)
         first = config.first + seed * config.people
         by_family = [
             [(family, *member) for member in people_of(family, config.people, setup, first).items()]
             for family in config.families
         ]
+        room = _Room.of(setup, seed, config)
         everybody = [entry for turn in zip(*by_family, strict=True) for entry in turn]
         for family, name, person in [*everybody, *(("file", *entry) for entry in (more or {}).items())]:
             measured = _measure(person, room, answering, config)
