@@ -23,7 +23,7 @@ from desirepath.learning.preferences.population_prior import EarlierPerson, Weig
 from desirepath.learning.preferences.posterior import PosteriorConfig
 from desirepath.learning.preferences.predictive_check import PredictiveCheck, check_answers
 from desirepath.learning.preferences.preferences import Preference, usable
-from desirepath.learning.preferences.spans import marked_parts
+from desirepath.learning.preferences.spans import equally_long, marked_parts
 from desirepath.learning.rewards.held_out import CHANCE, Prediction, majority_share, predictions
 from desirepath.learning.rewards.kinds import FITTINGS
 from desirepath.learning.rewards.reward_model import Fit, FitSettings, Reduction, RewardModel
@@ -100,7 +100,7 @@ def _marked_parts(
     for of_one in alike.values():
         marked, others = marked_parts(load(of_one[0].trajectory), [mark.at_s for mark in of_one])
         pairs = zip(marked, others, strict=False) if independent else product(marked, others)
-        yield from ((of_one[0], *pair) for pair in pairs)
+        yield from ((of_one[0], *equally_long(*pair)) for pair in pairs)
 
 
 def fit_of(

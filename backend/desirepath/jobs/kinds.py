@@ -12,7 +12,7 @@ from functools import reduce
 from operator import or_
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from desirepath.jobs.alignment import DEFAULT, RECIPE, REGISTRY, AlignParams
@@ -169,6 +169,14 @@ class TrainDemonstrationsParams(Params):
     imitated: int = from_source("ours_demonstrations", 4_800, ge=0, le=100_000, advanced=True)
     comparisons: int = from_source("thesis_2_6_1", 4, ge=0, le=4, advanced=True)
     gate_min_success: float = from_source("ours_demonstrated_starts", 0.95, ge=0, le=1, advanced=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _stored_before_imitation(cls, data: Any) -> Any:
+        """Parameters of a job of before 2026-11-28 name updates alone: it goes on as it was asked for."""
+        if isinstance(data, dict) and data.get("updates") is not None and "imitated" not in data:
+            return data | {"imitated": 0}
+        return data
 
 
 class AskPersonParams(Params):

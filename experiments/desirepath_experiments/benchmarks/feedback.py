@@ -23,13 +23,16 @@ from desirepath.learning.errors import LearningError
 from desirepath.learning.people.asked_people import NINE, people_of
 from desirepath.learning.people.card import people_card
 from desirepath.learning.people.families.base import FamilyMember
+from desirepath.learning.people.families.mixture import ObjectiveMember
 from desirepath.learning.preferences.evidence.evidence import Evidence
 from desirepath.learning.preferences.evidence.graded_pair import Degree, GradedPair, Possible
 from desirepath.learning.preferences.evidence.marked_moment import MarkedMoment
 from desirepath.learning.preferences.evidence.ranking import Ranking
 from desirepath.learning.preferences.evidence.rating import Rating
+from desirepath.learning.preferences.measures import typical_differences
+from desirepath.learning.preferences.objectives import NAMES, gains
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
-from desirepath.learning.preferences.spans import MOMENT_S, moments, seen_measures
+from desirepath.learning.preferences.spans import MOMENT_S, moments, part_measures, seen_measures
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.trajectory import Trajectory, arrived
 from desirepath.study.kinds.order import PLACE_S
@@ -219,13 +222,22 @@ def _valued(person: FamilyMember, rollouts: Sequence[Sequence[Trajectory]], setu
     seen = seen_measures(flat)
     seconds = np.array([one.duration_s for one in flat]).reshape(shape)
     value = np.asarray(true_scores(person, flat)) / person.unit(setup)
-    parts = [moments(one, MOMENT_S) for one in flat]
+    parts = [[part for part in moments(one, MOMENT_S) if 2 * part.duration_s >= MOMENT_S] or [one] for one in flat]
     together = [part for of_one in parts for part in of_one]
-    seen_parts, worth_parts = seen_measures(together), np.asarray(true_scores(person, together)) / person.unit(setup)
+    seen_parts = part_measures(together)
+    worth_parts = _worth_of_parts(person, together, seen_parts[:, 0] / typical_differences(setup)) / person.unit(setup)
     ends = np.cumsum([len(of_one) for of_one in parts])[:-1]
     marked = list(zip(np.split(seen_parts, ends), np.split(worth_parts, ends), strict=True))
     by_scene = [marked[k * shape[1] : (k + 1) * shape[1]] for k in range(shape[0])]
     return Drives(seen.reshape(*shape, *seen.shape[1:]), seconds, value.reshape(shape), by_scene)
+
+
+def _worth_of_parts(person: FamilyMember, parts: Sequence[Trajectory], measured: Doubles) -> Doubles:
+    """(n,) measured: (n, 7) of parts, in typical differences: who has one objective judges a part by these."""
+    if isinstance(person, ObjectiveMember):
+        of_objective: Doubles = gains(measured)[:, NAMES.index(person.objective)]
+        return of_objective
+    return np.asarray(true_scores(person, parts))
 
 
 def _ask(

@@ -21,7 +21,7 @@ from desirepath.learning.people.card import FAMILIES, is_member, member, parse_p
 from desirepath.learning.preferences.measures import MEASURES, measures, typical_differences
 from desirepath.learning.preferences.objectives import CROWD_NAMES, NAMES, gains, names_of
 from desirepath.learning.preferences.preferences import Preference
-from desirepath.learning.preferences.spans import PEAK_S, beginning, moments
+from desirepath.learning.preferences.spans import PEAK_S, beginning, moments, part_measures
 from desirepath.learning.queries.queries import Query
 from desirepath.simulation.setups import get_setup, require_same
 from desirepath.simulation.trajectory import Trajectory
@@ -220,6 +220,14 @@ class Oracle:
             return np.zeros(0)
         value = judged(preference_of(self.name).after(self.answered), trajectories, self.response_model)
         return value[1::2] - value[0::2]
+
+    def worth_of_parts(self, parts: Sequence[Trajectory]) -> Doubles:
+        """(n,) what parts of a trajectory are worth by the preference of now, in typical differences of wholes."""
+        preference = preference_of(self.name)
+        if preference.weights is None:
+            return preference.after(self.answered)(parts)
+        worth: Doubles = gains(part_measures(parts)[:, 0] / _typical(parts)) @ preference.weights
+        return worth
 
     def decide(self, advantages: Doubles) -> list[int]:
         """0 for A, 1 for B, by how much better B is, lapses and indifference included."""

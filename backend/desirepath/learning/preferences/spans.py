@@ -14,8 +14,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from desirepath.learning.preferences.measures import measures
+from desirepath.learning.preferences.measures import measures, table_of
 from desirepath.learning.queries.queries import Query
+from desirepath.simulation.setups import get_setup
 from desirepath.simulation.trajectory import Outcome, Trajectory
 
 Doubles = NDArray[np.float64]
@@ -60,6 +61,35 @@ def marked_parts(trajectory: Trajectory, taps_s: Sequence[float]) -> tuple[list[
         marked.append(_part(trajectory, first, end))
         before = end
     return marked, others + _evenly(trajectory, before, n, steps)
+
+
+def part_measures(parts: Sequence[Trajectory]) -> Doubles:
+    """(n, spans, 7) measures of parts of trajectories, the same for whichever beginning is looked at.
+
+    What adds up over a trajectory is that of MOMENT_S, so that a long part is no detour: of its way what brought the
+    robot no nearer to its goal, of its time what driving straight there at full speed would have saved. Over whole
+    trajectories of one scene these sum to path_length_m and time_s but for a constant.
+    """
+    measured = measures(parts)
+    setup = get_setup(parts[0].scene.setup)
+    names = [one.name for one in table_of(setup.name)]
+    ends = np.array([part.poses[[0, -1], :2] for part in parts])
+    goals = np.array([(part.scene.goal.x, part.scene.goal.y) for part in parts])
+    nearer = -np.diff(np.linalg.norm(ends - goals[:, None], axis=2), axis=1)[:, 0]
+    for name, reached in (("path_length_m", nearer), ("time_s", nearer / setup.robot.limits.v_max)):
+        if name in names:
+            measured[:, names.index(name)] -= reached
+    lasting = np.array([part.duration_s for part in parts])
+    for name in ("path_length_m", "time_s", "accumulated_angle_rad"):
+        if name in names:
+            measured[:, names.index(name)] *= MOMENT_S / lasting
+    return np.repeat(measured[:, None], len(SPANS_S), axis=1)
+
+
+def equally_long(one: Trajectory, other: Trajectory) -> tuple[Trajectory, Trajectory]:
+    """As many steps of both, from their beginnings."""
+    steps = min(len(one.actions), len(other.actions))
+    return _part(one, 0, steps), _part(other, 0, steps)
 
 
 def _evenly(trajectory: Trajectory, first: int, end: int, steps: int) -> list[Trajectory]:

@@ -124,13 +124,13 @@ class GivenMarks(NamedTuple):
     def evidence(self, trajectory: Trajectory) -> Iterator[MarkedMoment]:
         """What each of them says beside the parts of the trajectory that were not marked so."""
         from desirepath.learning.preferences.evidence.marked_moment import MarkedMoment
-        from desirepath.learning.preferences.spans import marked_parts, seen_measures
+        from desirepath.learning.preferences.spans import marked_parts, part_measures
 
         for better, taps_s in ((False, self.bad_s), (True, self.good_s)):
             marked, others = marked_parts(trajectory, taps_s)
             if not (marked and others):
                 continue
-            seen = seen_measures([*marked, *others])
+            seen = part_measures([*marked, *others])
             for k in range(len(marked)):
                 yield MarkedMoment(seen[[k, *range(len(marked), len(seen))]], better)
 

@@ -289,12 +289,13 @@ class SimulatedParticipant:
         name, recorded = self._prefers(step), trajectory.recorded
         measured = name != "random" and (recorded is None or "poses" in recorded.has)
         parts = moments(trajectory, MOMENT_S) if measured else [trajectory]
+        parts = [part for part in parts if 2 * part.duration_s >= MOMENT_S]
         if len(parts) < 2:
             return []
         oracle = self._oracles[name]
         seems = self._noise.normal(0, SEES_WITHIN / math.sqrt(2), len(parts))
         if oracle.random.random() >= oracle.response_model.lapse_rate:
-            seems += oracle.advantages([Query(trajectory.scene, parts[0], part, (0, 1)) for part in parts])
+            seems += oracle.worth_of_parts(parts)
         noticed, usual = self._criteria[0], float(np.median(seems))
         marks: dict[int, Why | None] = {}
         if usual - seems.min() > noticed:
