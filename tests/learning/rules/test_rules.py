@@ -244,3 +244,114 @@ def test_a_doorway_is_a_situation_and_no_place_to_keep_out_of(homes) -> None:
 def test_what_is_denied_of_two_places_is_where_it_must_not_be(language, sentence, change) -> None:
     assert change in read_rule(sentence, language).rule.changes
     assert len(read_rule(sentence, language).rule.zones) == 1
+
+
+@pytest.mark.parametrize(
+    ("sentence", "zone"),
+    [
+        ("I would rather have you behind me than in front of me", "front"),
+        ("I'd rather you drove behind me than in front of me", "front"),
+        ("Rather behind me than in front of me", "front"),
+        ("When I sit I'd rather have you in front of me than behind me", "behind"),
+        ("I prefer you in front of me to behind me", "front"),
+        ("Rather than behind me, drive in front of me", "behind"),
+        ("I'd like you in front of me rather than behind me", "behind"),
+        ("Instead of driving in front of me, stay behind me", "front"),
+        ("It's fine to drive behind me, but not in front of me", "front"),
+        ("Don't stop in front of me", "front"),
+        ("I mind you driving behind me", "behind"),
+        ("Lieber hinter mir als vor mir", "front"),
+        ("Ich habe dich lieber vor mir als hinter mir", "behind"),
+        ("Wenn ich gehe, fahr lieber hinter mir als vor mir", "front"),
+        ("Eher vor mir als hinter mir", "behind"),
+        ("Hinter mir ist besser als vor mir", "front"),
+        ("Fahr lieber vor mir statt hinter mir", "behind"),
+        ("Hör auf, hinter mir zu fahren", "behind"),
+        ("Nie, nie hinter mir fahren", "behind"),
+    ],
+)
+def test_of_two_places_the_one_that_is_not_preferred_is_denied(sentence, zone) -> None:
+    got = read_rule(sentence, "en")
+    assert [one.label for one in got.rule.zones] == [f"zone:{zone}"]
+    assert not got.asked
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "You don't have to stay behind me",
+        "There's no need to stay behind me",
+        "When I walk you needn't stay behind me",
+        "You needn't avoid the kitchen",
+        "You don't have to stay out of the bedroom",
+        "You don't need to keep away from the sofa",
+        "It is not necessary that you stay behind me",
+        "No need to stay between me and the sofa",
+        "You needn't avoid that corner",
+        "Du musst nicht hinter mir bleiben",
+        "Du brauchst nicht hinter mir zu bleiben",
+        "Du musst nicht aus der Küche bleiben",
+        "Wenn ich sitze, musst du nicht hinter mir bleiben",
+        "Du musst die Küche nicht meiden",
+        "Es ist nicht nötig, hinter mir zu bleiben",
+        "Du brauchst dich nicht vom Sofa fernzuhalten",
+    ],
+)
+def test_what_need_not_be_is_not_forbidden(sentence) -> None:
+    _assert_asked(sentence)
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "Don't stay out of the kitchen",
+        "Stop avoiding the kitchen",
+        "Don't leave the kitchen",
+        "Don't keep away from the sofa",
+        "Don't stop driving behind me",
+        "I can't stand it when you are not behind me",
+        "I hate it when you aren't behind me",
+        "Nothing is better than having you behind me",
+        "Verlass nie die Küche",
+        "Bleib nicht aus der Küche weg",
+        "Meide nicht die Küche",
+        "Halt dich nicht vom Sofa fern",
+        "Hör nicht auf, hinter mir zu fahren",
+        "Ich mag es nicht, wenn du nicht hinter mir bist",
+        "Nichts ist besser als dich hinter mir zu haben",
+        "Nichts ist mir lieber als dich hinter mir zu haben",
+    ],
+)
+def test_what_is_denied_twice_is_asked_back(sentence) -> None:
+    _assert_asked(sentence)
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "I don't mind you driving behind me",
+        "It's fine to drive behind me when I sit",
+        "It's okay to drive in front of me",
+        "It doesn't bother me when you drive behind me",
+        "You're welcome to drive behind me",
+        "Driving behind me is fine with me",
+        "Feel free to drive behind me when I sit",
+        "I don't care whether you drive behind me",
+        "Mir ist egal, ob du hinter mir fährst",
+        "Du darfst ruhig zwischen mir und dem Sofa fahren",
+        "Fahr ruhig hinter mir, wenn ich sitze",
+        "Sie dürfen ruhig vor mir fahren",
+        "Es stört mich nicht, wenn du hinter mir fährst",
+        "Von mir aus fahr hinter mir",
+        "Das ist in Ordnung, wenn du hinter mir fährst",
+        "Fahr ruhig in die Küche",
+    ],
+)
+def test_what_is_allowed_is_no_order(sentence) -> None:
+    _assert_asked(sentence)
+
+
+def _assert_asked(sentence: str) -> None:
+    got = read_rule(sentence, "en")
+    assert not got.rule.changes
+    assert {one.about for one in got.asked} & {"nothing", "wish"}

@@ -116,14 +116,29 @@ def _contrasted(tokens: Sequence[Token]) -> list[Zone] | None:
     before = tokens[part(tokens, first)[0] : first]
     between = tokens[first + 1 : second]
     kinds: list[Literal["front", "behind"]] = ["front" if "front" in tokens[k] else "behind" for k in (first, second)]
-    turned = any("not" in one or one.words[0].form in _INSTEAD for one in before)
-    turns = any("not" in one or one.words[-1].form in _INSTEAD for one in between)
+    turned, turns = _turns(before), _turns(between)
     if turned and not turns and any(one.form in _EITHER for one in between):
         return [Zone(kind=kind) for kind in kinds]
+    forms = [word.form for one in between for word in one.words]
+    if not turned and not turns and {*forms} & {*_THAN}:  # "rather behind me than in front of me"
+        if not {word.form for one in before for word in one.words} & {*_PREFERRED} and not {*forms} & {*_PREFERRED}:
+            return []
+        turns = True
     return [Zone(kind=kinds[0 if turned else 1])] if turned != turns else None
 
 
-_INSTEAD = known_words("statt anstatt instead rather")
+def _turns(own: Sequence[Token]) -> bool:
+    """Whether it denies what comes behind it."""
+    forms = [word.form for one in own for word in one.words]
+    instead = any(form in _INSTEAD for form in forms) or ("rather", "than") in pairwise(forms)
+    return instead or any("not" in one for one in own)
+
+
+_INSTEAD = known_words("statt anstatt instead")
+_THAN = known_words("than als over")
+_PREFERRED = known_words(
+    "rather prefer lieber eher besser better nicer safer angenehmer schoener sicherer bevorzuge mehr more"
+)
 _EITHER = known_words("or nor oder noch")
 
 
@@ -169,7 +184,7 @@ def _is_denied(tokens: Sequence[Token], at: int) -> bool:
     """Whether what stands there must not be: by its own part of the sentence, else by another."""
     first, last = part(tokens, at)
     own = tokens[first:last]
-    bare = _is_infinitive([word.form for one in own for word in one.words]) and not any(
+    bare = is_infinitive([word.form for one in own for word in one.words]) and not any(
         one.any("not", "bad") for one in own
     )
     if not first and own[0].words[0].form in THAT and last < len(tokens):  # "that you drive there, I dislike"
@@ -330,7 +345,7 @@ def read_side(tokens: Sequence[Token]) -> tuple[Wish, list[Token]] | None:
         denied = _is_turned(own)
         if not denied and first:  # "not so | that I am on your left", "ich mag es nicht, | links von dir zu sein"
             before = list(tokens[part(tokens, first - 1)[0] : first])
-            if (own[0].words[0].form in THAT or _is_infinitive(forms)) and _is_turned(before):
+            if (own[0].words[0].form in THAT or is_infinitive(forms)) and _is_turned(before):
                 denied, used = True, before + own
         name = SIDES[0] if ("left" in token) != denied else SIDES[1]
         return Wish(objective=name), used
@@ -342,7 +357,7 @@ def _is_turned(own: Sequence[Token]) -> bool:
     return any("not" in one for one in own) != any("bad" in one for one in own)
 
 
-def _is_infinitive(forms: Sequence[str]) -> bool:
+def is_infinitive(forms: Sequence[str]) -> bool:
     """ "Dich hinter mir zu haben", "to have you behind me", "being on your left"; not "zu nah"."""
     after = any((a == "zu" and b.endswith("n")) or (a == "to" and b in _STATES) for a, b in pairwise(forms))
     return after or any(form in ("being", "having") for form in forms)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
+from desirepath.learning.rules.doubts import is_no_order, permitting
 from desirepath.learning.rules.places import (
     allowed_only,
     complained_of,
@@ -66,8 +67,8 @@ def read_rule(text: str, expected: Language) -> RuleRead:
 
 
 def _read(text: str, language: Language) -> tuple[Rule, list[Asked]]:
-    tokens = lexicon(language, "rules").tokens(text, mends=False)
-    tokens = [token for token in tokens if "courtesy" not in token]
+    said = lexicon(language, "rules").tokens(text, mends=False)
+    tokens = [token for token in said if "courtesy" not in token]
     spans, rest = find_situations(tokens, language)
     conditions: list[Condition] = []
     asked: list[Asked] = []
@@ -89,7 +90,7 @@ def _read(text: str, language: Language) -> tuple[Rule, list[Asked]]:
         zones, conditions = [allowed], [one.model_copy(update={"holds": not one.holds}) for one in conditions]
     pointed = [] if zones else pointed_at(rest, language)
     zones = [Zone(kind="here")] if pointed else zones
-    wish_tokens = [token for token in rest if token not in used and token not in pointed]
+    wish_tokens = [token for token in rest if token not in (*used, *pointed, *permitting(rest))]
     if side is not None:
         wish_tokens = [token for token in wish_tokens if token not in side[1]]
     wishes, questions = _wishes(_only(text, wish_tokens), language)
@@ -101,6 +102,12 @@ def _read(text: str, language: Language) -> tuple[Rule, list[Asked]]:
         zones = forbidden(rest, placed, bool(questions), language)
         placed = [] if zones else placed
         questions = [] if zones else questions
+
+    def needless(own: Sequence[Token]) -> bool:
+        return _needless(text[own[0].words[0].start : own[-1].words[-1].end], language)
+
+    if allowed is None:
+        zones = [zone for zone in zones if not is_no_order(said, zone, needless)]
     names = {one.objective for one in wishes}
     room = next((one for one in conditions if one.kind == "room" and one.holds), None)
     if room is not None and not wishes and not zones and not questions and is_kept_from_inside(rest):

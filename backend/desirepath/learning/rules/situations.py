@@ -313,7 +313,7 @@ def _end_of_clause(tokens: Sequence[Token], at: int, language: Language) -> int:
             return k  # "when I sit | may you ..."
         if found and tokens[k].form in _ADDRESSED and tokens[k - 1].form not in ("and", "or", "than", "with", "for"):
             return k  # "when I sit | you have to go slow"
-        if found and tokens[k].form in NEARER:
+        if found and tokens[k].form in (*NEARER, "rather"):
             return k
         if found and not says and not tokens[k].any("filler", "may", "in", "near", "into", "through", "not", "when"):
             further = any(one.any("stay", "not") or is_wish(one, language) for one in tokens[k + 1 : end])
