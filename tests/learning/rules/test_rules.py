@@ -268,9 +268,14 @@ def test_what_is_denied_of_two_places_is_where_it_must_not_be(language, sentence
         ("Fahr lieber vor mir statt hinter mir", "behind"),
         ("Hör auf, hinter mir zu fahren", "behind"),
         ("Nie, nie hinter mir fahren", "behind"),
+        ("Wenn ich sitze, musst du hinter mir bleiben", "front"),
+        ("Im Esszimmer musst du immer hinter mir bleiben", "front"),
+        ("Musst du immer hinter mir fahren", "behind"),
+        ("Immer musst du vor mir herfahren", "front"),
+        ("Wenn ich sitze, musst du dann hinter mir fahren?", "behind"),
     ],
 )
-def test_of_two_places_the_one_that_is_not_preferred_is_denied(sentence, zone) -> None:
+def test_where_it_must_not_be_is_the_place_that_is_denied_or_not_preferred(sentence, zone) -> None:
     got = read_rule(sentence, "en")
     assert [one.label for one in got.rule.zones] == [f"zone:{zone}"]
     assert not got.asked

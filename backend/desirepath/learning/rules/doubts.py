@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 from desirepath.learning.rules.places import is_infinitive
@@ -91,6 +92,24 @@ def _is_denied_twice(own: Sequence[Token], zone: Zone) -> bool:
 
 _BETTER = known_words("better nicer safer besser schoener lieber angenehmer sicherer")
 _THAN = known_words("than als wie")
+
+
+def ordering(tokens: Sequence[Token], text: str) -> list[Token]:
+    """Tokens, of which German "musst du" complains only where it asks or behind "immer"; else it orders."""
+    if text.rstrip().endswith("?"):
+        return list(tokens)
+    first = [not at or token.before in (".", "!", "?") for at, token in enumerate(tokens)]
+    again = [False, *(token.form in _AGAIN for token in tokens)]
+    return [
+        replace(token, senses=frozenset({"filler"}))
+        if "bad" in token and token.form.startswith(_MUST) and not (begins or always)
+        else token
+        for token, begins, always in zip(tokens, first, again[:-1], strict=True)
+    ]
+
+
+_AGAIN = known_words("immer staendig dauernd")
+_MUST = ("musst du", "muessen sie")
 
 
 def permitting(tokens: Sequence[Token]) -> list[Token]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
-from desirepath.learning.rules.doubts import is_no_order, permitting
+from desirepath.learning.rules.doubts import is_no_order, ordering, permitting
 from desirepath.learning.rules.places import (
     allowed_only,
     complained_of,
@@ -67,7 +67,7 @@ def read_rule(text: str, expected: Language) -> RuleRead:
 
 
 def _read(text: str, language: Language) -> tuple[Rule, list[Asked]]:
-    said = lexicon(language, "rules").tokens(text, mends=False)
+    said = ordering(lexicon(language, "rules").tokens(text, mends=False), text)
     tokens = [token for token in said if "courtesy" not in token]
     spans, rest = find_situations(tokens, language)
     conditions: list[Condition] = []
