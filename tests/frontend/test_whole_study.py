@@ -32,7 +32,7 @@ from tests.frontend.empty_room import empty_rooms, room_says
 from tests.running import served
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page
+    from playwright.sync_api import Browser, BrowserContext, Page, Route
 
 
 class Studies:
@@ -371,7 +371,6 @@ def test_moments_are_marked_by_keys_while_a_drive_plays_and_named_removed_and_ke
     begin(page)
     expect(page.locator("#trial")).to_have_attribute("data-shown", "marking")
     playback = trial_of(page)["playback_id"]
-    page.keyboard.press("1")  # it has not begun to drive
     room_says(page, "playing", playback_id=playback)
     expect(page.locator("[data-mark=bad]")).to_have_attribute("aria-disabled", "false")
     expect(page.locator("[data-mark=bad]")).to_be_focused()
@@ -389,6 +388,11 @@ def test_moments_are_marked_by_keys_while_a_drive_plays_and_named_removed_and_ke
     )  # the next one of which nothing is said
     page.locator("[data-remove]").press("Enter")
     expect(page.locator("[data-held]")).to_have_count(2)
+    page.keyboard.press("7")  # what is good stays good
+    expect(page.locator("[data-held='1'] b")).to_have_text("✓")
+    page.keyboard.press("3")
+    page.keyboard.press("3")  # taken back
+    expect(page.locator("[data-held='1'] b")).to_have_text("✓")
     page.reload()
     expect(page.locator("[data-held]")).to_have_count(2)
     page.locator("[data-go-on]").press("Enter")
@@ -396,3 +400,39 @@ def test_moments_are_marked_by_keys_while_a_drive_plays_and_named_removed_and_ke
     (said,) = [row.value["marks"] for row in studies.rows(Response) if row.kind == "mark"]
     assert [mark["why"] for mark in said] == ["too_close", "good"]
     assert 0 < said[0]["at_s"] <= said[1]["at_s"]
+
+
+def test_a_drive_whose_marks_are_not_known_here_starts_over_and_marks_count_from_early_news(
+    studies: Studies, page: Page
+) -> None:
+    before = "  - mark: {view: top_down, count: 1, good: true}\n  - block:\n"
+    to_the_first_pair(page, studies.link(("  - block:\n", before)), "mark")
+    begin(page)
+    expect(page.locator("#trial")).to_have_attribute("data-shown", "marking")
+    playback = trial_of(page)["playback_id"]
+    room_says(page, "playing", playback_id=playback)
+    page.keyboard.press("1")
+    expect(page.locator("#mark-count")).to_have_text("1 mark")
+    room_says(page, "played", playback_id=playback)
+    expect(page.locator("#question")).to_be_focused()
+    page.evaluate("sessionStorage.clear()")  # as in another browser
+    page.reload()
+    expect(page.locator("#trial")).to_have_attribute("data-shown", "ready")
+    asked: list[Route] = []
+    page.route("**/start", lambda route: asked.append(route))
+    with page.expect_request("**/start"):
+        begin(page)
+    answer = asked[0].fetch()
+    playback = answer.json()["step"]["trial"]["playback_id"]
+    room_says(page, "playing", playback_id=playback)  # faster than the answer
+    asked[0].fulfill(response=answer)
+    expect(page.locator("#trial")).to_have_attribute("data-shown", "marking")
+    expect(page.locator("[data-mark=bad]")).to_have_attribute("aria-disabled", "false")
+    page.keyboard.press("2")
+    expect(page.locator("#mark-count")).to_have_text("1 mark")
+    room_says(page, "played", playback_id=playback)
+    expect(page.locator("#question")).to_be_focused()
+    page.locator("[data-go-on]").press("Enter")
+    expect(page.locator(".step-body[data-kind=mark]")).to_have_count(0)
+    said = [row.value["marks"] for row in studies.rows(Response) if row.kind == "mark"]
+    assert [[mark["why"] for mark in marks] for marks in said] == [["good"]]

@@ -14,17 +14,20 @@ from desirepath.jobs.context import JobContext
 from desirepath.learning.policies.shipped import load_queries
 from desirepath.learning.preferences.evidence.evidence import Habits
 from desirepath.learning.preferences.evidence.marked_moment import MarkedMoment
+from desirepath.learning.preferences.marked_steps import MOMENT_S, REACTION_S
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
-from desirepath.learning.preferences.spans import MOMENT_S, REACTION_S, marked_parts, moments
+from desirepath.learning.preferences.spans import marked_parts, moments
 from desirepath.report.marked_moments import describe_marks, marks_section
+from desirepath.report.study_data import MarkedDrive
 from desirepath.report.tidy_tables import read_study
 from desirepath.store.dataset.writing import export_study
 from desirepath.store.erasure import erase_participant
 from desirepath.store.marks import Mark, marks_in
 from desirepath.store.models import Artefact, Participant, Response, Session, Trial
-from desirepath.store.snapshots import Snapshot, load_snapshot, take_snapshot
+from desirepath.store.snapshots import Snapshot, TooFewAnswers, load_snapshot, take_snapshot
 from desirepath.study.personalising import next_query
 from desirepath.study.refusals import Refused
+from desirepath.study.session import machine
 from desirepath.study.simulated.in_process import walk_in_process
 from desirepath.study.simulated.participant import Character
 from desirepath.study.studies import create_study
@@ -84,6 +87,23 @@ def test_nothing_else_is_an_answer(walk, said, field):
     assert refused.value.field == field
 
 
+def test_a_drive_that_no_page_saw_starts_over_as_only_marks_do(walk):
+    walker = watched(walk, BAD_ALONE)
+    assert not walker.do(machine.interrupt, reason="page_loaded", now=walker.now)
+    assert walker.do(machine.interrupt, reason="unseen", now=walker.now)
+    assert (walker.view.trial["phase"], walker.view.trial["restarts"]) == ("ready", 1)
+    walker.watch("mark.01", "a")
+    walker.submit("mark.01", {"marks": [{"at_s": 1.0}]})
+
+
+def test_two_taps_about_one_moment_are_too_few_answers(walk):
+    walker = watched(walk, BAD_ALONE)
+    walker.submit("mark.01", {"marks": [{"at_s": 2.5}, {"at_s": 2.9}]})
+    with walker.database.transaction() as s, pytest.raises(TooFewAnswers) as few:
+        take_snapshot(s, walker.files, session_id=walker.session.id)
+    assert few.value.usable == 1
+
+
 def test_who_has_not_watched_to_the_end_cannot_answer(walk):
     walker = walk(MARK)
     with pytest.raises(Refused):
@@ -120,6 +140,14 @@ def test_a_mark_is_about_the_two_seconds_before_it_and_the_delay_and_a_second_ta
     assert early[0].duration_s == pytest.approx(1.0)
     late, _ = marked_parts(drive, [1e6])
     assert np.array_equal(late[0].poses[-1], drive.poses[-1])
+
+
+def test_the_report_says_when_the_robot_was_seen_to_do_it_not_when_it_was_pressed():
+    drive = load_queries("study_room/queries_500").queries[0].trajectory_a
+    marks = ((0.1, "jerky"), (2.5, "detour"))
+    of = describe_marks([MarkedDrive("P001", "mark", "a", marks)], lambda _: drive)
+    into = {one.why: one.into.mean for one in of.reasons}
+    assert into == pytest.approx({"jerky": 0.0, "detour": 2.0 / drive.duration_s})
 
 
 @pytest.mark.parametrize(("worst", "objective"), [("detour", "shorter"), ("slowness", "faster")])

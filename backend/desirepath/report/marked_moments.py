@@ -11,7 +11,7 @@ import numpy as np
 from desirepath.analysis.intervals import end_at_scale
 from desirepath.analysis.tested import Mean, mean_of
 from desirepath.explain.printed import Section, Table
-from desirepath.learning.preferences.spans import REACTION_S
+from desirepath.learning.preferences.marked_steps import REACTION_S
 from desirepath.report.report_cells import NONE, interval_cell, name_in_words, number_words, share_words
 from desirepath.report.study_data import Load, MarkedDrive
 from desirepath.simulation.trajectory import Trajectory
@@ -62,8 +62,9 @@ def describe_marks(drives: Sequence[MarkedDrive], load: Load) -> Marked | None:
         far, trajectory = apart[drive.trajectory], shown[drive.trajectory]
         usual[drive.person].append(float(far.mean()))
         for at_s, why in drive.marks:
-            step = min(max(0, round((at_s - REACTION_S) / trajectory.dt)), len(far) - 1)
-            where[why or ""][drive.person].append((at_s / lasts[drive.trajectory], float(far[step])))
+            seen_s = max(0.0, at_s - REACTION_S)
+            step = min(round(seen_s / trajectory.dt), len(far) - 1)
+            where[why or ""][drive.person].append((seen_s / lasts[drive.trajectory], float(far[step])))
     return Marked(
         [_of_marking(name, of, lasts) for name, of in sorted(conditions.items())],
         [_of_reason(why, of) for why, of in sorted(where.items(), key=lambda one: -sum(map(len, one[1].values())))],

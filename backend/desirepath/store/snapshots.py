@@ -16,7 +16,9 @@ from typing import Any, Literal, cast, get_args
 from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
+from desirepath.learning.preferences.marked_steps import marked_steps
 from desirepath.simulation.setups import require_same
+from desirepath.simulation.trajectory import Trajectory
 from desirepath.store.artefacts import ArtefactStore, load_artefact, save_artefact
 from desirepath.store.marks import marks_in
 from desirepath.store.models import (
@@ -335,6 +337,19 @@ def _answers_of(study_id: str) -> Select[Response, Trial, Participant, str]:
     )
 
 
+def _told_by(s: Session, marks: Sequence[MarkedMoment]) -> int:
+    """How many independent choices marks imply: two taps about one moment, or of a short trajectory, say less."""
+    of_trajectories = {mark.trajectory for mark in marks}
+    rows = select(TrajectoryRow.id, TrajectoryRow.duration_s).where(TrajectoryRow.id.in_(of_trajectories))
+    lasts = {row.id: row.duration_s for row in s.execute(rows)}
+    alike: dict[tuple[str, str, bool], list[float]] = {}
+    for mark in marks:
+        alike.setdefault((mark.response, mark.trajectory, mark.better), []).append(mark.at_s)
+    dt = Trajectory.dt
+    told = [marked_steps(round(lasts[of] / dt), dt, taps_s) for (_, of, _), taps_s in alike.items()]
+    return sum(min(len(marked), len(others)) for marked, others in told)
+
+
 def _freeze(
     s: Session,
     files: ArtefactStore,
@@ -390,7 +405,7 @@ def _freeze(
         chosen = {"choice": response.value["choice"], "degree": response.value.get("degree")}
         answers.append(Answer(**about, **chosen, probe=trial.role in PROBE_ROLES))
     usable = [answer for answer in answers if not answer.probe]
-    says = len(usable) + len(implied_choices(ratings)) + len(marks)
+    says = len(usable) + len(implied_choices(ratings)) + _told_by(s, marks)
     if says < MIN_ANSWERS:
         raise TooFewAnswers(whose, says, left_out, len(answers) - len(usable))
     snapshot = Snapshot(

@@ -221,6 +221,8 @@ class Kind(Generic[S, A]):
     """trajectories: a trial on the stage; paper: something is drawn there; live: what a robot would do, redrawn."""
     trajectories: ClassVar[int] = 2
     """How many a trial of it shows at most, one after the other."""
+    says_while_shown: ClassVar[bool] = False
+    """What is said of a trajectory is said while it plays, and known to that page alone until it is sent."""
     previewed: ClassVar[bool] = False
     """A protocol's preview shows an example query on the stage."""
     consents: ClassVar[bool] = False

@@ -29,10 +29,11 @@ from desirepath.learning.preferences.evidence.graded_pair import Degree, GradedP
 from desirepath.learning.preferences.evidence.marked_moment import MarkedMoment
 from desirepath.learning.preferences.evidence.ranking import Ranking
 from desirepath.learning.preferences.evidence.rating import Rating
+from desirepath.learning.preferences.marked_steps import MOMENT_S
 from desirepath.learning.preferences.measures import typical_differences
 from desirepath.learning.preferences.objectives import NAMES, gains
 from desirepath.learning.preferences.posterior import Posterior, PosteriorConfig
-from desirepath.learning.preferences.spans import MOMENT_S, moments, part_measures, seen_measures
+from desirepath.learning.preferences.spans import moments, part_measures, seen_measures
 from desirepath.learning.scene_sets import Purpose, scene_set
 from desirepath.simulation.trajectory import Trajectory, arrived
 from desirepath.study.kinds.order import PLACE_S

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from desirepath.learning.preferences.marked_steps import MOMENT_S, marked_steps
 from desirepath.learning.preferences.measures import measures, table_of
 from desirepath.learning.queries.queries import Query
 from desirepath.simulation.setups import get_setup
@@ -26,10 +26,6 @@ Ours.
 """
 PEAK_S = 1.0
 """How long a moment is, for whoever remembers the most extreme one and the last. Ours."""
-MOMENT_S = 2.0
-"""How long before the tap what a mark is about began, its delay left out. Ours."""
-REACTION_S = 0.5
-"""From what is seen to the tap. Ours, between a simple reaction (0.2 s) and a judgement of what was seen (0.8 s)."""
 
 
 def beginning(trajectory: Trajectory, seconds: float) -> Trajectory:
@@ -50,17 +46,8 @@ def marked_parts(trajectory: Trajectory, taps_s: Sequence[float]) -> tuple[list[
     A tap about a moment that one before it is about already says nothing more. What is shorter than half a moment is no
     part.
     """
-    steps, n = round(MOMENT_S / trajectory.dt), len(trajectory.actions)
-    least, marked, others, before = steps // 2, [], [], 0
-    for tap_s in sorted(taps_s):
-        end = min(max(round((tap_s - REACTION_S) / trajectory.dt), least), n)
-        first = max(end - steps, before)
-        if end - first < least:
-            continue
-        others += _evenly(trajectory, before, first, steps)
-        marked.append(_part(trajectory, first, end))
-        before = end
-    return marked, others + _evenly(trajectory, before, n, steps)
+    marked, others = marked_steps(len(trajectory.actions), trajectory.dt, taps_s)
+    return [_part(trajectory, *one) for one in marked], [_part(trajectory, *one) for one in others]
 
 
 def part_measures(parts: Sequence[Trajectory]) -> Doubles:
@@ -90,13 +77,6 @@ def equally_long(one: Trajectory, other: Trajectory) -> tuple[Trajectory, Trajec
     """As many steps of both, from their beginnings."""
     steps = min(len(one.actions), len(other.actions))
     return _part(one, 0, steps), _part(other, 0, steps)
-
-
-def _evenly(trajectory: Trajectory, first: int, end: int, steps: int) -> list[Trajectory]:
-    """In parts of nearly so many steps each; none where there is less than half of that."""
-    parts = (2 * (end - first) + steps - 1) // (2 * steps) if 2 * (end - first) >= steps else 0
-    edges = [first + round((end - first) * k / parts) for k in range(parts + 1)] if parts else []
-    return [_part(trajectory, a, b) for a, b in pairwise(edges)]
 
 
 def _part(trajectory: Trajectory, first: int, end: int) -> Trajectory:

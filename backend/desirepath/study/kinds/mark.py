@@ -119,6 +119,7 @@ class Marking(Kind[MarkStep, MarkAnswer]):
     }
     shows = "trajectories"
     trajectories = 1
+    says_while_shown = True
     previewed = True
 
     def payload(self, step: MarkStep, page: Page) -> dict[str, Any]:

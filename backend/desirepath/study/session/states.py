@@ -60,6 +60,7 @@ TRIAL = (
     Change("playing_a", "interrupt", "ready", "study"),
     Change("playing_b", "interrupt", "ready", "study"),
     Change("ready", "interrupt", "ready", "study"),  # A was seen, but starts over as well
+    Change("choosing", "interrupt", "ready", "study"),  # what was marked in it is lost
     Change("choosing", "watch_again", "playing_a", "participant"),
     Change("choosing", "answer", "answered", "participant"),
     Change("playing_b", "answer", "answered", "participant"),  # where the protocol allows an early choice

@@ -174,7 +174,8 @@ def interrupt(s: DatabaseSession, session: Session, *, reason: str, now: datetim
     """The checkpoint rule: an unfinished trial whose trajectories were not both seen starts over, every time.
 
     For reloads, lost connections, another tab, a server that came back. In the phase `choosing` both were seen
-    to the end; nothing is repeated then, so that a reload is no second look.
+    to the end; nothing is repeated then, so that a reload is no second look, save where the page that saw it is gone
+    (`unseen`) and with it what was said meanwhile.
     """
     return _interrupt(s, session, reason, now, keep_seen=False)
 
@@ -188,7 +189,8 @@ def _interrupt(s: DatabaseSession, session: Session, reason: str, now: datetime,
     if trial is None or session.state not in ("active", "paused"):
         return False
     half_seen = trial.phase == "ready" and trial.a_seen_at is not None and not keep_seen
-    if trial.phase not in PLAYING and not half_seen:
+    lost = trial.phase == "choosing" and reason == "unseen" and kind_of(step).says_while_shown
+    if trial.phase not in PLAYING and not half_seen and not lost:
         return False
     before = trial.phase
     if not keep_seen:

@@ -17,8 +17,9 @@ from typing import Any, NoReturn, Protocol
 import numpy as np
 
 from desirepath.learning.people.card import FAMILIES
+from desirepath.learning.preferences.marked_steps import MOMENT_S, REACTION_S
 from desirepath.learning.preferences.oracles import ALWAYS_RIGHT, Oracle, ResponseModel, make_oracle, preference_of
-from desirepath.learning.preferences.spans import MOMENT_S, REACTION_S, moments
+from desirepath.learning.preferences.spans import moments
 from desirepath.learning.queries.queries import Query
 from desirepath.report.simulated_cohorts import Cohort, SimulatedPerson
 from desirepath.simulation.scene import Scene

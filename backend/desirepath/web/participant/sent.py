@@ -33,7 +33,7 @@ LONGEST_UNDER_WAY_S = 60.0  # as long as the stage has people walk
 LONGEST_ID = 200  # characters of what may be a recruiting platform's id, or a placeholder in its place
 
 Side = Literal["a", "b"]
-Cut = Literal["hidden", "webgl_lost", "connection"]
+Cut = Literal["hidden", "webgl_lost", "connection", "unseen"]
 WithinReach = Annotated[float, Field(allow_inf_nan=False, ge=-REACH_M, le=REACH_M)]
 Number = Annotated[float, Field(allow_inf_nan=False, ge=-1e6, le=1e6)]
 # The first mistake is all that is told, and thousands cost tens of milliseconds in the loop that serves everybody.

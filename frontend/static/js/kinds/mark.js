@@ -8,7 +8,7 @@ import { stageNeeds } from "../kind.js";
 import { speaker } from "../say.js";
 import { SingleTrajectory } from "../single.js";
 
-/** @typedef {import("../contract.js").SentMark} Mark */
+/** @typedef {import("../contract.js").SentMark & {good: boolean}} Mark good: by which button it was made */
 
 const APART_S = 0.4; // a press so soon after another one is the same
 
@@ -32,8 +32,11 @@ class MarkedTrajectory extends SingleTrajectory {
     this.removeButton = /** @type {HTMLButtonElement} */ (root.querySelector("[data-remove]"));
     const said = JSON.parse(root.dataset.said ?? "{}");
     this.fixed = "marks" in said;
+    /** Which playing of the drive was seen in this tab, by its restarts. @type {unknown} */
+    this.saw = page.kept?.saw ?? null;
+    const kept = this.state.phase === "choosing" && this.seen ? /** @type {Mark[]} */ (page.kept?.marks) : null;
     /** @type {Mark[]} */
-    this.marks = said.marks ?? (this.state.phase === "choosing" ? /** @type {Mark[]} */ (page.kept?.marks) : null) ?? [];
+    this.marks = said.marks ?? kept ?? [];
     /** Which one is asked about. */
     this.held = 0;
     /** When the robot began to move, by the page's clock; null: it does not. @type {number | null} */
@@ -53,7 +56,9 @@ class MarkedTrajectory extends SingleTrajectory {
     super.run();
     if (this.fixed) return;
     this.since = performance.now();
+    this.saw = this.state.restarts ?? 0;
     this.marks = [];
+    this.note();
     this.held = 0;
     this.draw();
     this.show();
@@ -65,11 +70,15 @@ class MarkedTrajectory extends SingleTrajectory {
       if (!this.fixed) this.needs.announce(this.own("not_yet"));
       return;
     }
-    if (now - this.tapped < 1000 * APART_S || this.marks.length >= this.most) return;
+    if (now - this.tapped < 1000 * APART_S) return;
+    if (this.marks.length >= this.most) {
+      this.needs.announce(this.own("most", { count: this.most }));
+      return;
+    }
     this.tapped = now;
     const at = Math.min(Math.max(0, (now - this.since) / 1000), this.state.duration_a_s);
-    this.marks.push({ at_s: Number(at.toFixed(2)), why: good ? "good" : null });
-    this.keep({ marks: this.marks });
+    this.marks.push({ at_s: Number(at.toFixed(2)), why: good ? "good" : null, good });
+    this.note();
     this.draw();
     this.needs.announce(this.own("marked", { count: this.marks.length }));
   }
@@ -77,7 +86,28 @@ class MarkedTrajectory extends SingleTrajectory {
   // ---- what it was -------------------------------------------------------------------------------------------------
 
   get choosing() {
-    return this.state.phase === "choosing" && !this.busy && !this.fixed;
+    return this.state.phase === "choosing" && !this.busy && !this.fixed && this.seen;
+  }
+
+  /** Whether what was marked in the drive can be known here. */
+  get seen() {
+    return this.fixed || this.saw === (this.state.restarts ?? 0);
+  }
+
+  /** Survives a reload of this tab. */
+  note() {
+    this.keep({ marks: this.marks, saw: this.saw });
+  }
+
+  /** The drive was watched elsewhere: its marks are lost, so it starts over. */
+  async startOver() {
+    if (this.cutting || this.over) return;
+    this.cutting = true;
+    try {
+      await this.work(async () => (this.state.phase === "choosing" && !this.seen ? this.needs.post("interrupted", { reason: "unseen" }) : undefined));
+    } finally {
+      this.cutting = false;
+    }
   }
 
   /** @param {number} number from 0 */
@@ -94,12 +124,12 @@ class MarkedTrajectory extends SingleTrajectory {
     if (mark && this.state.phase === "choosing") this.tell({ type: "still", seconds: mark.at_s });
   }
 
-  /** @param {Mark["why"]} why taken back where it was said already */
+  /** @param {Mark["why"]} why taken back where it was said already: then it is what it was pressed for */
   give(why) {
     const mark = this.marks[this.held];
     if (!this.choosing || !mark) return;
-    mark.why = mark.why === why ? null : why;
-    this.keep({ marks: this.marks });
+    mark.why = mark.why !== why ? why : mark.good ? "good" : null;
+    this.note();
     this.needs.announce(this.name(this.held));
     const open = this.marks.findIndex((one, k) => k > this.held && !one.why);
     if (mark.why && open >= 0) {
@@ -114,7 +144,7 @@ class MarkedTrajectory extends SingleTrajectory {
     const number = this.held + 1;
     this.marks.splice(this.held, 1);
     this.held = Math.max(0, Math.min(this.held, this.marks.length - 1));
-    this.keep({ marks: this.marks });
+    this.note();
     this.draw();
     this.look();
     this.needs.announce(this.own("removed", { number }));
@@ -167,12 +197,19 @@ class MarkedTrajectory extends SingleTrajectory {
     const changed = phase !== this.shown;
     super.show();
     if (!this.marks) return; // while the bar is being made
-    if (phase !== "playing_a") this.since = null;
+    // the stage's news can come before the answer that says what is playing
+    const starting = phase === "ready" && this.busy;
+    if (phase !== "playing_a" && !starting) this.since = null;
     if (phase === "playing_a") {
       this.part("marking");
       if (changed) this.taps[0]?.focus({ preventScroll: true });
-    } else if (phase === "ready" && !this.fixed) {
+    } else if (phase === "ready" && !this.fixed && !starting) {
       this.marks = [];
+      this.saw = null;
+      this.note();
+    } else if (phase === "choosing" && !this.seen) {
+      this.part("sending");
+      void this.startOver();
     } else if (phase === "choosing" && changed) {
       this.draw();
       this.look();
@@ -203,9 +240,9 @@ class MarkedTrajectory extends SingleTrajectory {
   }
 
   async next() {
-    if (this.busy || this.state.phase !== "choosing") return;
+    if (this.busy || this.state.phase !== "choosing" || !this.seen) return;
     /** @type {import("../types.js").AnswerTo<"mark">} */
-    const value = { marks: this.marks };
+    const value = { marks: this.marks.map(({ at_s: at, why }) => ({ at_s: at, why })) };
     await this.decide(value);
   }
 }
