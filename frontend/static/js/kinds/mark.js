@@ -168,7 +168,8 @@ class MarkedTrajectory extends SingleTrajectory {
       return spot;
     };
     this.ticks.replaceChildren(...this.marks.map(tick));
-    this.text("#mark-count", this.marks.length ? this.own("marked", { count: this.marks.length }) : "");
+    const full = this.marks.length >= this.most && this.own("most", { count: this.most });
+    this.text("#mark-count", full || (this.marks.length ? this.own("marked", { count: this.marks.length }) : ""));
     const buttons = this.marks.map((mark, k) => {
       const button = document.createElement("button");
       button.type = "button";
