@@ -363,15 +363,21 @@ def test_several_drives_are_watched_in_turn_and_put_in_order_by_their_numbers(st
     ]
 
 
-def test_moments_are_marked_by_keys_while_a_drive_plays_and_named_removed_and_kept_over_a_reload(
-    studies: Studies, page: Page
-) -> None:
+def watch_a_drive_to_be_marked(studies: Studies, page: Page) -> str:
+    """Until it plays; its playback."""
     before = "  - mark: {view: top_down, count: 1, good: true}\n  - block:\n"
     to_the_first_pair(page, studies.link(("  - block:\n", before)), "mark")
     begin(page)
     expect(page.locator("#trial")).to_have_attribute("data-shown", "marking")
     playback = trial_of(page)["playback_id"]
     room_says(page, "playing", playback_id=playback)
+    return str(playback)
+
+
+def test_moments_are_marked_by_keys_while_a_drive_plays_and_named_removed_and_kept_over_a_reload(
+    studies: Studies, page: Page
+) -> None:
+    playback = watch_a_drive_to_be_marked(studies, page)
     expect(page.locator("[data-mark=bad]")).to_have_attribute("aria-disabled", "false")
     expect(page.locator("[data-mark=bad]")).to_be_focused()
     for key, count in (("Space", "1 mark"), ("2", "2 marks"), ("1", "3 marks")):
@@ -405,12 +411,7 @@ def test_moments_are_marked_by_keys_while_a_drive_plays_and_named_removed_and_ke
 def test_a_drive_whose_marks_are_not_known_here_starts_over_and_marks_count_from_early_news(
     studies: Studies, page: Page
 ) -> None:
-    before = "  - mark: {view: top_down, count: 1, good: true}\n  - block:\n"
-    to_the_first_pair(page, studies.link(("  - block:\n", before)), "mark")
-    begin(page)
-    expect(page.locator("#trial")).to_have_attribute("data-shown", "marking")
-    playback = trial_of(page)["playback_id"]
-    room_says(page, "playing", playback_id=playback)
+    playback = watch_a_drive_to_be_marked(studies, page)
     page.keyboard.press("1")
     expect(page.locator("#mark-count")).to_have_text("1 mark")
     room_says(page, "played", playback_id=playback)

@@ -159,7 +159,7 @@ class TrainDemonstrationsParams(Params):
 
     sensor: what it goes by: `places` of person, walls and things (chapter 2), or its `depth` camera (chapter 3), which
     is for homes; None: what the environment was made for. imitated: updates before all others, of `places` alone; 0:
-    as in the thesis. updates: None: as many as that needs.
+    as in the thesis, and where updates alone are given. updates: None: as many as that needs.
     """
 
     snapshot: str = artefact("demonstrations")

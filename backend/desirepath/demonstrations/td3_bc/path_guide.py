@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from desirepath.learning.td3.backprop import Floats
-from desirepath.learning.td3.way_guide import STRAIGHT_M, WayGuide
+from desirepath.learning.td3.way_guide import STRAIGHT_M, WayGuide, bearings_of, towards
 from desirepath.simulation import kernels as k
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.trajectory import Trajectory
@@ -63,11 +63,9 @@ class PathGuide(WayGuide):
         )
         ahead = (self._driven[which] < wanted[:, None]).sum(axis=1)
         aside = self._paths[which, ahead] - poses[:, :2]
-        bearing = np.remainder(np.arctan2(aside[:, 1], aside[:, 0]) - poses[:, 2] + math.pi, 2 * math.pi) - math.pi
-        limits = self._setup.robot.limits
+        bearing = bearings_of(aside, poses[:, 2])
         speed = self._speeds[which, nearest] * np.clip(np.cos(bearing), 0, 1) ** 2
-        forward = 2 * (speed - limits.v_min) / (limits.v_max - limits.v_min) - 1
-        actions[following] = np.clip(np.stack([forward, TURN_PER_S * bearing / limits.w_max], axis=1), -1, 1)
+        actions[following] = towards(bearing, speed, TURN_PER_S, self._setup.robot.limits)
         return actions
 
     def _find_ways(self, i: int, row: k.Row) -> None:

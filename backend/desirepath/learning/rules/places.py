@@ -34,11 +34,11 @@ _INSIDE = known_words("in inside rein hinein herein drin")
 
 def complained_of(spans: Sequence[Span], rest: Sequence[Token], tokens: Sequence[Token]) -> Zone | None:
     """ "When you drive behind me, I get nervous": a place where it must not be, told as what happens."""
-    part = {id(token): sum(bool(one.before) for one in tokens[1 : k + 1]) for k, token in enumerate(tokens)}
-    bad = [part[id(token)] for token in rest if "bad" in token]
+    number = {id(token): sum(bool(one.before) for one in tokens[1 : k + 1]) for k, token in enumerate(tokens)}
+    bad = [number[id(token)] for token in rest if "bad" in token]
     for span in spans:
         for token in span.tokens:
-            if token.any("front", "behind") and any(abs(part[id(token)] - one) <= 1 for one in bad):
+            if token.any("front", "behind") and any(abs(number[id(token)] - one) <= 1 for one in bad):
                 return Zone(kind="front" if "front" in token else "behind")
     return None
 

@@ -90,7 +90,8 @@ def _read(text: str, language: Language) -> tuple[Rule, list[Asked]]:
         zones, conditions = [allowed], [one.model_copy(update={"holds": not one.holds}) for one in conditions]
     pointed = [] if zones else pointed_at(rest, language)
     zones = [Zone(kind="here")] if pointed else zones
-    wish_tokens = [token for token in rest if token not in (*used, *pointed, *permitting(rest))]
+    no_wish = [*used, *pointed, *permitting(rest)]
+    wish_tokens = [token for token in rest if token not in no_wish]
     if side is not None:
         wish_tokens = [token for token in wish_tokens if token not in side[1]]
     wishes, questions = _wishes(_only(text, wish_tokens), language)
@@ -116,7 +117,7 @@ def _read(text: str, language: Language) -> tuple[Rule, list[Asked]]:
     if (unknown := find_unknown_place(rest, language)) is not None:
         asked.append(Asked("context", unknown[0].words[0].start, unknown[-1].words[-1].end))
     for condition in placed_conditions(rest, [one for one in placed if one in used]):
-        if condition.kind in ("near",) and any(zone.kind != "thing" and zone.of for zone in zones):
+        if condition.kind == "near" and any(zone.kind != "thing" and zone.of for zone in zones):
             continue  # "between me and the sofa"
         if condition.of == "person" and any(zone.kind in ("front", "behind") for zone in zones):
             continue  # "passing behind my back"

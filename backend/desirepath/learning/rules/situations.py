@@ -53,9 +53,9 @@ _AT = known_words("vor an am on at auf before unter under") | {"in front of", "i
 def _is_gap(tokens: Sequence[Token], language: Language) -> bool:
     gap = ("far", "near", "gap", "clearance", "mind", "hit")
     return any(
-        part.any(*gap) and part.form not in PLACES
+        wish.any(*gap) and wish.form not in PLACES
         for one in tokens
-        for part in words_tokens(one.form, language)
+        for wish in words_tokens(one.form, language)
         if not one.any("near")
     )
 
@@ -137,30 +137,21 @@ _LIKED_IF = known_words("if when wenn")
 _LIKED = known_words("mind wohler lieber nice kind grateful appreciate nett lieb schoen recht froh dankbar")
 
 
+_WHERE_AND_WHEN = (
+    "filler", "may", "in", "near", "through", "here", "not", "me", "notme", "elsewhen", "times", *SITUATIONS, *ROOMS,
+)  # fmt: skip
+"""Senses of words that may stand in a part that only says when."""
+
+
 def _heading(tokens: Sequence[Token]) -> int:
     """Where a first part ends that says nothing but when: "Besuch da und ich sitze:", "Sitting?"; 0: there is none."""
     end = next((k for k in range(1, len(tokens)) if tokens[k].before), 0)
     if not end or any(token.any("when", "unless") for token in tokens[:end]):
         return 0
     breaks = tokens[end].before in (".", "?") or "then" in tokens[end]
-    known = (
-        "filler",
-        "may",
-        "and",
-        "andme",
-        "in",
-        "through",
-        "near",
-        "here",
-        "not",
-        "me",
-        "notme",
-        "elsewhen",
-        "times",
-    )
     says = any(token.any(*SITUATIONS, *ROOMS, "times") for token in tokens[:end])
     orders = any(token.any("out", "into", "away", "front", "behind") for token in tokens[:end])
-    only = all(token.any(*known, *SITUATIONS, *ROOMS) for token in tokens[:end]) and not orders
+    only = all(token.any(*_WHERE_AND_WHEN, "and", "andme") for token in tokens[:end]) and not orders
     denied = any("not" in token for token in tokens[:end])
     situation = any(token.any(*SITUATIONS) for token in tokens[:end])
     return end if breaks and says and only and (situation or not denied) else 0
@@ -178,23 +169,7 @@ def _exception(tokens: Sequence[Token], at: int) -> int:
     limits = any(token.any("not") for token in own) and any(token.any("only", "but") for token in own)
     limits = limits or (own[0].any("not") and len(own) <= 5 and any(token.any("in", "through") for token in own))
     says = any(token.any(*SITUATIONS, *ROOMS, "times", "elsewhen") for token in own)
-    known = (
-        "filler",
-        "may",
-        "in",
-        "near",
-        "through",
-        "not",
-        "only",
-        "but",
-        "spared",
-        "me",
-        "here",
-        "notme",
-        "elsewhen",
-        "times",
-    )
-    bare = all(token.any(*known, *SITUATIONS, *ROOMS) for token in own)
+    bare = all(token.any(*_WHERE_AND_WHEN, "only", "but", "spared") for token in own)
     acts = any(token.any("into", "out", "away") for token in own)
     return end if says and bare and (spared or limits) and not acts else at
 
@@ -329,8 +304,6 @@ def _end_of_clause(tokens: Sequence[Token], at: int, language: Language) -> int:
             return k
         if "when" in tokens[k] and k > at + 1 and not tokens[k - 1].any("when", "unless"):
             return k
-        if found and tokens[k].form in _ADDRESSED and tokens[k - 1].form not in ("and", "or", "than", "with", "for"):
-            return k  # "when I sit | you have to go slow"
         orders = tokens[k].form in ORDERS or tokens[k].form.startswith(_DENYING)
         if not found and len(clause) > 1 and orders and tokens[k - 1].form not in _DOERS:
             return k  # "when I'm drawing | don't come so near"

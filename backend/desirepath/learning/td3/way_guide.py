@@ -15,8 +15,10 @@ from desirepath.simulation import kernels as k
 from desirepath.simulation.crowds.planning_kernels import arrival_times, look_ahead
 from desirepath.simulation.fast import FastEngine
 from desirepath.simulation.scenes import map_of
+from desirepath.simulation.setups import Limits
 
 Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
 
 CELL_M = 0.12
 MARGIN_M = 2.0  # around start and goal, in which ways are looked for
@@ -55,11 +57,8 @@ class WayGuide:
         look_ahead(self._fields, self._sizes, at, end, LOOK_AHEAD, cells)
         near = np.linalg.norm(goals - places, axis=1) < STRAIGHT_M
         aside = np.where(near[:, None], goals, self._low + cells * CELL_M) - places
-        bearing = np.remainder(np.arctan2(aside[:, 1], aside[:, 0]) - yaw + math.pi, 2 * math.pi) - math.pi
-        speed = limits.v_max * np.clip(np.cos(bearing), 0, 1) ** 4
-        forward = 2 * (speed - limits.v_min) / (limits.v_max - limits.v_min) - 1
-        actions = np.stack([forward, TURN_PER_S * bearing / limits.w_max], axis=1)
-        return np.clip(actions, -1, 1).astype(np.float32)
+        bearing = bearings_of(aside, yaw)
+        return towards(bearing, limits.v_max * np.clip(np.cos(bearing), 0, 1) ** 4, TURN_PER_S, limits)
 
     def _find_ways(self, i: int, row: k.Row) -> None:
         """Fill the field of environment i: ways to the goal on a grid of cells that cost more near things."""
@@ -78,3 +77,15 @@ class WayGuide:
         goal = (ends[1] - low) / CELL_M
         arrival_times(costs, goal[0], goal[1], self._fields[i, :columns, :lines])
         self._low[i], self._sizes[i] = low, (columns, lines)
+
+
+def bearings_of(aside: Doubles, yaw: Doubles) -> Doubles:
+    """(n,) in [-pi, pi) of places (n, 2) relative to robots that look along yaw."""
+    turned: Doubles = np.remainder(np.arctan2(aside[:, 1], aside[:, 0]) - yaw + math.pi, 2 * math.pi) - math.pi
+    return turned
+
+
+def towards(bearing: Doubles, speed: Doubles, turn_per_s: float, limits: Limits) -> Floats:
+    """Actions (n, 2) in [-1, 1] that drive at a speed (m/s) and turn by so much of the bearing in a second."""
+    forward = 2 * (speed - limits.v_min) / (limits.v_max - limits.v_min) - 1
+    return np.clip(np.stack([forward, turn_per_s * bearing / limits.w_max], axis=1), -1, 1).astype(np.float32)

@@ -1,7 +1,7 @@
 """A moment that somebody marks while a trajectory plays: evaluative, of a part of it (critiques, Cui and Niekum 2018).
 
-Its part is the worst of the trajectory's parts, or the best, as a choice among them (Luce 1959). How parts are worth
-something to whoever judges whole trajectories is the posterior's own model: measured like small trajectories. Ours.
+Its part is the worst of the trajectory's parts, or the best, as a choice among them (Luce 1959). What parts are worth
+to whoever judges whole trajectories is the posterior's own model, of what `spans.part_measures` measures. Ours.
 """
 
 from __future__ import annotations
